@@ -1,7 +1,8 @@
-"""Cut a triangle mesh into an oriented manifold by copying vertices.
+"""Make an oriented manifold of a triangle mesh by copying vertices.
 
 Two faces stay joined at an edge if no third face meets them there, or if they continue each other best
-among the faces at that edge. The surface is cut everywhere else.
+among the faces at that edge. The surface is cut everywhere else. A one-sided surface, such as a Moebius
+strip, is not cut: the manifold has both of its sides, as one surface that covers it twice.
 """
 
 from __future__ import annotations
@@ -28,16 +29,20 @@ class Cut(NamedTuple):
     Attributes
     ----------
     mesh : Mesh
-        Faces in the original order. The original vertices come first, copies follow.
+        Faces in the original order, followed by the reversed faces of the other side of one-sided surfaces.
+        The original vertices come first, copies follow.
     origin : (k,) int64
         Original vertex of each vertex.
     turned : int
         Number of faces whose orientation was reversed.
+    one_sided : (m,) bool
+        Original faces of one-sided surfaces, which `mesh` has twice.
     """
 
     mesh: Mesh
     origin: np.ndarray
     turned: int
+    one_sided: np.ndarray
 
 
 def cut_to_manifold(mesh: Mesh) -> Cut:
@@ -46,7 +51,11 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     At an edge with more than two faces, pairs of faces that run through the edge in opposite directions
     stay joined, the straightest continuation first. If two continuations are equally straight,
     the pair with the smaller inside angle wins, which separates solids that touch along an edge. Fans that
-    touch in a vertex are separated. A one-sided surface is cut open.
+    touch in a vertex are separated.
+
+    A one-sided surface gets its orientation double cover: each face twice, once reversed, and each face
+    joined to the copies of its neighbours that agree with it. The cover of a connected surface is connected.
+    Sheets with one side and sheets with two sides are not joined at edges with more than two faces.
 
     Parameters
     ----------
@@ -59,20 +68,26 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
         If cutting does not make the mesh manifold.
     """
     if mesh.is_manifold and mesh.is_oriented:
-        return Cut(mesh, np.arange(mesh.n), 0)
+        return Cut(mesh, np.arange(mesh.n), 0, np.zeros(mesh.m, dtype=bool))
     edges = sides_by_edge(mesh.F, mesh.n)
-    flipped = faces_to_turn(mesh, edges)
-    pairs = _joined(mesh, edges, flipped)
+    flipped, one_sided = _orientation(mesh, edges)
+    crowded = edges.faces > 2
+    sheets = _Sheets(mesh, np.arange(mesh.m), one_sided)
+    if one_sided.any():
+        face = np.append(sheets.face, np.flatnonzero(one_sided))
+        sheets = _Sheets(Mesh(mesh.V, mesh.F[face]), face, one_sided[face])
+        flipped = np.append(flipped & ~one_sided, np.ones(len(face) - mesh.m, dtype=bool))
+        edges = sides_by_edge(mesh.F[face], mesh.n)  # the same edges in the same order
+    pairs = _joined(sheets, edges, flipped, crowded)
     while True:
-        F, origin = _fans(mesh, edges, pairs)
+        F, origin = _fans(sheets.mesh, edges, pairs)
         manifold = Mesh(mesh.V[origin], np.where(flipped[:, None], F[:, ::-1], F))
         if manifold.is_manifold and manifold.is_oriented:
-            return Cut(manifold, origin, int(flipped.sum()))
+            return Cut(manifold, origin, int(flipped[: mesh.m].sum()), one_sided)
         # Two pairs at one edge may still be connected around both of its ends.
-        crowded = edges.faces[pairs[2]] > 2
-        if not crowded.any():
+        if not crowded[pairs[2]].any():
             raise InputError("the mesh is not manifold, and cutting it there does not make it so; remesh it")
-        pairs = pairs[:, ~crowded]
+        pairs = pairs[:, ~crowded[pairs[2]]]
 
 
 def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
@@ -91,12 +106,36 @@ def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
     -------
     (m,) bool
     """
+    return _orientation(mesh, edges)[0]
+
+
+class _Sheets(NamedTuple):
+    """Faces of a mesh, those of one-sided sheets twice.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    face : (m,) int64
+        Original face of each face.
+    one_sided : (m,) bool
+    """
+
+    mesh: Mesh
+    face: np.ndarray
+    one_sided: np.ndarray
+
+
+def _orientation(mesh: Mesh, edges: EdgeSides) -> tuple[np.ndarray, np.ndarray]:
+    """Return the faces (m,) bool to reverse, see :func:`faces_to_turn`, and the faces of one-sided sheets."""
     tail, twin = mesh.F.ravel(), edges.twin
     # Two sides of an edge that begin at the same vertex belong to faces of opposite orientation.
     same = (twin >= 0) & (tail == tail[twin])
     flipped, sheet = _turn_to_agree(twin.reshape(-1, 3), same.reshape(-1, 3))
+    side = np.flatnonzero(twin >= 0)
+    disagree = same[side] != (flipped[side // 3] ^ flipped[twin[side] // 3])
+    one_sided = np.isin(sheet, sheet[side[disagree] // 3])
     area = np.bincount(sheet, np.where(flipped, -1.0, 1.0) * mesh.face_areas)
-    return flipped ^ (area < 0)[sheet]
+    return flipped ^ (area < 0)[sheet], one_sided
 
 
 @kernel
@@ -123,30 +162,41 @@ def _turn_to_agree(twin, same):
     return flipped, sheet
 
 
-def _joined(mesh: Mesh, edges: EdgeSides, flipped: np.ndarray) -> np.ndarray:
+def _joined(sheets: _Sheets, edges: EdgeSides, flipped: np.ndarray, crowded: np.ndarray) -> np.ndarray:
     """Find the pairs of faces that stay joined once the `flipped` faces (m,) are reversed.
 
-    The rows of the result (3, p) are the first faces, the second faces, and their edges.
+    At `crowded` edges (e,), more than two faces of the original mesh meet. The rows of the result (3, p) are
+    the first faces, the second faces, and their edges.
     """
     face = edges.side // 3
     low = np.repeat(edges.ends[:, 0], edges.faces)
-    forward = (mesh.F.ravel()[edges.side] == low) ^ flipped[face]  # from the smaller end to the larger
+    forward = (sheets.mesh.F.ravel()[edges.side] == low) ^ flipped[face]  # from the smaller end to the larger
+    original = sheets.face[face]
     two = np.flatnonzero(edges.faces == 2)
     first = edges.start[two]
-    two, first = (a[forward[first] != forward[first + 1]] for a in (two, first))
+    # A face at the boundary of a one-sided sheet is no neighbour of its own copy.
+    agree = (forward[first] != forward[first + 1]) & (original[first] != original[first + 1])
+    two, first = two[agree], first[agree]
     found = [np.stack([face[first], face[first + 1], two])]
-    for e in np.flatnonzero(edges.faces > 2):
+    # On a one-sided sheet the sides at an edge belong to two faces and then to their reversed copies.
+    four = np.flatnonzero((edges.faces == 4) & ~crowded)
+    first = edges.start[four].astype(np.int64)
+    agree = forward[first] != forward[first + 1]
+    found.append(np.stack([face[first], face[first + np.where(agree, 1, 3)], four]))
+    found.append(np.stack([face[first + 2], face[first + np.where(agree, 3, 1)], four]))
+    for e in np.flatnonzero(crowded):
         here = slice(edges.start[e], edges.start[e + 1])
-        pairs = _best_pairs(mesh, edges.ends[e], face[here], forward[here])
+        pairs = _best_pairs(sheets, edges.ends[e], face[here], forward[here])
         found.append(np.array([(*pair, e) for pair in pairs], dtype=np.int64).reshape(-1, 3).T)
     return np.concatenate(found, axis=1)
 
 
 def _best_pairs(
-    mesh: Mesh, ends: np.ndarray, faces: np.ndarray, forward: np.ndarray
+    sheets: _Sheets, ends: np.ndarray, faces: np.ndarray, forward: np.ndarray
 ) -> list[tuple[int, int]]:
     """Pair faces (k,) at an edge with more than two faces, the straightest continuation first."""
     i, j = ends
+    mesh, original, one_sided = sheets.mesh, sheets.face[faces], sheets.one_sided[faces]
     third = mesh.F[faces].sum(axis=1) - i - j
     along = mesh.V[j] - mesh.V[i]
     along = along / (np.linalg.norm(along) or 1.0)
@@ -156,7 +206,12 @@ def _best_pairs(
     sine = np.einsum("ijk,k->ij", np.cross(away[:, None], away[None]), along)
     angle = np.arctan2(sine, away @ away.T) % (2 * np.pi)  # from one face to another, about the edge
     ahead, back = np.flatnonzero(forward).tolist(), np.flatnonzero(~forward).tolist()
-    choices = sorted((cosine[f, b], angle[b, f], f, b) for f in ahead for b in back)
+    choices = sorted(
+        (cosine[f, b], angle[b, f], f, b)
+        for f in ahead
+        for b in back
+        if original[f] != original[b] and one_sided[f] == one_sided[b]
+    )
     taken: set[int] = set()
     pairs = []
     for _, _, f, b in choices:

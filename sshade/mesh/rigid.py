@@ -4,6 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Largest distance of a point from its target under a common motion, as a fraction of the points' extent.
+ROUNDING = 1e-6
+#: Least ratio of the second to the first singular value of points that determine a rotation.
+SPREAD = 0.1
+
+
+def common_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the rotation R and translation t that move all points (k, 3) to their targets, up to rounding.
+
+    A translation is preferred. Return None if there is no such motion, or if the points lie nearly in a line
+    and leave the rotation about the line open.
+    """
+    tolerance = ROUNDING * np.linalg.norm(np.ptp(source, axis=0))
+    R, t = np.eye(3), (target - source).mean(axis=0)
+    if _farthest(source + t, target) <= tolerance:
+        return R, t
+    size = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
+    if len(size) < 2 or size[1] < SPREAD * size[0]:
+        return None
+    R, t = rigid_motion(source, target)
+    return (R, t) if _farthest(source @ R.T + t, target) <= tolerance else None
+
+
+def _farthest(points: np.ndarray, others: np.ndarray) -> float:
+    return float(np.linalg.norm(points - others, axis=1).max())
+
 
 def rigid_motion(
     source: np.ndarray, target: np.ndarray, *, weights: np.ndarray | None = None

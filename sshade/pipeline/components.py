@@ -5,12 +5,18 @@ The engine needs a connected, oriented manifold. Other meshes are cut into an or
 components first. Where cutting made copies of a vertex, a later component fixes its copy at the position in
 the earlier component, so that the components fit together again. A component without handles is
 unconstrained: a task refuses it, or lets it follow the nearest component rigidly.
+
+A one-sided surface becomes a surface of twice its area, its two sides, which are deformed together; each
+vertex goes to the mean of its two copies. The mean is as smooth as the sides are, so nothing tears.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,16 +26,24 @@ from sshade.errors import InputError
 from sshade.mesh.connectivity import members
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.rigid import common_motion, rigid_motion
 from sshade.mesh.surface import without_duplicates
 from sshade.options import Options
-from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices
+from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices, shared_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.progress import Progress, renamed
 from sshade.task import DeformationResult, DeformationTask, Handles
 
+log = logging.getLogger(__name__)
+
 #: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
 NEAREST = 8
+#: Largest distance of copies within a component from their mean, as a fraction of the length of the edges
+#: around them. Where a copy is farther away, the component is deformed again with its copies fixed.
+LOOSE = 0.1
+#: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
+#: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
+APART = 0.01
 #: Deforms a connected, oriented manifold: ``deform(task, progress=, **changes)``, with some options changed.
 DeformComponent = Callable[..., DeformationResult]
 #: How the facts of components are combined into a fact of the whole; other facts are dropped.
@@ -40,6 +54,8 @@ FACTS: dict[str, Callable[[Any], Any]] = {
     "residual": max,
     "options": lambda values: values[0],
 }
+#: Facts of a result without a proxy.
+NO_PROXY = {"samples": 0, "proxy_vertices": 0, "residual": 0.0, "faces_without_area": 0}
 
 
 def by_components(
@@ -48,8 +64,9 @@ def by_components(
     """Extend a method for connected, oriented manifolds to all meshes.
 
     A connected, oriented manifold is passed to `deform`. Other meshes are cut, and each component is deformed
-    with its handles. Unconstrained components move rigidly with the :data:`NEAREST` vertices of the nearest
-    component.
+    with its handles. A component whose hard handles share one rigid motion moves with them, without a proxy,
+    unless it is joined to another component. Unconstrained components move rigidly with the :data:`NEAREST`
+    vertices of the nearest component.
 
     Parameters
     ----------
@@ -58,17 +75,19 @@ def by_components(
     options : Options
         `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
         vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
-        :func:`sshade.pipeline.proxies.proxy_vertices`.
+        :func:`sshade.pipeline.proxies.proxy_vertices`. The other components get the rest of its portion. Both
+        sides of a one-sided surface count.
     progress : Progress
 
     Returns
     -------
     DeformationResult
         Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
-        ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of
-        ``unconstrained`` components, of removed ``duplicates`` of faces, of ``copies`` of vertices, and of
-        faces ``turned`` to agree. ``gap`` is the largest distance between copies before joining, as a
-        fraction of the diagonal.
+        ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of ``rigid``
+        components among them, of ``unconstrained`` components, of removed ``duplicates`` of faces, of
+        vertices on ``one_sided`` surfaces, of further ``copies`` of vertices, and of faces ``turned`` to
+        agree. ``gap`` is the largest distance between a copy and the vertex before joining, ``side_gap``
+        between a side of a one-sided surface and the mean of its sides, as fractions of the diagonal.
 
     Raises
     ------
@@ -77,20 +96,25 @@ def by_components(
     """
     whole = task.mesh
     if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:
-        return deform(task, progress=progress)
+        result = deform(task, progress=progress)
+        _warn_of_volume([result.extra])
+        return result
     handles, mesh = task.handles, without_duplicates(whole)
     unconstrained = np.setdiff1d(mesh.component, mesh.component[handles.index])
     cut = cut_to_manifold(mesh)
+    one_sided = len(np.unique(mesh.F[cut.one_sided]))
     facts: dict[str, Any] = {
         "components": 1,
         "unconstrained": len(unconstrained),
         "duplicates": whole.m - mesh.m,
-        "copies": len(cut.origin) - mesh.n,
+        "one_sided": one_sided,
+        "copies": len(cut.origin) - mesh.n - one_sided,
         "turned": cut.turned,
         "gap": 0.0,
     }
     if cut.mesh.topology.components == 1 and cut.mesh is mesh:
         result = deform(replace(task, mesh=mesh), progress=progress)
+        _warn_of_volume([result.extra])
         return replace(result, extra={**result.extra, **facts})
     least = min(len(handles), EDGE_SAMPLES)
     if options.vertices < least:
@@ -98,27 +122,44 @@ def by_components(
             f"{options.vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
             f"{len(handles)} handle vertices"
         )
-    vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
     components = _Components(mesh, cut, task, deform, options)
-    order = components.order()
-    density = vertices / components.area[order].sum()
-    seconds_left = options.polish_seconds
+    all_components = components.order()
+    order = [component for component in all_components if not components.move_with_handles(component)]
+    results = _deformed_in_turn(components, order, options, progress)
+    V = components.positions
+    _move_rigidly(mesh, V, unconstrained)
+    facts |= {"components": len(all_components), "rigid": len(all_components) - len(order)}
+    facts |= {name: gap / mesh.diagonal for name, gap in components.gaps.items()}
+    _warn_of_volume([result.extra for result in results])
+    joint = joined(V, results or [DeformationResult(V, 0, True, {}, NO_PROXY)], FACTS)
+    return replace(joint, extra={**joint.extra, **facts})
+
+
+def _deformed_in_turn(
+    components: _Components, order: list[int], options: Options, progress: Progress
+) -> list[DeformationResult]:
+    """Deform components in the given order, with their portions of proxy vertices and seconds."""
+    vertices = components.proxy_vertices(order)
+    area, seconds_left = components.area[order], options.polish_seconds
     results = []
-    for number, component in enumerate(order, start=1):
-        stage = f"component {number}/{len(order)}"
-        changes: dict[str, Any] = {"vertices": round(density * components.area[component])}
+    for number, component in enumerate(order):
+        stage = f"component {number + 1}/{len(order)}"
+        changes: dict[str, Any] = {"vertices": int(vertices[number])}
         if seconds_left is not None:
-            portion = components.area[component] / components.area[order[number - 1 :]].sum()
-            changes["polish_seconds"] = portion * seconds_left
+            changes["polish_seconds"] = area[number] / area[number:].sum() * seconds_left
         result = components.deform(component, stage, changes, progress)
         if seconds_left is not None:
             seconds_left = max(0.0, seconds_left - result.seconds.get("polish", 0.0))
         results.append(result)
-    V = components.positions
-    _move_rigidly(mesh, V, unconstrained)
-    facts |= {"components": len(order), "gap": components.gap / mesh.diagonal}
-    joint = joined(V, results, FACTS)
-    return replace(joint, extra={**joint.extra, **facts})
+    return results
+
+
+def _warn_of_volume(facts: list[Mapping[str, Any]]) -> None:
+    """Warn once of all components whose volume should be constrained, but is not."""
+    states = [fact.get("volume_constraint", fact.get("proxy_volume_constraint", "")) for fact in facts]
+    for state, count in Counter(state for state in states if state.startswith("off: ")).items():
+        where = f" in {count} of {len(facts)} components" if len(facts) > 1 else ""
+        log.warning("the volume constraint is off%s: %s", where, state.removeprefix("off: "))
 
 
 class _Components:
@@ -130,8 +171,9 @@ class _Components:
         Of each component.
     positions : (n, 3) float64
         Deformed positions; rest positions where no component with the vertex is done.
-    gap : float
-        Largest distance of a copy from the position of its vertex.
+    gaps : dict of float
+        "gap": largest distance of a copy from the position of its vertex. "side_gap": the same where the
+        copies are the sides of a one-sided surface.
     """
 
     def __init__(
@@ -149,14 +191,20 @@ class _Components:
         self._number = np.full(mesh.n, -1)
         self._number[handles.index] = np.arange(len(handles))
         self._members = members(self._component, count)
-        self._faces = members(self._component[cut.mesh.F[:, 0]], count)
-        self.area = np.bincount(self._component[cut.mesh.F[:, 0]], cut.mesh.face_areas)
-        self.positions, self._done, self.gap = np.array(mesh.V), np.zeros(mesh.n, dtype=bool), 0.0
+        of_face = self._component[cut.mesh.F[:, 0]]
+        self._faces = members(of_face, count)
+        self.area = np.bincount(of_face, cut.mesh.face_areas)
+        # Number of sides of the surface in each component: 2 where it covers a one-sided surface.
+        self._sides = np.where(np.isin(np.arange(count), of_face[mesh.m :]), 2, 1)
+        self._hard = handles.hard & ~handles.has_rotation
+        self.positions, self._done = np.array(mesh.V), np.zeros(mesh.n, dtype=bool)
+        self.gaps = {"gap": 0.0, "side_gap": 0.0}
+        copies = csr_array((np.ones(len(cut.origin)), (cut.origin, self._component)), shape=(mesh.n, count))
+        self._copies = copies  # number of copies of each vertex in each component
 
     def order(self) -> list[int]:
         """Return components with handles, then components joined to earlier components; larger first."""
-        origin, shape = self._cut.origin, (len(self._number), len(self.area))
-        copies = csr_array((np.ones(len(origin)), (origin, self._component)), shape=shape)
+        copies = self._copies
         beside, waiting = copies.T @ copies, copies.T @ (self._number >= 0) > 0
         found: list[int] = []
         seen = waiting
@@ -167,30 +215,88 @@ class _Components:
             seen = seen | waiting
         return found
 
+    def proxy_vertices(self, order: list[int]) -> np.ndarray:
+        """Return (c,) int64: the numbers of proxy vertices of components that are deformed in this order."""
+        fixed = self._done | (self._number >= 0)
+        least, most = np.zeros((2, len(order)), dtype=np.int64)
+        for number, component in enumerate(order):
+            origin = self._cut.origin[self._members[component]]
+            n, handles = len(origin), int(fixed[origin].sum())
+            least[number] = min(n, least_vertices(handles))
+            most[number] = proxy_vertices(n, n, handles, coarser=self._options.coarser)
+            fixed[origin] = True
+        return shared_vertices(self._options.vertices, self.area[order], least, most)
+
+    def move_with_handles(self, component: int) -> bool:
+        """Move a component by the rigid motion that its hard handles share; return whether there is one.
+
+        Components that are joined to others are not moved, because a joint may belong to a shape that bends.
+        """
+        origin, handles = self._cut.origin[self._members[component]], self._handles
+        number = np.unique(self._number[origin])
+        number = number[number >= 0]
+        if len(number) == 0 or not self._hard[number].all():
+            return False
+        if (np.diff(self._copies.indptr)[origin] > 1).any():
+            return False
+        motion = common_motion(self._task.mesh.V[handles.index[number]], handles.target[number])
+        if motion is None:
+            return False
+        R, t = motion
+        self.positions[origin] = self._task.mesh.V[origin] @ R.T + t
+        self.positions[handles.index[number]] = handles.target[number]
+        self._done[origin] = True
+        return True
+
     def deform(
         self, component: int, stage: str, changes: dict[str, Any], progress: Progress
     ) -> DeformationResult:
-        """Deform a component and take over its positions."""
-        options, guess = self._options, self._task.guess
-        vertex = self._members[component]
-        origin = self._cut.origin[vertex]
+        """Deform a component, with some options changed, and store the positions of its vertices."""
+        vertex, sides = self._members[component], self._sides[component]
+        origin, guess = self._cut.origin[vertex], self._task.guess
         F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
-        shape, handles = Mesh(self._cut.mesh.V[vertex], F), self._handles_of(origin)
+        shape = Mesh(self._cut.mesh.V[vertex], F)
+        if sides == 2:  # the sides enclose nothing
+            changes = {**changes, "volume": 0.0}
+        if not isinstance(self._options.frame_function, str):
+            changes = {**changes, "frame_function": self._values_of(self._options.frame_function)[origin]}
+        solve = partial(self._solve, shape, origin, stage, progress=progress)
+        result = solve(changes, None if guess is None else guess[origin])
+        means = _at_means(origin, result.vertices)
+        distance = np.linalg.norm(result.vertices - means, axis=1)
+        apart = sides == 2 and distance.max() > APART * shape.diagonal
+        if self._fix_loose_copies(shape, origin, means, distance, sides) or apart:
+            if changes.get("polish_seconds") is not None:
+                left = changes["polish_seconds"] - result.seconds.get("polish", 0.0)
+                changes = {**changes, "polish_seconds": max(0.0, left)}
+            again = solve(changes, means)
+            both = joined(again.vertices, [result, again], {})
+            result = replace(again, iterations=2 * both.iterations, seconds=both.seconds)
+        self._take_over(origin, result.vertices, "gap" if sides == 1 else "side_gap")
+        return result
+
+    def _solve(
+        self,
+        shape: Mesh,
+        origin: np.ndarray,
+        stage: str,
+        changes: dict[str, Any],
+        guess: np.ndarray | None,
+        *,
+        progress: Progress,
+    ) -> DeformationResult:
+        """Deform a component, whose vertices are copies of `origin` (k,), from a guess (k, 3)."""
+        handles = self._handles_of(origin)
         vertices = max(changes["vertices"], least_vertices(len(handles)))
-        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=options.coarser)
-        changes = {**changes, "vertices": vertices}
-        if not isinstance(options.frame_function, str):
-            changes["frame_function"] = self._values_of(options.frame_function)[origin]
-        guess = None if guess is None else guess[origin]
+        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
         part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
         try:
-            result = self._deform(part, progress=renamed(progress, stage, within=True), **changes)
+            progress = renamed(progress, stage, within=True)
+            return self._deform(part, progress=progress, **{**changes, "vertices": vertices})
         except InputError as error:
             raise InputError(
                 f"the component of {shape.n} vertices around vertex {origin[0]} cannot be deformed: {error}"
             ) from error
-        self._take_over(origin, result.vertices)
-        return result
 
     def _values_of(self, frame_function: np.ndarray) -> np.ndarray:
         n, values = len(self._number), np.asarray(frame_function)
@@ -214,14 +320,39 @@ class _Components:
                 fields[name] = np.concatenate([values[number], further])
         return Handles(**fields)
 
-    def _take_over(self, origin: np.ndarray, V: np.ndarray) -> None:
+    def _fix_loose_copies(
+        self, shape: Mesh, origin: np.ndarray, means: np.ndarray, distance: np.ndarray, sides: int
+    ) -> bool:
+        """Fix copies within a component at their means (k, 3) if one is far from it; return whether one is.
+
+        Each of the `sides` of a surface has a copy of every vertex; more copies come from cutting. A single
+        vertex that is moved to the mean of distant copies would stretch the faces around it.
+        """
+        copies = np.bincount(origin, minlength=len(self._number))[origin]
+        cut = np.flatnonzero((copies > sides) & ~self._done[origin])
+        if len(cut) == 0:
+            return False
+        ends = shape.edges
+        length = np.linalg.norm(shape.V[ends[:, 0]] - shape.V[ends[:, 1]], axis=1).repeat(2)
+        length = np.bincount(ends.ravel(), length) / np.bincount(ends.ravel())
+        if (distance[cut] <= LOOSE * length[cut]).all():
+            return False
+        self.positions[origin[cut]], self._done[origin[cut]] = means[cut], True
+        return True
+
+    def _take_over(self, origin: np.ndarray, V: np.ndarray, name: str) -> None:
         """Store the mean of the copies within a component; finished vertices stay."""
         new = ~self._done[origin]
-        vertex, inverse, count = np.unique(origin[new], return_inverse=True, return_counts=True)
-        mean = np.stack([np.bincount(inverse, x) for x in V[new].T], axis=1) / count[:, None]
-        self.positions[vertex] = mean
-        self._done[vertex] = True
-        self.gap = max(self.gap, float(np.linalg.norm(V - self.positions[origin], axis=1).max()))
+        self.positions[origin[new]] = _at_means(origin[new], V[new])
+        self._done[origin] = True
+        gap = np.linalg.norm(V - self.positions[origin], axis=1).max()
+        self.gaps[name] = max(self.gaps[name], float(gap))
+
+
+def _at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Replace each of the positions V (k, 3) by the mean of all positions of its vertex (k,)."""
+    _, inverse, count = np.unique(vertex, return_inverse=True, return_counts=True)
+    return np.stack([(np.bincount(inverse, x) / count)[inverse] for x in V.T], axis=1)
 
 
 def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:

@@ -60,11 +60,12 @@ def deform_task(
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()
-        totals = replace(options, vertices=whole.vertices, polish_seconds=whole.polish_seconds)
+        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume")))
         return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
     whole = resolve(method, values)
-    return by_components(task, deform_component, whole, progress=progress)
+    result = by_components(task, deform_component, whole, progress=progress)
+    return replace(result, extra={"options": as_row(whole, method), **result.extra})
 
 
 @overload

@@ -53,6 +53,37 @@ def proxy_vertices(asked: int, n: int, handles: int = 0, *, coarser: int = Optio
     return min(asked, n, max(n // coarser, least_vertices(handles)))
 
 
+def shared_vertices(asked: int, area: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Distribute proxy vertices over components by area, within the numbers that the components can use.
+
+    Parameters
+    ----------
+    asked : int
+        Wanted total.
+    area : (c,) float64
+        Of each component.
+    least, most : (c,) int
+        Smallest and largest number of each component. A component takes no more than its largest number; the
+        rest goes to the other components.
+
+    Returns
+    -------
+    (c,) int64
+        Their sum is `asked` up to rounding, unless all components have their smallest or largest numbers.
+    """
+    share, free = np.array(least, dtype=np.float64), np.ones(len(area), dtype=bool)
+    while (total := area[free].sum()) > 0:
+        share[free] = (asked - share[~free].sum()) / total * area[free]
+        low, high = free & (share < least), free & (share > most)
+        # With more to give back than to add, the components at their largest numbers stay there.
+        fixed = high if (share - most)[high].sum() >= (least - share)[low].sum() else low
+        if not fixed.any():
+            break
+        share[fixed] = np.clip(share, least, most)[fixed]
+        free &= ~fixed
+    return np.round(share).astype(np.int64)
+
+
 class Proxies:
     """The proxies of a mesh for given options, and the data that they share.
 

@@ -159,7 +159,7 @@ class Constraints:
         single: bool = False,
     ) -> None:
         if volume > 0 and surface.without_volume:
-            log.warning("the volume constraint is off: %s", surface.without_volume)
+            log.info("the volume constraint is off: %s", surface.without_volume)
         self._kinds = [VOLUME] * (volume > 0 and not surface.without_volume)
         self._kinds += [AREA] * bool(area > 0 and surface.rest[AREA] > 0)
         if self._kinds and not surface.connected:
