@@ -11,6 +11,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.unconstrained import how_to_constrain, without_handles
 from sshade.progress import Progress, silent
 
 
@@ -50,7 +51,10 @@ class DeformationTask:
     carry_unconstrained: bool = False
 
     def __post_init__(self) -> None:
-        self.mesh.require_handles(self.handles.index, everywhere=not self.carry_unconstrained)
+        index, everywhere = self.handles.index, not self.carry_unconstrained
+        self.mesh.require_handles(index, everywhere=False)
+        if everywhere and len(free := without_handles(self.mesh, index)):
+            self.mesh.require_handles(index, advice=how_to_constrain(self.mesh, free))
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         for name in ("truth", "guess"):
             if getattr(self, name) is not None:

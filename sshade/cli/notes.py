@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+#: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
+APART = 1e-6
+
 
 def notes(facts: Mapping[str, Any]) -> list[str]:
     """Return a sentence for each unusual fact.
@@ -15,29 +18,49 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         The `extra` of the result; the `facts` of the :class:`sshade.mesh.surface.Surface`; ``asked``, the
         wanted number of samples; ``snap``, the greatest snap distance; and ``diagonal``.
     """
-    doubled, unused, flat = facts.get("doubled", 0), facts.get("unused", 0), facts["faces_without_area"]
+    doubled, near = facts.get("doubled", 0), facts.get("near", 0)
+    unused, flat = facts.get("unused", 0), facts["faces_without_area"]
     dropped = facts.get("duplicates", 0) + facts.get("collapsed", 0)
-    near = facts.get("near", 0)
-    turned, copies = facts.get("turned", 0), facts.get("copies", 0)
-    components, unconstrained = facts.get("components", 1), facts.get("unconstrained", 0)
+    turned, copies, one_sided = (facts.get(name, 0) for name in ("turned", "copies", "one_sided"))
+    rigid, unconstrained = facts.get("rigid", 0), facts.get("unconstrained", 0)
+    bent = facts.get("components", 1) - rigid
+    percent = {
+        name: f"{100 * facts.get(name, 0):.2g} % of the diagonal" for name in ("gap", "side_gap", "opening")
+    }
     found = {
         f"{doubled} vertices share their place with another vertex, and move with it": doubled,
-        f"{near} vertices lie near another vertex, within rounding, and move with it (at most "
+        f"{near} vertices lie near another vertex, and move with it (at most "
         f"{facts.get('tolerance', 0):.2g} of the diagonal from their common place)": near,
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
-        f"the proxy has {facts['samples']} vertices instead of {facts['asked']}: at most a quarter of the "
-        "vertices of the mesh": facts["samples"] < facts["asked"],
+        **_on_samples(facts["samples"], facts["asked"], facts["options"]["coarser"], components=bent),
         f"{flat} faces without area were slightly enlarged": flat,
         f"{dropped} faces that repeat a vertex or another face were ignored": dropped,
         f"{unused} vertices without a face stay at their places": unused,
         "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
         "energy is clearly lower, and not from the guide energy": facts.get("proxy_initialisation")
         == "handles",
-        f"the mesh is no oriented manifold: {turned} faces were turned around, {copies} vertices were "
-        "duplicated and joined again, over gaps of at most "
-        f"{100 * facts.get('gap', 0):.2g} % of the diagonal": copies or turned,
-        f"{components} components were deformed separately and divide the proxy vertices": components > 1,
+        f"{turned} faces were turned around, to agree with their neighbours": turned,
+        f"the surface was cut where it is not manifold: {copies} vertices were duplicated, and joined again "
+        f"over gaps of at most {percent['gap']}": copies,
+        f"{one_sided} vertices lie on one-sided surfaces: both sides were deformed, and the result is their "
+        f"mean, at most {percent['side_gap']} from either side": one_sided,
+        f"{bent} components were deformed separately and divide the proxy vertices": bent > 1,
+        f"{rigid} components move rigidly with their handles, without a proxy": rigid,
         f"{unconstrained} components without handles rigidly follow the nearest component": unconstrained,
+        f"components that touched came apart by {percent['opening']}": facts.get("opening", 0) > APART,
     }
     return [note for note, holds in found.items() if holds]
+
+
+def _on_samples(samples: int, asked: int, coarser: int, *, components: int) -> dict[str, bool]:
+    """Sentences on a number of proxy vertices that differs from the number `asked` by more than rounding."""
+    from sshade.pipeline.proxies import SPARE  # imports large libraries
+
+    differs = f"the proxy has {samples} vertices instead of {asked}: "
+    return {
+        "no proxy was made: the handles alone determine the result": samples == 0,
+        f"{differs}at most one for every {coarser} vertices of a component, or one for each handle and "
+        f"{SPARE} more": 0 < samples < asked - components / 2,
+        f"{differs}each component has one for each handle and {SPARE} more": samples > asked + components / 2,
+    }

@@ -230,8 +230,13 @@ class Mesh:
         _check_numbers(V, name)
         return V
 
-    def require_handles(self, index: np.ndarray, *, everywhere: bool = True) -> None:
-        """Raise InputError unless ids (k,) are vertices and, with `everywhere`, each component has one."""
+    def require_handles(
+        self, index: np.ndarray, *, everywhere: bool = True, advice: str = "give each one"
+    ) -> None:
+        """Raise InputError unless ids (k,) are vertices and, with `everywhere`, each component has one.
+
+        The `advice` says what to do about components without a handle.
+        """
         outside = index[(index < 0) | (index >= self.n)]
         if len(outside):
             raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
@@ -240,12 +245,9 @@ class Mesh:
         free = np.flatnonzero(~handled)
         if everywhere and len(free):
             sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
-            weld = "weld coincident vertices with --repair, " if self._has_copies else ""
             raise InputError(
                 f"{len(free)} of the mesh's {len(sizes)} components have no handle (the first has "
-                f"{sizes[free[0]]} vertices, one of them {first}); give each one, {weld}"
-                "or move them with the nearest component: --carry-unconstrained, "
-                "in Python carry_unconstrained=True"
+                f"{sizes[free[0]]} vertices, one of them {first}); {advice}"
             )
 
     @property
@@ -270,7 +272,8 @@ class Mesh:
         if not self.is_oriented:
             raise InputError(
                 "the faces are not consistently oriented (two neighbours run through their edge in the "
-                "same direction); flip them to agree, e.g. with trimesh.repair.fix_winding"
+                "same direction); flip them to agree, e.g. with trimesh.repair.fix_winding; a one-sided "
+                "surface has no such orientation, and only sshade.deform takes it"
             )
 
     def require_one_component(self) -> None:
@@ -278,7 +281,7 @@ class Mesh:
         count = self.topology.components
         if count > 1:
             sizes = np.sort(np.bincount(self.component))[::-1]
-            weld = ", or weld coincident vertices with --repair" if self._has_copies else ""
+            weld = ", or weld coincident vertices" if self._has_copies else ""
             raise InputError(
                 f"the mesh has {count} components (the largest have {sizes[:3].tolist()} vertices); "
                 f"only one is supported: deform them one by one{weld}"

@@ -26,8 +26,9 @@ from sshade.errors import InputError
 from sshade.mesh.connectivity import members
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import common_motion, rigid_motion
+from sshade.mesh.rigid import common_motion
 from sshade.mesh.surface import without_duplicates
+from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
 from sshade.options import Options
 from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices, shared_vertices
 from sshade.pipeline.regions import EDGE_SAMPLES
@@ -36,8 +37,6 @@ from sshade.task import DeformationResult, DeformationTask, Handles
 
 log = logging.getLogger(__name__)
 
-#: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
-NEAREST = 8
 #: Largest distance of copies within a component from their mean, as a fraction of the length of the edges
 #: around them. Where a copy is farther away, the component is deformed again with its copies fixed.
 LOOSE = 0.1
@@ -63,10 +62,10 @@ def by_components(
 ) -> DeformationResult:
     """Extend a method for connected, oriented manifolds to all meshes.
 
-    A connected, oriented manifold is passed to `deform`. Other meshes are cut, and each component is deformed
-    with its handles. A component whose hard handles share one rigid motion moves with them, without a proxy,
-    unless it is joined to another component. Unconstrained components move rigidly with the :data:`NEAREST`
-    vertices of the nearest component.
+    A connected, oriented manifold is passed to `deform`; other meshes are cut into such components. A
+    component whose hard handles share one rigid motion moves with them, without a proxy, unless it is joined
+    to another component. Unconstrained components follow the nearest component:
+    see :func:`sshade.mesh.unconstrained.move_rigidly`.
 
     Parameters
     ----------
@@ -84,10 +83,11 @@ def by_components(
     DeformationResult
         Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
         ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of ``rigid``
-        components among them, of ``unconstrained`` components, of removed ``duplicates`` of faces, of
-        vertices on ``one_sided`` surfaces, of further ``copies`` of vertices, and of faces ``turned`` to
-        agree. ``gap`` is the largest distance between a copy and the vertex before joining, ``side_gap``
-        between a side of a one-sided surface and the mean of its sides, as fractions of the diagonal.
+        components among them, of ``unconstrained`` components, of unconstrained components ``touching``
+        others, of removed ``duplicates`` of faces, of vertices on ``one_sided`` surfaces, of further
+        ``copies`` of vertices, and of faces ``turned`` to agree. Largest distances, as fractions of the
+        diagonal: ``gap`` between a copy and the joined vertex, ``side_gap`` between a side of a one-sided
+        surface and the mean of its sides, ``opening`` between vertices that touched at rest.
 
     Raises
     ------
@@ -100,12 +100,15 @@ def by_components(
         _warn_of_volume([result.extra])
         return result
     handles, mesh = task.handles, without_duplicates(whole)
-    unconstrained = np.setdiff1d(mesh.component, mesh.component[handles.index])
+    unconstrained = without_handles(mesh, handles.index)
+    contact = contacts(mesh, unconstrained)
+    contact.warn()
     cut = cut_to_manifold(mesh)
     one_sided = len(np.unique(mesh.F[cut.one_sided]))
     facts: dict[str, Any] = {
         "components": 1,
         "unconstrained": len(unconstrained),
+        "touching": contact.components,
         "duplicates": whole.m - mesh.m,
         "one_sided": one_sided,
         "copies": len(cut.origin) - mesh.n - one_sided,
@@ -127,9 +130,10 @@ def by_components(
     order = [component for component in all_components if not components.move_with_handles(component)]
     results = _deformed_in_turn(components, order, options, progress)
     V = components.positions
-    _move_rigidly(mesh, V, unconstrained)
+    move_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(all_components), "rigid": len(all_components) - len(order)}
-    facts |= {name: gap / mesh.diagonal for name, gap in components.gaps.items()}
+    gaps = {**components.gaps, "opening": contact.opening(V)}
+    facts |= {name: gap / mesh.diagonal for name, gap in gaps.items()}
     _warn_of_volume([result.extra for result in results])
     joint = joined(V, results or [DeformationResult(V, 0, True, {}, NO_PROXY)], FACTS)
     return replace(joint, extra={**joint.extra, **facts})
@@ -180,13 +184,8 @@ class _Components:
         self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
     ) -> None:
         handles = task.handles
-        self._cut, self._handles, self._task, self._deform, self._options = (
-            cut,
-            handles,
-            task,
-            deform,
-            options,
-        )
+        self._cut, self._handles, self._task = cut, handles, task
+        self._deform, self._options = deform, options
         self._component, count = cut.mesh.component, cut.mesh.topology.components
         self._number = np.full(mesh.n, -1)
         self._number[handles.index] = np.arange(len(handles))
@@ -199,8 +198,9 @@ class _Components:
         self._hard = handles.hard & ~handles.has_rotation
         self.positions, self._done = np.array(mesh.V), np.zeros(mesh.n, dtype=bool)
         self.gaps = {"gap": 0.0, "side_gap": 0.0}
-        copies = csr_array((np.ones(len(cut.origin)), (cut.origin, self._component)), shape=(mesh.n, count))
-        self._copies = copies  # number of copies of each vertex in each component
+        # Number of copies of each vertex in each component.
+        entries = np.ones(len(cut.origin)), (cut.origin, self._component)
+        self._copies = csr_array(entries, shape=(mesh.n, count))
 
     def order(self) -> list[int]:
         """Return components with handles, then components joined to earlier components; larger first."""
@@ -273,6 +273,8 @@ class _Components:
             both = joined(again.vertices, [result, again], {})
             result = replace(again, iterations=2 * both.iterations, seconds=both.seconds)
         self._take_over(origin, result.vertices, "gap" if sides == 1 else "side_gap")
+        if sides == 2 and self._options.volume > 0:
+            result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
         return result
 
     def _solve(
@@ -353,21 +355,3 @@ def _at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Replace each of the positions V (k, 3) by the mean of all positions of its vertex (k,)."""
     _, inverse, count = np.unique(vertex, return_inverse=True, return_counts=True)
     return np.stack([(np.bincount(inverse, x) / count)[inverse] for x in V.T], axis=1)
-
-
-def _move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
-    """Move each unconstrained component rigidly with the closest vertices of its nearest component."""
-    from scipy.spatial import cKDTree
-
-    vertices = members(mesh.component, mesh.topology.components)
-    others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
-    tree, trees = cKDTree(mesh.V[others]), {}
-    for moved in (vertices[component] for component in unconstrained):
-        distance, nearest = tree.query(mesh.V[moved])
-        leader = mesh.component[others[nearest[np.argmin(distance)]]]
-        if leader not in trees:
-            trees[leader] = cKDTree(mesh.V[vertices[leader]])
-        _, near = trees[leader].query(mesh.V[moved], k=min(NEAREST, len(vertices[leader])))
-        near = vertices[leader][np.unique(near)]
-        R, t = rigid_motion(mesh.V[near], positions[near])
-        positions[moved] = mesh.V[moved] @ R.T + t

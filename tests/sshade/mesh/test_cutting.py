@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.mesh import cutting as module
 from sshade.mesh.cutting import cut_to_manifold
-from tests.shapes import block, bumpy, quads, strip, tube
+from tests.shapes import beside, block, bumpy, quads, strip, subdivided, tube
 
 BODY = bumpy(2)
 
@@ -17,9 +17,10 @@ def cut(mesh: Mesh):
     assert found.mesh.is_manifold and found.mesh.is_oriented
     assert np.array_equal(found.origin[: mesh.n], np.arange(mesh.n))  # first the vertices themselves
     assert np.array_equal(found.mesh.V, mesh.V[found.origin])
-    same = (found.origin[found.mesh.F] == mesh.F).all(axis=1)
-    back = (found.origin[found.mesh.F[:, ::-1]] == mesh.F).all(axis=1)
+    F = found.origin[found.mesh.F]
+    same, back = ((own[: mesh.m] == mesh.F).all(axis=1) for own in (F, F[:, ::-1]))
     assert (same | back).all() and int((~same).sum()) == found.turned
+    assert np.array_equal(F[mesh.m :, ::-1], mesh.F[found.one_sided])
     return found
 
 
@@ -49,6 +50,28 @@ def moebius(around: int = 24) -> Mesh:
     F = quads(around + 1, 3)
     last = 3 * around <= F
     return Mesh(V, np.where(last, 2 - (F - 3 * around), F))
+
+
+def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
+    """A closed one-sided surface that crosses itself: a figure eight that makes half a turn."""
+    u, v = (
+        2 * np.pi * p.ravel()
+        for p in np.meshgrid(np.arange(around) / around, np.arange(across) / across, indexing="ij")
+    )
+    out = np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
+    up = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
+    i, j = np.divmod(quads(around + 1, across, wrap_v=True), across)
+    F = np.where(i == around, -j % across, i * across + j)
+    return Mesh(np.stack([(2.5 + out) * np.cos(u), (2.5 + out) * np.sin(u), up], axis=1), F)
+
+
+def projective_plane(level: int = 2) -> Mesh:
+    """The triangulation of six vertices, with every triangle cut into 4^level."""
+    F = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [0, 5, 1], [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2]]
+    mesh = Mesh(np.random.default_rng(0).normal(size=(6, 3)), np.array([*F, [5, 1, 3]]))
+    for _ in range(level):
+        mesh = subdivided(mesh)
+    return mesh
 
 
 @pytest.mark.parametrize(
@@ -96,12 +119,32 @@ def test_a_face_that_is_there_twice_comes_off_alone():
         assert found.mesh.n == BODY.n + 3 and found.mesh.topology == (3, 2, 1)
 
 
-def test_a_one_sided_band_is_cut_open_once():
-    mesh = moebius()
-    assert mesh.is_manifold and not mesh.is_oriented and mesh.topology == (0, 1, 1)
+@pytest.mark.parametrize(
+    ("mesh", "cover"),
+    [
+        (moebius(), (0, 1, 2)),  # an annulus
+        (klein_bottle(), (0, 1, 0)),  # a torus
+        (projective_plane(0), (2, 1, 0)),  # a sphere
+        (projective_plane(), (2, 1, 0)),
+    ],
+)
+def test_a_one_sided_surface_is_covered_twice_and_stays_whole(mesh, cover):
+    assert mesh.is_manifold and not mesh.is_oriented
     found = cut(mesh)
-    assert found.mesh.topology == (1, 1, 1)  # a disc
-    assert len(found.origin) <= mesh.n + 6  # it may zigzag across the three
+    assert found.mesh.topology == cover and found.one_sided.all() and found.turned == 0
+    assert (np.bincount(found.origin) == 2).all()
+
+
+def test_a_fin_on_a_one_sided_band_comes_off_and_two_sided_components_stay_single():
+    band = moebius()
+    row = 3 * np.arange(9) + 1
+    above = band.n + np.arange(9)
+    fin = [np.stack([row[:-1], row[1:], above[1:]], 1), np.stack([row[:-1], above[1:], above[:-1]], 1)]
+    mesh = Mesh(np.concatenate([band.V, band.V[row] + [0, 0, 0.3]]), np.concatenate([band.F, *fin]))
+    found = cut(beside(mesh, BODY))
+    assert found.mesh.topology == (0 + 1 + 2, 3, 2 + 1)  # an annulus, a disc and a sphere
+    assert np.array_equal(found.one_sided, np.arange(band.m + 16 + BODY.m) < band.m)
+    assert found.mesh.n == 2 * band.n + 18 + BODY.n
 
 
 def test_many_random_triangles_become_a_manifold():

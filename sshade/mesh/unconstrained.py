@@ -1,0 +1,116 @@
+"""Components without handles: they follow the nearest component rigidly, and may come apart from others."""
+
+from __future__ import annotations
+
+import logging
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.mesh.connectivity import members
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.seams import same_places
+from sshade.mesh.surface import NEAR
+
+log = logging.getLogger(__name__)
+
+#: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
+NEAREST = 8
+#: Largest distance of touching vertices from their place, as a fraction of the bounding-box diagonal.
+TOUCHING = 1e-6
+
+
+class Contacts(NamedTuple):
+    """Places where components without handles touch other components.
+
+    Attributes
+    ----------
+    components : int
+        Number of components without handles that touch another component.
+    vertex : (k,) int64
+        Vertices at such places, place by place.
+    first : (k,) int64
+        First vertex at the same place.
+    """
+
+    components: int
+    vertex: np.ndarray
+    first: np.ndarray
+
+    def warn(self) -> None:
+        """Say in the log that components may come apart."""
+        if self.components:
+            log.warning(
+                "%d components without handles touch other components, and come apart from them where the "
+                "others do not move rigidly",
+                self.components,
+            )
+
+    def opening(self, V: np.ndarray) -> float:
+        """Return the largest distance, at positions V (n, 3), of a vertex from the first at its place."""
+        return float(np.linalg.norm(V[self.vertex] - V[self.first], axis=1).max(initial=0.0))
+
+
+def contacts(mesh: Mesh, unconstrained: np.ndarray, *, distance: float = TOUCHING) -> Contacts:
+    """Find the places where components touch, of which one at least is unconstrained.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    unconstrained : (u,) int
+        Components without handles.
+    distance : float
+        Largest distance of a vertex from the place, as a fraction of the diagonal.
+    """
+    if len(unconstrained) == 0:
+        none = np.zeros(0, dtype=np.int64)
+        return Contacts(0, none, none)
+    place = same_places(mesh.V, np.full(3, distance * mesh.diagonal))
+    vertex = np.argsort(place, kind="stable")
+    start = np.flatnonzero(np.diff(place[vertex], prepend=-1))
+    free = np.isin(mesh.component, unconstrained)
+    low, high = (at(mesh.component[vertex], start) for at in (np.minimum.reduceat, np.maximum.reduceat))
+    touching = (low < high) & np.logical_or.reduceat(free[vertex], start)
+    size = np.diff(start, append=mesh.n)
+    vertex, first = vertex[np.repeat(touching, size)], np.repeat(vertex[start[touching]], size[touching])
+    return Contacts(len(np.unique(mesh.component[vertex[free[vertex]]])), vertex, first)
+
+
+def without_handles(mesh: Mesh, index: np.ndarray) -> np.ndarray:
+    """Return the components (u,) without any of the handle vertices `index` (k,)."""
+    return np.setdiff1d(np.arange(mesh.topology.components), mesh.component[index])
+
+
+def how_to_constrain(mesh: Mesh, unconstrained: np.ndarray) -> str:
+    """Return what can be done about components (u,) without handles."""
+    weld = ""
+    for distance, tolerance in ((NEAR, ""), (TOUCHING, f"{TOUCHING:g}")):
+        if touching := contacts(mesh, unconstrained, distance=distance).components:
+            command = "sshade deform --repair" + (f" --weld {tolerance}" if tolerance else "")
+            python = "repair=True" + (f", weld={tolerance}" if tolerance else "")
+            weld = f"weld the vertices in which {touching} of them touch other components ({command}, in "
+            weld += f"Python {python}), "
+            break
+    return (
+        f"give each one, {weld}or move them with the nearest component (--carry-unconstrained, in Python "
+        "carry_unconstrained=True)"
+    )
+
+
+def move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
+    """Move each unconstrained component rigidly with the closest vertices of its nearest component."""
+    from scipy.spatial import cKDTree
+
+    vertices = members(mesh.component, mesh.topology.components)
+    others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
+    tree, trees = cKDTree(mesh.V[others]), {}
+    for moved in (vertices[component] for component in unconstrained):
+        distance, nearest = tree.query(mesh.V[moved])
+        leader = mesh.component[others[nearest[np.argmin(distance)]]]
+        if leader not in trees:
+            trees[leader] = cKDTree(mesh.V[vertices[leader]])
+        _, near = trees[leader].query(mesh.V[moved], k=min(NEAREST, len(vertices[leader])))
+        near = vertices[leader][np.unique(near)]
+        R, t = rigid_motion(mesh.V[near], positions[near])
+        positions[moved] = mesh.V[moved] @ R.T + t
