@@ -37,7 +37,8 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
-        assert "WARNING sshade.solver.constraints: the volume constraint is off" in done.stderr
+        line = "WARNING sshade.pipeline.components: the volume constraint is off: boundary"
+        assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
 
 
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):

@@ -13,6 +13,7 @@ from sshade.cli.main import PROGRAM, main
 from sshade.io.handles import read_handles, write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from tests.shapes import beside, bumpy, end_handles, rotation, shifted
+from tests.sshade.mesh.test_cutting import moebius
 
 BODY = bumpy(2)
 #: The lower end held, the upper end lifted.
@@ -110,24 +111,38 @@ def without_area() -> Mesh:
 
 
 TWO = beside(BODY, shifted(BODY, 9))
+BOTH = Handles(np.append(POSE.index, POSE.index + BODY.n), np.concatenate([POSE.target, POSE.target + 9]))
 FIN = np.concatenate([BODY.F, [[*BODY.F[0, :2], BODY.n]]])  # a third face at an edge
 #: Vertices in no face at both ends, faces that repeat a vertex, and a face twice.
 V = np.concatenate([[[9.0, 9, 9]], BODY.V, [[0, 0, 0.5]]])
 F = np.concatenate([[[7, 7, 9]], BODY.F + 1, BODY.F[5:6] + 1, [[3, 4, 3]]])
 
 
+TURNED = np.where(np.arange(BODY.m)[:, None] % 3, BODY.F, BODY.F[:, ::-1])
+BAND = moebius()
+
+
 @pytest.mark.parametrize(
     ("V", "F", "handles", "options", "words"),
     [
-        (BODY.V, BODY.F, POSE, "", "the proxy has 40 vertices instead of 12000: at most a quarter"),
+        (BODY.V, BODY.F, POSE, "", "the proxy has 40 vertices instead of 12000: at most one for"),
+        (BAND.V, BAND.F, end_handles(BAND.V, shift=(0, 0, 0.1)), "", "72 vertices lie on one-sided surfaces"),
+        (BODY.V, TURNED, POSE, "", "107 faces were turned around, to agree with their neighbours"),
         (BODY.V, BODY.F, POSE, "--max-iterations 2", "they stopped after 2 on average"),
         (BODY.V, BODY.F, POSE, "--max-iterations 2 --method paper", "they stopped after 2 on average"),
         (without_area().V, BODY.F, POSE, "", "2 faces without area were slightly enlarged"),
-        (V[1:], FIN, POSE, "", "the mesh is no oriented manifold"),
+        (V[1:], FIN, POSE, "", "the surface was cut where it is not manifold: 2 vertices were"),
         (V, F, Handles(POSE.index + 1, POSE.target), "", "3 faces that repeat a vertex or another face were"),
         (V, F, Handles(POSE.index + 1, POSE.target), "", "2 vertices without a face stay at their places"),
         (TWO.V, TWO.F, POSE, "--carry-unconstrained", "1 components without handles rigidly follow"),
-        (TWO.V, TWO.F, Handles([0, BODY.n], TWO.V[[0, BODY.n]]), "", "2 components were deformed separately"),
+        (TWO.V, TWO.F, BOTH, "", "2 components were deformed separately and divide the proxy vertices"),
+        (
+            TWO.V,
+            TWO.F,
+            Handles([0, BODY.n], TWO.V[[0, BODY.n]]),
+            "",
+            "2 components move rigidly with their h",
+        ),
     ],
 )
 def test_what_is_unusual_is_told(folder, capsys, V, F, handles, options, words):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.rigid import common_motion, rigid_motion
 from tests.shapes import icosphere, rotation
 
 
@@ -53,3 +53,23 @@ def test_kabsch_of_one_point_or_one_place_is_a_translation():
     assert np.array_equal(R, np.eye(3)) and np.array_equal(t, [3, 2, 1])
     R, t = rigid_motion(np.ones((4, 3)), np.arange(12.0).reshape(4, 3))
     assert np.array_equal(R, np.eye(3)) and np.allclose(t, np.arange(12.0).reshape(4, 3).mean(axis=0) - 1)
+
+
+def test_points_with_a_common_motion():
+    P, R, t = icosphere(1).V, rotation(2), np.array([3.0, -1, 20])
+    for Q in (P + t, P @ R.T + t, P.astype(np.float32) @ R.T.astype(np.float32) + t):
+        found, shift = common_motion(P, Q)
+        assert np.abs(P @ found.T + shift - Q).max() < 1e-6
+    found, shift = common_motion(P[:1], P[:1] + t)
+    assert np.array_equal(found, np.eye(3)) and np.allclose(shift, t)
+    line = np.outer(np.arange(5.0), [1, 2, 3])
+    assert np.array_equal(common_motion(line, line + t)[0], np.eye(3))
+
+
+def test_points_without_one_or_with_several():
+    P, R = icosphere(1).V, rotation(2)
+    bent, mirrored, line = P.copy(), P * [1, 1, -1], np.outer(np.arange(5.0), [1, 2, 3])
+    bent[0] *= 1 + 1e-5
+    narrow = P * [1, 0.01, 0.01]
+    for source, target in ((P, bent), (P, mirrored), (line, line @ R.T), (narrow, narrow @ R.T)):
+        assert common_motion(source, target) is None

@@ -5,7 +5,7 @@ import pytest
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Handles
-from sshade.pipeline.proxies import bind, proxy_vertices
+from sshade.pipeline.proxies import bind, proxy_vertices, shared_vertices
 from sshade.pipeline.transfer import transfer_pose
 from tests.shapes import bumpy, end_handles
 from tests.sshade.pipeline.calls import fast, fine, paper
@@ -28,6 +28,23 @@ TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0
 )
 def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handles, count):
     assert proxy_vertices(asked, n, handles) == count
+
+
+@pytest.mark.parametrize(
+    ("asked", "area", "shares"),
+    [
+        (100, [1, 3, 6], [10, 30, 60]),
+        (300, [1, 3, 6], [33, 70, 197]),  # what the second cannot use goes to the others
+        (60, [1, 1, 4], [10, 10, 40]),
+        (60, [1, 0.2, 4], [10, 10, 40]),  # the second needs more than its portion
+        (1000, [1, 3, 6], [40, 70, 250]),
+        (5, [1, 3, 6], [2, 10, 4]),
+        (100, [0, 0, 1], [2, 10, 88]),
+    ],
+)
+def test_components_share_by_area_what_they_can_use(asked, area, shares):
+    least, most = np.array([2, 10, 4]), np.array([40, 70, 250])
+    assert shared_vertices(asked, np.array(area, dtype=float), least, most).tolist() == shares
 
 
 @pytest.mark.parametrize("method", [paper, fast, fine])

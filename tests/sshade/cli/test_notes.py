@@ -1,0 +1,110 @@
+"""The sentences on a result: each is true, and is there once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import Handles, Mesh
+from sshade.cli.main import main
+from sshade.cli.notes import notes
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
+from tests.shapes import beside, bumpy, end_handles, shifted
+
+BODY = bumpy(2)
+PLAIN = {
+    "faces_without_area": 0,
+    "snap": 0.0,
+    "diagonal": 1.0,
+    "samples": 100,
+    "asked": 100,
+    "options": {"coarser": 4},
+}
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({}, []),
+        (
+            {"samples": 40},
+            ["has 40 vertices instead of 100: at most one for every 4 vertices of a component"],
+        ),
+        (
+            {"samples": 40, "options": {"coarser": 2}},
+            ["one for every 2 vertices of a component, or one for e"],
+        ),
+        ({"samples": 130}, ["130 vertices instead of 100: each component has one for each"]),
+        ({"samples": 99, "components": 3}, ["3 components were deformed separately"]),  # rounding
+        ({"samples": 0}, ["no proxy was made: the handles alone determine the result"]),
+        ({"components": 3, "rigid": 2}, ["2 components move rigidly with their handles"]),
+        ({"turned": 5}, ["5 faces were turned around"]),
+        (
+            {"copies": 5, "gap": 0.01},
+            ["5 vertices were duplicated, and joined again over gaps of at most 1 %"],
+        ),
+        (
+            {"one_sided": 9, "side_gap": 0.002},
+            ["9 vertices lie on one-sided", "at most 0.2 % of the diagonal"],
+        ),
+        ({"opening": 0.11}, ["components that touched came apart by 11 % of the diagonal"]),
+        ({"opening": 1e-9, "touching": 3}, []),
+        ({"near": 3, "tolerance": 1e-3}, ["3 vertices lie near another vertex", "0.001 of the diagonal"]),
+    ],
+)
+def test_facts_in_words(facts, words):
+    found = notes({**PLAIN, **facts})
+    assert len(found) == bool(words) and all(word in found[0] for word in words)
+
+
+def test_many_components_share_one_note(here, capfd):
+    """501 components with a boundary, 500 of them triangles."""
+    rng = np.random.default_rng(0)
+    corners = (rng.uniform(-5, 5, (500, 1, 3)) + rng.normal(size=(500, 3, 3)) * 0.1).reshape(-1, 3)
+    opened = Mesh(BODY.V, BODY.F[1:])
+    mesh = beside(opened, Mesh(corners, np.arange(1500).reshape(-1, 3)))
+    write_mesh("body.ply", mesh.V, mesh.F)
+    own = end_handles(BODY.V, count=8, shift=(0.3, 0, 0.2))
+    every = np.arange(BODY.n, mesh.n)
+    bent = mesh.V[every] * 1.2
+    write_handles("pose.json", Handles(np.append(own.index, every), np.concatenate([own.target, bent])))
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
+    lines = capfd.readouterr().err.splitlines()
+    assert len(set(lines)) == len(lines) < 8
+
+
+def test_a_command_says_what_will_come_apart(here, capsys, caplog):
+    write_mesh("body.ply", *torn_at_corners())
+    V = torn_at_corners()[0]
+    low, high = int(np.argmin(V[:, 2])), int(np.argmax(V[:, 2]))
+    put = [{"vertices": [low]}, {"vertices": [high], "target": (V[[high]] + [0.5, 0, 0.5]).tolist()}]
+    Path("pose.json").write_text(json.dumps({"handles": put}))
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 2
+    assert "--repair" in capsys.readouterr().err
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--carry-unconstrained"]) == 0
+    assert "components without handles touch other components, and come apart" in caplog.text
+    assert "note: components that touched came apart by" in capsys.readouterr().err
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--repair"]) == 0
+    assert "came apart" not in capsys.readouterr().err
+
+
+def torn_at_corners() -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a surface without a common edge, each with vertices of its own."""
+    kept, edges = [], set()
+    for face in BODY.F.tolist():
+        own = {tuple(sorted((face[i], face[i - 1]))) for i in range(3)}
+        if not own & edges:
+            kept.append(face)
+            edges |= own
+    return BODY.V[np.array(kept)].reshape(-1, 3), np.arange(3 * len(kept)).reshape(-1, 3)
+
+
+def test_a_repaired_mesh_is_not_told_to_be_repaired(here, capsys):
+    mesh = beside(BODY, shifted(BODY, 9))
+    write_mesh("body.ply", mesh.V, mesh.F)
+    write_handles("pose.json", end_handles(BODY.V, count=8))
+    for options in ([], ["--repair"]):
+        assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", *options]) == 2
+        assert "repair" not in capsys.readouterr().err

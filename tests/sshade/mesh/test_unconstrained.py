@@ -1,0 +1,95 @@
+"""Components without handles: what they touch, what to do about them, and how they follow."""
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade.mesh.unconstrained import contacts, how_to_constrain, move_rigidly, without_handles
+from tests.shapes import beside, bumpy, rotation, shifted
+
+BODY = bumpy(2)
+
+
+def soup(mesh: Mesh = BODY, noise: float = 0.0) -> Mesh:
+    """Every triangle with vertices of its own."""
+    V = mesh.V[mesh.F].reshape(-1, 3)
+    V = V + np.random.default_rng(0).uniform(-noise, noise, V.shape) * mesh.diagonal
+    return Mesh(V, np.arange(3 * mesh.m).reshape(-1, 3))
+
+
+def test_contacts_are_places_of_several_components():
+    mesh = soup()
+    free = np.arange(1, BODY.m)
+    found = contacts(mesh, free)
+    assert found.components == BODY.m - 1 and len(found.vertex) == mesh.n
+    assert np.array_equal(np.sort(found.vertex), np.arange(mesh.n))
+    assert np.array_equal(mesh.V[found.vertex], mesh.V[found.first])
+    assert len(np.unique(found.first)) == BODY.n
+    # Of components with handles, only the neighbours of free components count.
+    few = contacts(mesh, np.array([7]))
+    assert few.components == 1 and set(few.first) == set(
+        few.vertex[np.unique(few.first, return_index=True)[1]]
+    )
+    assert len(np.unique(few.first)) == 3 and {21, 22, 23} <= set(few.vertex)
+    assert contacts(mesh, np.zeros(0, dtype=int)).components == 0
+    apart = beside(BODY, shifted(BODY, 9))
+    assert (
+        contacts(apart, np.array([1])).components == 0
+        and contacts(apart, np.array([1])).opening(apart.V) == 0
+    )
+
+
+def test_an_opening_is_the_distance_between_vertices_that_touched():
+    mesh = beside(BODY, BODY)
+    found = contacts(mesh, np.array([1]))
+    V = mesh.V.copy()
+    V[BODY.n + 5] += [0.3, 0, 0.4]
+    assert found.opening(mesh.V) == 0 and found.opening(V) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("noise", "advice"),
+    [
+        (0.0, "weld the vertices in which 319 of them touch other components (sshade deform --repair, in Py"),
+        (3e-7, "(sshade deform --repair --weld 1e-06, in Python repair=True, weld=1e-06), or move them"),
+        (1e-4, "give each one, or move them with the nearest component (--carry-unconstrained, in Python"),
+    ],
+)
+def test_the_advice_fits_the_mesh(noise, advice):
+    mesh = soup(noise=noise)
+    assert advice in how_to_constrain(mesh, without_handles(mesh, np.array([0, 1])))
+    with pytest.raises(InputError) as refused:
+        DeformationTask("m", mesh, Handles([0], mesh.V[:1]))
+    assert "319 of the mesh's 320 components have no handle" in str(refused.value)
+    assert advice in str(refused.value)
+
+
+def test_what_the_advice_says_helps():
+    mesh = soup(noise=3e-7)
+    b = np.array([np.argmin(mesh.V[:, 2]), np.argmax(mesh.V[:, 2])])
+    moved = deform(mesh, b, mesh.V[b] * 1.1, repair=True, weld=1e-6, vertices=60)
+    assert np.abs(moved.V[b] - mesh.V[b] * 1.1).max() < 1e-3
+
+
+def test_components_that_come_apart_are_named_before(caplog):
+    """Only the corners of the triangles touch, which are no seams."""
+    mesh, b = soup(), np.array([0, 1, 2])
+    target = mesh.V[b] @ rotation(1).T
+    seen = []
+    task = DeformationTask("m", mesh, Handles(b, target), carry_unconstrained=True)
+    result = deform(task, progress=lambda *_: seen.append(len(caplog.records)))
+    words = "319 components without handles touch other components, and come apart from them where"
+    assert words in caplog.text and min(seen, default=1) == 1
+    assert result.extra["touching"] == 319 and result.extra["opening"] < 1e-12  # all follow one triangle
+    target[2] += 0.3
+    two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
+    result = deform(DeformationTask("m", mesh, two, carry_unconstrained=True))
+    assert result.extra["opening"] > 0.01
+
+
+def test_a_component_follows_the_nearest_vertices():
+    mesh = beside(BODY, shifted(BODY, 9), Mesh(0.1 * BODY.V + BODY.V[4], BODY.F))
+    R, positions = rotation(3), mesh.V.copy()
+    positions[: BODY.n] = BODY.V @ R.T + 2
+    move_rigidly(mesh, positions, np.array([2]))
+    assert np.allclose(positions[2 * BODY.n :], mesh.V[2 * BODY.n :] @ R.T + 2)
