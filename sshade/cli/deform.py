@@ -18,7 +18,8 @@ quaternions [x, y, z, w] as in glTF. Keys of your own begin with _; other unknow
 
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
-deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards.
+deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
+a one-sided surface is covered twice instead.
 
 methods:
   fast         one proxy with volume and area constraints (default)
