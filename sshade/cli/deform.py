@@ -9,12 +9,13 @@ HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSO
      "rotation": [[..], [..], [..]], "translation": [x, y, z], "center": "centroid"},
     {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
-Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or all vertices in some boxes
-(lowest and highest corner). They move to a target each, or together by a rotation R, a translation t, or both:
-v moves to R (v - c) + c + t. The center c is a point or "centroid"; by default it is the origin. Groups with a
-weight are soft: they are pulled to their targets, with weight 1 about as strongly as the surface resists.
-Beside targets, a rotation prescribes the rotation of the surface at the handles. Rotations are matrices, or
-quaternions [x, y, z, w] as in glTF. Keys of your own begin with _; other unknown keys are refused.
+Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or all vertices in some
+boxes (lowest and highest corner). They move to a target each, or together by a rotation R and a translation
+t: v moves to R (v - c) + c + t. You can leave out R or t. The center c is a point or "centroid"; by default
+it is the origin. Groups with a weight are soft: they are pulled to their targets, with weight 1 about as
+strongly as the surface resists. Beside targets, a rotation prescribes the rotation of the surface at the
+handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
+other unknown keys are refused.
 
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
