@@ -138,6 +138,7 @@ def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
     faces = ply.elements.get("face")
     header = [line.split()[:1] for line in ply.data[: ply.body].splitlines()]
     named = present(
+        undeclared_values=ply.notes,
         polygons=faces is not None and triangles > faces.size,
         comments=[b"comment"] in header or [b"obj_info"] in header,
     )

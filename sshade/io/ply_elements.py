@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.words import Text
+from sshade.io.words import BOM, Text
 
 _OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
 _NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
@@ -79,7 +79,8 @@ class Element:
 
 def read_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order ("" for text), the elements, and the place where their numbers begin."""
-    order, elements, begin, number = None, [], 0, 0
+    order, elements, number = None, [], 0
+    begin = len(BOM) if data.startswith(BOM) else 0
     while True:
         end = data.find(b"\n", begin)
         if end < 0:

@@ -44,7 +44,7 @@ class Numbers(NamedTuple):
 class Text:
     r"""Words of a text, line by line. Lines end in ``\n``, ``\r`` or ``\r\n``; empty lines do not count.
 
-    A byte-order mark at the beginning belongs to no word.
+    A byte-order mark at the beginning belongs to no word. Raises ValueError for a text in UTF-16.
 
     Attributes
     ----------
@@ -56,6 +56,8 @@ class Text:
     """
 
     def __init__(self, data: bytes) -> None:
+        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise ValueError("it is a text in UTF-16; save it as UTF-8")
         self.data = data
         self._bytes = np.frombuffer(data, np.uint8)
         space = np.ones(len(data) + 2, dtype=bool)
@@ -187,7 +189,7 @@ def without_comments(data: bytes) -> bytes:
     The number ``1.#IND`` is no comment.
     """
     return (
-        re.sub(rb"(?<!\.)#[^\r\n]*", lambda comment: b" " * len(comment[0]), data) if b"#" in data else data
+        re.sub(rb"#(?<!\.#)[^\r\n]*", lambda comment: b" " * len(comment[0]), data) if b"#" in data else data
     )
 
 

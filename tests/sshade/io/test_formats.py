@@ -143,6 +143,14 @@ def test_several_solids_of_an_stl(tmp_path):
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
 
 
+@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("name", ["a.obj", "a.off"])
+def test_a_text_in_utf_16_is_refused(tmp_path, name, coding):
+    (tmp_path / name).write_bytes(("\ufeff" + OFF).encode(coding))
+    with pytest.raises(InputError, match="a text in UTF-16; save it as UTF-8"):
+        read_file(tmp_path / name)
+
+
 def obj(text: str, tmp_path) -> MeshFile:
     """Read an OBJ file, and check that it is written as it is if nothing moves."""
     (tmp_path / "a.obj").write_bytes(text.encode())

@@ -137,15 +137,15 @@ end_header
 """
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_further_values_on_lines_of_a_text_stay(tmp_path, end):
-    path, text = tmp_path / "a.ply", OLD_MESHLAB.replace("\n", end)
+@pytest.mark.parametrize(("end", "mark"), [("\n", ""), ("\r\n", "\ufeff")])
+def test_further_values_on_lines_of_a_text_stay(tmp_path, end, mark):
+    path, text = tmp_path / "a.ply", mark + OLD_MESHLAB.replace("\n", end)
     path.write_bytes(text.encode())
     file = read_file(path)
     assert np.array_equal(file.V, SQUARE)
     assert file.F.tolist() == [[0, 1, 2], [0, 1, 4], [0, 4, 3], [2, 3, 4]]
     note = "further values than the header declares stay as they are: 4 lines, from line 12"
-    assert file.notes == (note,)
+    assert file.notes == (note,) and file.holds == ("undeclared values", "polygons", "comments")
     write_file(tmp_path / "b.ply", file, file.V)
     assert (tmp_path / "b.ply").read_bytes() == path.read_bytes()
     write_file(tmp_path / "b.ply", file, file.V + [0, 0, 2])
