@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sshade.errors import InputError
-from sshade.io.meshes import read_mesh
+from sshade.io.meshes import read_surface
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.proxy import proxy_mesh, sample_proxy
 
@@ -65,4 +65,6 @@ def _meshes(paths: list[Path]) -> Iterator[tuple[str, Mesh]]:
         files = sorted(path.glob("subject_*/rest.ply")) if path.is_dir() else [path]
         if not files:
             raise InputError(f"{path}: no subject_*/rest.ply in this folder")
-        yield from ((file.parent.name if path.is_dir() else file.stem, read_mesh(file)) for file in files)
+        yield from (
+            (file.parent.name if path.is_dir() else file.stem, read_surface(file)[1].mesh) for file in files
+        )

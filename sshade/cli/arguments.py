@@ -5,11 +5,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sshade.cli.console import say
+from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
 from sshade.options import described, help_text
+
+if TYPE_CHECKING:
+    from sshade.mesh.surface import Surface
 
 #: Formats of meshes, for `--help`.
 FORMATS = ", ".join(SUFFIXES)
@@ -81,3 +87,36 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     if output is not None and (lost := file.lost(output)):
         say(f"note: {output} loses the {' and '.join(lost)} of {path}, because it has another format")
     return file
+
+
+def read_surface(options: argparse.Namespace, output: Path | None = None) -> tuple[MeshFile, Surface]:
+    """Read MESH as :func:`read`, and make its surface with --weld and --repair."""
+    from sshade.io.meshes import surface_of
+
+    file = read(options.mesh, output)
+    return file, surface_of(file, options.mesh, weld=options.weld, repair=options.repair)
+
+
+def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surface: Surface) -> np.ndarray:
+    """Return the positions (k, 3) of the surface's vertices in another shape of a mesh.
+
+    Parameters
+    ----------
+    shape, path : MeshFile and path
+        The other shape.
+    file, mesh : MeshFile and path
+        The mesh that `surface` was made from.
+
+    Raises
+    ------
+    InputError
+        When the numbers of vertices differ, or a position is not finite.
+    """
+    if len(shape.V) != len(file.V):
+        raise InputError(
+            f"{path} has {len(shape.V)} vertices and {mesh} has {len(file.V)}; they must correspond"
+        )
+    V = shape.V[surface.original]
+    if not np.isfinite(V).all():
+        raise InputError(f"{path}: a vertex has a NaN or infinite coordinate")
+    return V

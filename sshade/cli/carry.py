@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from sshade.cli.arguments import add_files, add_options, read
+from sshade.cli.arguments import add_files, add_options, add_repair, read, read_surface
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     files = {"mesh": "mesh that was remeshed", "map": ".npz map from `sshade remesh`"}
     add_files(parser, output="OUT", **files, edited="proxy with moved vertices")
     add_options(parser, ("frames",), frames="triangle")
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -38,16 +39,17 @@ def _carry(options: argparse.Namespace) -> int:
     import numpy as np
 
     from sshade.carry.binding_file import load_binding
-    from sshade.io.meshes import surface_of, write_file
+    from sshade.io.meshes import write_file
+    from sshade.mesh.surface import cut_surface, mean_of_copies
 
     edited = read(options.edited).V
     if not np.isfinite(edited).all():
         raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
-    file = read(options.mesh, options.output)
-    whole = surface_of(file, options.mesh)
-    binding = load_binding(options.map, whole.mesh, frames=options.frames)
+    file, whole = read_surface(options, options.output)
+    cut = cut_surface(whole.mesh)
+    binding = load_binding(options.map, cut.mesh, frames=options.frames)
     V, degenerate = binding.carry(edited)
-    write_file(options.output, file, whole.placed(file.V, V))
+    write_file(options.output, file, whole.placed(file.V, mean_of_copies(cut, V)))
     say(f"{options.output}: {len(file.V)} vertices carried by {binding.proxy.n}")
     if degenerate:
         say(f"note: {degenerate} frames of the proxy have no area; they rotate with their neighbours")

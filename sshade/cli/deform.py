@@ -43,7 +43,16 @@ from typing import Any
 
 import numpy as np
 
-from sshade.cli.arguments import CARRY, HANDLES, REST, add_files, add_flags, add_options, add_repair, read
+from sshade.cli.arguments import (
+    CARRY,
+    HANDLES,
+    REST,
+    add_files,
+    add_flags,
+    add_options,
+    add_repair,
+    read_surface,
+)
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import notes
 from sshade.errors import InputError
@@ -90,13 +99,12 @@ def command(options: argparse.Namespace) -> int:
 def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.io.handles import handle_notes, on_mesh
-    from sshade.io.meshes import surface_of, write_file
+    from sshade.io.meshes import write_file
     from sshade.pipeline.deform import deform
     from sshade.task import DeformationTask
 
-    file = read(options.mesh, options.output)
+    file, whole = read_surface(options, options.output)
     V = file.V
-    whole = surface_of(file, options.mesh, weld=options.weld, repair=options.repair)
     mesh = whole.mesh
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)

@@ -19,7 +19,7 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles
+from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles, add_repair
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
     browser = "do not open a browser, only print the address"
     add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -64,8 +65,8 @@ def _edit(options: argparse.Namespace) -> int:
     settings = Settings(require_method(options.method, METHODS))
     files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
     with announced_compilation():
-        carry = options.carry_unconstrained
-        session = Session(options.mesh, **files, settings=settings, carry_unconstrained=carry)
+        further = {name: getattr(options, name) for name in ("carry_unconstrained", "weld", "repair")}
+        session = Session(options.mesh, **files, settings=settings, **further)
     for note in session.document.notes:
         say(f"note: {options.mesh}: {note}")
     try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from sshade.cli.arguments import REST, add_files, add_options
+from sshade.cli.arguments import REST, add_files, add_options, add_repair
 from sshade.cli.transfer_pose import DEFAULTS, OPTIONS, POSED
 from sshade.cli.transfer_pose import command as command
 
@@ -18,4 +18,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="OUT", mesh=REST, posed=POSED)
     add_options(parser, OPTIONS, **DEFAULTS)
+    add_repair(parser)
     parser.set_defaults(residual=False)

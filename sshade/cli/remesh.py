@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.cli.arguments import FORMATS, add_files, add_options, read
+from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, read_surface
 from sshade.cli.console import announced_compilation, say
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output, replacing
@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="N", mesh=f"mesh to sample ({FORMATS})")
     parser.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
     add_options(parser, OPTIONS, vertices=Options.vertices, seed=0)
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -39,13 +40,17 @@ def command(options: argparse.Namespace) -> int:
 def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
     from sshade.carry.binding_file import save_binding
-    from sshade.io.meshes import surface_of, write_mesh
+    from sshade.io.meshes import write_mesh
+    from sshade.mesh.surface import cut_surface
     from sshade.pipeline.proxies import bind
 
-    whole = surface_of(read(options.mesh), options.mesh)
-    binding = bind(whole.mesh, options.vertices, seed=options.seed)
+    _, whole = read_surface(options)
+    cut = cut_surface(whole.mesh)
+    binding = bind(cut.mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:
         save_binding(temporary, binding)
         write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # if this fails, no map is written
     say(f"{options.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {options.map}")
+    if cut.mesh is not whole.mesh:
+        say("note: the mesh is no oriented manifold: the proxy is cut where the mesh is not, or turned")
     return 0

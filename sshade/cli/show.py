@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli.arguments import add_mesh_and_handles, read
+from sshade.cli.arguments import add_mesh_and_handles, add_repair, corresponding, read, read_surface
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         about: dict[str, Any] = {"default": default, "metavar": ("X", "Y", "Z")}
         about["help"] = f"{text} (default: {' '.join(f'{x:g}' for x in default)})"
         parser.add_argument(f"--{name}", type=float, nargs=3, **about)
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -63,14 +64,16 @@ def command(options: argparse.Namespace) -> int:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
     from sshade.io.handles import on_mesh
-    from sshade.io.meshes import mesh_of
 
-    mesh = mesh_of(read(options.mesh), options.mesh)
+    file, whole = read_surface(options)
+    mesh = whole.mesh
     with naming(options.handles):
-        handles = None if given is None else on_mesh(given, mesh)
+        handles = None if given is None else on_mesh(given, mesh, vertex=whole.vertex)
     deformed = None
     if options.deformed is not None:
-        deformed = mesh.checked(read(options.deformed).V, f"file {options.deformed}")
+        shape = read(options.deformed)
+        deformed = corresponding(shape, options.deformed, file, options.mesh, whole)
+        deformed = mesh.checked(deformed, f"file {options.deformed}")
     look = {"towards": options.towards, "up": options.up}
     plotter = draw(mesh, handles, deformed=deformed, window=path is None, **look)
     if path is None:

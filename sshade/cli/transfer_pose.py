@@ -14,7 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from sshade.cli.arguments import REST, add_files, add_flags, add_options, read
+from sshade.cli.arguments import (
+    REST,
+    add_files,
+    add_flags,
+    add_options,
+    add_repair,
+    corresponding,
+    read,
+    read_surface,
+)
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.files import check_output
@@ -37,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "transfer only the edit: vertices that were not edited end exactly at their places in POSED"
     add_flags(parser, {"--residual": text})
     add_options(parser, OPTIONS, **DEFAULTS)
+    add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -52,20 +62,24 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     """Read the shapes, transfer the pose, and write the output."""
-    from sshade.io.meshes import mesh_of, write_file
+    from sshade.io.meshes import write_file
     from sshade.pipeline.transfer import transfer_pose
 
-    file = read(options.mesh, options.output)
-    posed = read(options.posed).V
-    edited = read(options.edited).V if "edited" in options else None
-    mesh = mesh_of(file, options.mesh)
+    shapes = {name: read(path) for name in ("posed", "edited") if (path := getattr(options, name, None))}
+    file, whole = read_surface(options, options.output)
+    mesh = whole.mesh
+    moved = {
+        name: corresponding(shape, getattr(options, name), file, options.mesh, whole)
+        for name, shape in shapes.items()
+    }
+    posed, edited = moved["posed"], moved.get("edited")
     begin = perf_counter()
     with progress_bar() as progress:
         residual = options.residual
         result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
-    write_file(options.output, file, result.vertices)
-    say(f"{options.output}: {mesh.n} vertices, {options.samplings} proxies, {seconds:.2f} s")
+    write_file(options.output, file, whole.placed(shapes["posed"].V, result.vertices))
+    say(f"{options.output}: {len(file.V)} vertices, {options.samplings} proxies, {seconds:.2f} s")
     if edited is None:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
         say(

@@ -14,6 +14,7 @@ from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, naming
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
+from sshade.mesh.surface import NEAR
 from sshade.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
@@ -38,6 +39,8 @@ class Document:
         files lie beside the mesh and are named after it.
     carry : bool
         The `carry_unconstrained` of :class:`sshade.DeformationTask`.
+    weld, repair
+        See :func:`sshade.mesh.surface.surface`.
 
     Attributes
     ----------
@@ -55,7 +58,16 @@ class Document:
         When the file cannot be read, or a given path cannot be written or is the mesh itself.
     """
 
-    def __init__(self, path: Path, *, output: Path | None, handles: Path | None, carry: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        output: Path | None,
+        handles: Path | None,
+        carry: bool,
+        weld: float = NEAR,
+        repair: bool = False,
+    ) -> None:
         self.name, self._path, self._replaceable = path.name, path, set[Path]()
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
@@ -67,12 +79,11 @@ class Document:
                 self._propose(content, given)
         self._carry, self._file = carry, read_file(path)
         self.notes = self._file.notes
-        self._surface = surface_of(self._file, path)
+        self._surface = surface_of(self._file, path, weld=weld, repair=repair)
+        self._flags = [] if weld == NEAR else ["--weld", f"{weld:g}"]
+        self._flags += ["--repair"] * repair + ["--carry-unconstrained"] * carry
         self.mesh = self._surface.mesh
-        used = np.flatnonzero(self._surface.vertex >= 0)
-        # Handle files name the first of the vertices at one place.
-        _, first = np.unique(self._surface.vertex[used], return_index=True)
-        self._id = used[first]
+        self._id = self._surface.original  # handle files name the first of the vertices at one place
 
     def task(self, state: State) -> DeformationTask:
         """Return the task of a method.
@@ -165,7 +176,6 @@ class Document:
     def command(self, settings: Settings) -> str:
         """Return the command line that computes the same shape from the saved handles."""
         method = [] if settings.method == Settings().method else ["--method", settings.method]
-        carry = ["--carry-unconstrained"] if self._carry else []
         paths = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         constraints = [word for name in settings.constraints for word in (f"--{name}", "0")]
-        return shlex.join(["sshade", "deform", *paths, *method, *constraints, *carry])
+        return shlex.join(["sshade", "deform", *paths, *method, *constraints, *self._flags])

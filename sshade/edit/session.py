@@ -42,6 +42,8 @@ class Session:
     settings : Settings
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
+    **welding
+        ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
 
     Attributes
     ----------
@@ -67,8 +69,10 @@ class Session:
         handles_output: Path | None = None,
         settings: Settings = Settings(),  # noqa: B008  (immutable)
         carry_unconstrained: bool = False,
+        **welding: Any,
     ) -> None:
-        self.document = Document(path, output=output, handles=handles_output, carry=carry_unconstrained)
+        welding["carry"] = carry_unconstrained
+        self.document = Document(path, output=output, handles=handles_output, **welding)
         self.mesh = mesh = self.document.mesh
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))

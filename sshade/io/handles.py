@@ -51,6 +51,7 @@ from sshade.io.packed import packed
 from sshade.io.points import columns
 from sshade.io.regions import vertices_in
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import NEAR
 from sshade.snapping import snap_to_vertices
 from sshade.task import DeformationTask
 
@@ -153,7 +154,13 @@ def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
 
 
 def read_task(
-    mesh: str, *, handles: str, raw: bool = False, carry_unconstrained: bool = False
+    mesh: str,
+    *,
+    handles: str,
+    raw: bool = False,
+    carry_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
 ) -> DeformationTask:
     """Read a mesh file and a handle file as a task, which is named after both.
 
@@ -167,6 +174,8 @@ def read_task(
         Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
+    weld, repair
+        See :func:`sshade.mesh.surface.surface`.
 
     Raises
     ------
@@ -174,7 +183,7 @@ def read_task(
         See :func:`sshade.io.meshes.read_surface`, :func:`read_handles` and
         :class:`sshade.DeformationTask`.
     """
-    _, rest = read_surface(mesh)
+    _, rest = read_surface(mesh, weld=weld, repair=repair)
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
     own = read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex)
     meta, carry = {"raw": raw}, carry_unconstrained

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import same_places, seams
 
@@ -41,6 +42,12 @@ class Surface(NamedTuple):
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)
+
+    @property
+    def original(self) -> np.ndarray:
+        """(k,) int64: the first of the original vertices of each vertex of the mesh."""
+        used = np.flatnonzero(self.vertex >= 0)
+        return used[np.unique(self.vertex[used], return_index=True)[1]]
 
     def merged(self, first: np.ndarray) -> Surface:
         """Merge each vertex of the mesh with the vertex `first` (k,) of its group; facts stay."""
@@ -80,17 +87,20 @@ def surface(
     Raises
     ------
     InputError
-        As :class:`sshade.Mesh`; also when every face repeats a vertex, and if `weld` is out of range.
+        As :class:`sshade.Mesh`; also when every face repeats a vertex, all vertices coincide, or `weld` is
+        out of range.
     """
     if not 0 <= weld <= NEAREST_MOST:
         raise InputError(f"weld is a fraction of the diagonal from 0 to {NEAREST_MOST:g}, not {weld}")
     whole = cleaned(V, F)
+    if whole.mesh.diagonal == 0:
+        raise InputError("all vertices of the mesh coincide")
     tolerance = np.zeros(3)
     if weld > 0:
         if rounding is None:
             rounding = single_steps(whole.mesh.V) if is_single(whole.mesh.V) else np.zeros(3)
         tolerance = np.maximum(weld * whole.mesh.diagonal, STEPS * rounding)
-    facts = {**whole.facts, "tolerance": tolerance.max() / (whole.mesh.diagonal or 1.0)}
+    facts = {**whole.facts, "tolerance": tolerance.max() / whole.mesh.diagonal}
     result = whole
     if repair:
         ids = same_places(whole.mesh.V, tolerance)
@@ -111,8 +121,9 @@ def surface(
 
 
 def single_steps(V: np.ndarray) -> np.ndarray:
-    """Return the rounding steps (3,) float64 of the largest coordinates of positions (n, 3) in float32."""
-    return np.spacing(np.abs(V).max(axis=0).astype(np.float32)).astype(np.float64)
+    """Return the rounding steps (3,) float64 of the largest finite coordinates of V (n, 3) in float32."""
+    largest = np.where(np.isfinite(V), np.abs(V), 0.0).max(axis=0, initial=0.0)
+    return np.spacing(largest.astype(np.float32)).astype(np.float64)
 
 
 def is_single(V: np.ndarray) -> bool:
@@ -144,6 +155,19 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
         vertex = np.where(used, np.cumsum(used) - 1, -1)
         V, F = V[used], vertex[F]
     return Surface(Mesh(V, F), vertex, facts)  # raises whatever else is wrong
+
+
+def cut_surface(mesh: Mesh) -> Cut:
+    """Drop duplicate faces, and cut into an oriented manifold: see :func:`sshade.mesh.cutting`."""
+    return cut_to_manifold(without_duplicates(mesh))
+
+
+def mean_of_copies(cut: Cut, V: np.ndarray) -> np.ndarray:
+    """Return the mean (n, 3) of the positions V (k, 3) of all copies of each original vertex."""
+    if len(np.unique(cut.origin)) == len(V):
+        return V
+    count = np.bincount(cut.origin)
+    return np.stack([np.bincount(cut.origin, x) / count for x in V.T], axis=1)
 
 
 def without_duplicates(mesh: Mesh) -> Mesh:

@@ -136,6 +136,7 @@ class Engine:
     ) -> None:
         self._mesh, self._sample, self._projection = mesh, sample, projection
         self.proxies = Proxies(mesh, options, handles=len(handles))
+        mesh.require_one_component()
         self.regions = self.regions_of(handles)
 
     def regions_of(self, handles: Handles) -> HandleRegions:

@@ -14,9 +14,10 @@ from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.frames import FrameMaker
 from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.connectivity import members
 from sshade.mesh.mesh import Mesh
 from sshade.options import Options
-from sshade.sampling.proxy import sample_proxy
+from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.task import DeformationResult
 from sshade.threads import available_cpus, in_threads
 
@@ -90,7 +91,7 @@ class Proxies:
     Parameters
     ----------
     mesh : Mesh
-        M: manifold, oriented, one component; a boundary is fine.
+        M: manifold and oriented; a boundary is fine.
     options : Options
         The options of :data:`sshade.options.PROXIES`.
     handles : int
@@ -107,7 +108,6 @@ class Proxies:
         begin = perf_counter()
         self.mesh, self.graph = mesh, vertex_graph(mesh)
         self._graph_seconds = perf_counter() - begin
-        mesh.require_one_component()
         self._without_area = int(mesh.without_area.sum())
         self.vertices = proxy_vertices(options.vertices, mesh.n, handles, coarser=options.coarser)
         self.samplings, self.workers, self.seed = options.samplings, options.workers, options.seed
@@ -160,7 +160,7 @@ def bind(
     Parameters
     ----------
     mesh : Mesh
-        M: manifold, oriented, one component.
+        M: manifold and oriented; one component, if there is `first`.
     vertices, coarser, frames, frame_function
         See :class:`sshade.options.Options`.
     first : (h,) int, optional
@@ -179,10 +179,32 @@ def bind(
     maker = frame_maker(frames, mesh, frame_function=frame_function)
     begin = perf_counter()
     count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)
-    sampling = sample_proxy(mesh, count, first=first, seed=seed, graph=graph)
+    if first is None and mesh.connectivity.components > 1:
+        sampling = _sampled_by_component(mesh, count, seed)
+    else:
+        sampling = sample_proxy(mesh, count, first=first, seed=seed, graph=graph)
     seconds = {"remesh": perf_counter() - begin}
     binding = bind_proxy(mesh, sampling, frames=maker)
     return replace(binding, seconds={**seconds, **binding.seconds})
+
+
+def _sampled_by_component(mesh: Mesh, vertices: int, seed: int | tuple[int, ...]) -> Sampling:
+    """Sample each component of an oriented manifold; `vertices` are distributed by area."""
+    count, of_face = mesh.connectivity.components, mesh.component[mesh.F[:, 0]]
+    size, area = np.bincount(mesh.component), np.bincount(of_face, mesh.face_areas)
+    share = shared_vertices(vertices, area, np.minimum(size, SPARE), size)
+    parts, first = [], 0
+    cell, distance = np.empty(mesh.n, dtype=np.int32), np.empty(mesh.n)
+    for number, (vertex, faces) in enumerate(
+        zip(members(mesh.component, count), members(of_face, count), strict=True)
+    ):
+        part = Mesh(mesh.V[vertex], np.searchsorted(vertex, mesh.F[faces]))
+        sampling = sample_proxy(part, int(share[number]), seed=seed)
+        cell[vertex], distance[vertex] = sampling.cell + first, sampling.distance
+        parts.append((vertex[sampling.samples], sampling.faces + first))
+        first += len(sampling.samples)
+    samples, triangles = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Sampling(samples, triangles, cell, distance)
 
 
 class _RunningMean:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import cut_surface, mean_of_copies
 from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.pipeline.proxies import Proxies, bind
 from sshade.progress import Progress, silent
@@ -31,7 +32,7 @@ def transfer(
     Parameters
     ----------
     task : TransferTask
-        `mesh` is S, `rest` is M and `posed` is M'. M must be manifold, oriented and of one component.
+        `mesh` is S, `rest` is M and `posed` is M'. If M is no oriented manifold, it is cut, and joined again.
     residual : bool
         Add to each vertex the difference between M' and its reconstruction from the proxy.
         Vertices that were not edited then end exactly on M'. This reads M' at every vertex, and is not in the
@@ -49,20 +50,22 @@ def transfer(
     Raises
     ------
     InputError
-        If M is not as required, or on an unknown option or a value out of its range.
+        If M cannot be cut, or on an unknown option or a value out of its range.
 
     References
     ----------
     F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
     deformation via local representations", the sections on isometric and pose transfer.
     """
-    posed, edited = np.asarray(task.posed, dtype=np.float64), task.mesh.V
+    cut = cut_surface(task.rest)
+    rest, posed = cut.mesh, np.asarray(task.posed, dtype=np.float64)[cut.origin]
+    edited = rest.V if task.mesh.V is task.rest.V else task.mesh.V[cut.origin]
     resolved = Options(**{"samplings": TRANSFER_SAMPLINGS, **checked(options, PROXIES, subject="transfer")})
-    proxies, done = Proxies(task.rest, resolved), count(1)
+    proxies, done = Proxies(rest, resolved), count(1)
 
     def one_sampling(number: int) -> DeformationResult:
         binding = bind(
-            task.rest,
+            rest,
             proxies.vertices,
             coarser=1,
             seed=(proxies.seed, number),
@@ -71,10 +74,11 @@ def transfer(
         )
         begin = perf_counter()
         NV, on = posed[binding.sampling.samples], binding.projection
-        local = binding.local if edited is task.rest.V else binding.frames.encode(edited, on)
+        local = binding.local if edited is rest.V else binding.frames.encode(edited, on)
         V, degenerate = binding.frames.decode(local, NV, on=on)
         if residual:
             V = V + (posed - binding.frames.decode(binding.local, NV, on=on)[0])
+        V = mean_of_copies(cut, V)
         progress("samplings", next(done), proxies.samplings)
         seconds = {**binding.seconds, "carry": perf_counter() - begin}
         return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})

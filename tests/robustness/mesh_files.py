@@ -54,12 +54,12 @@ NAN = mesh(np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F, "n
 #: Each other command that takes a mesh, with a bad one.
 PLACES = {
     "remesh body.ply -o out.ply --map m.npz": (cut("body.ply", 0.5), "body.ply", "not a readable PLY"),
-    "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has shape (3, 3)"),
+    "show body.ply --deformed less.ply -o out.png": (LESS, "less.ply has 3 vertices and body.ply has"),
     "show body.ply -o out.exr": (nothing, "'.exr'"),
     "show body.ply -o nowhere/out.png": (nothing, "nowhere does not exist"),
     "reconstruct body.ply less.ply -o out.ply": (LESS, "they must correspond"),
     "reconstruct body.ply nan.ply -o out.ply": (NAN, "NaN or infinite"),
-    "transfer-pose body.ply body.ply less.ply -o out.ply": (LESS, "edited", "they must correspond"),
+    "transfer-pose body.ply body.ply less.ply -o out.ply": (LESS, "less.ply", "they must correspond"),
 }
 CASES = [
     *_of_each_format(),

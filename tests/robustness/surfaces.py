@@ -9,11 +9,10 @@ from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, refused, run
 from tests.robustness.inputs import BODY, Given, both, handles, mesh, pose, posed, write_sound
 from tests.shapes import strip, tetrahedron, torus
-from tests.sshade.mesh.test_cutting import moebius, t_fin
+from tests.sshade.mesh.test_cutting import moebius
 
 DEFORM = "sshade deform body.ply pose.json -o out.ply"
 REPAIR = f"{DEFORM} --repair"
-REMESH = "sshade remesh body.ply -o n.ply --map map.npz"
 CARRY = "--carry-unconstrained"
 V, F = BODY.V, BODY.F
 
@@ -46,13 +45,6 @@ REFUSED = {
     "a face out of range": (_at((3, 2), 999, of="F"), "face 3", "the ids go from 0 to 161"),
     "a component without handles": (mesh(*_two()), "1 of the mesh's 2 components", CARRY),
     "all vertices in one place": (mesh(np.ones_like(V), F), "coincide"),
-}
-REFUSED_BY_REMESH = {
-    "a face twice": (mesh(V, [*F, F[0]]), "has 3 faces"),
-    "one face turned": (_at(11, F[11, ::-1], of="F"), "not consistently oriented"),
-    "a fin": (mesh(t_fin().V, t_fin().F), "not manifold: edge", "3 faces"),
-    "two fans at a vertex": (mesh(*_touching()), "more than one fan"),
-    "two components": (mesh(*_two()), "2 components"),
 }
 
 
@@ -154,7 +146,6 @@ CASES = [
         _at((3, 2), 999, of="F"),
         says=("face 3", "the ids go from 0 to 161"),
     ),
-    *refused(REMESH, REFUSED_BY_REMESH, prefix="remesh: "),
     *(_taken(name, given, holds) for name, (given, holds) in TAKEN.items()),
     MILLION,
 ]

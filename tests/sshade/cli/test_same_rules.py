@@ -1,0 +1,107 @@
+"""All commands, the editor, tasks and Python take and refuse the same meshes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import InputError, deform
+from sshade.cli.main import main
+from sshade.edit.session import Session
+from sshade.io.handles import read_task, write_handles
+from sshade.io.meshes import read_arrays, write_mesh
+from sshade.task import Handles
+from tests.shapes import beside, bumpy, shifted, torn, torus
+from tests.sshade.mesh.test_cutting import moebius, t_fin
+
+BODY = bumpy(2)
+V, F = BODY.V, BODY.F
+SEAM = torn(BODY)[:2]
+NEAR = np.where(np.arange(len(SEAM[0]))[:, None] < BODY.n, SEAM[0], SEAM[0] + 5e-10 * BODY.diagonal), SEAM[1]
+TOP, BOTTOM = int(np.argmax(V[:, 2])), int(np.argmin(V[:, 2]))
+TWO_FANS = beside(BODY, shifted(BODY, V[TOP] - V[BOTTOM]))
+TAKEN = {
+    "clean": (V, F),
+    "vertices in no face": (np.concatenate([[[9.0, 9, 9]], V]), F + 1),
+    "a face that repeats a vertex": (V, np.concatenate([F, [[4, 4, 7]]])),
+    "a seam": SEAM,
+    "a seam with rounding": NEAR,
+    "an edge of three faces": (t_fin().V, t_fin().F),
+    "two fans at a vertex": (
+        TWO_FANS.V,
+        np.where(BODY.n + BOTTOM == TWO_FANS.F, TOP, TWO_FANS.F),
+    ),
+    "a face twice": (V, np.concatenate([F, F[:1]])),
+    "faces turned": (V, np.concatenate([F[:9, ::-1], F[9:]])),
+    "several components": (beside(BODY, torus(9, 6)).V, beside(BODY, torus(9, 6)).F),
+    "one side": (moebius().V, moebius().F),
+    "a triangle": (np.eye(3), np.array([[0, 1, 2]])),
+    "no width": (V * [0, 0, 1], F),
+    "triangles that share no vertex": (V[F].reshape(-1, 3), np.arange(F.size).reshape(-1, 3)),
+}
+COMMANDS = (
+    "deform rest.ply pose.json -o out.ply --vertices 60 --carry-unconstrained",
+    "show rest.ply pose.json --deformed rest.ply -o out.png",
+    "remesh rest.ply -o proxy.ply --map map.npz --vertices 60",
+    "carry rest.ply map.npz proxy.ply -o carried.ply",
+    "reconstruct rest.ply rest.ply -o rebuilt.ply --vertices 60 --samplings 2",
+    "transfer-pose rest.ply rest.ply rest.ply -o transferred.ply --vertices 60 --samplings 2",
+)
+REFUSED = {
+    "a NaN": (np.where(np.arange(len(V))[:, None] == 3, np.nan, V), F),
+    "a face of vertices that are missing": (V, np.concatenate([F, [[0, 1, 999]]])),
+    "one place": (np.ones_like(V), F),
+    "no face with three vertices": (V, np.column_stack([F[:, 0], F[:, 0], F[:, 1]])),
+    "coordinates without digits": (V + 1e14, F),
+}
+
+
+@pytest.fixture
+def refusals(here, capsys):
+    """The reason why each command refuses a mesh; "" where it takes the mesh."""
+    write_mesh("body.ply", V, F)
+    assert main([*COMMANDS[2].replace("rest", "body").split()]) == 0
+    capsys.readouterr()
+
+    def found(V: np.ndarray, F: np.ndarray) -> dict[str, str]:
+        write_mesh("rest.ply", V, F)
+        used = np.unique(F[len(V) > F])[[0, -1]]
+        target = np.nan_to_num(V)[used] + [[0, 0, 0], [0.1, 0, 0]]
+        write_handles("pose.json", Handles(used, target))
+        reason = {}
+        for command in COMMANDS:
+            code = main(command.split())
+            said = capsys.readouterr().err
+            assert code == (2 if said.startswith("error: ") else 0), said
+            reason[command] = said.removeprefix("error: ").rstrip() if code else ""
+        for name, call in {
+            "the editor": lambda: Session(
+                Path("rest.ply"), handles=Path("pose.json"), carry_unconstrained=True
+            ),
+            "a task": lambda: read_task("rest.ply", handles="pose.json", carry_unconstrained=True),
+            "Python": lambda: deform(V, F, used, target, carry_unconstrained=True, vertices=60),
+        }.items():
+            try:
+                call()
+                reason[name] = ""
+            except InputError as error:
+                reason[name] = str(error)
+        return {name: why.removeprefix("rest.ply: ") for name, why in reason.items()}
+
+    return found
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_every_command_takes(name, refusals):
+    reason = refusals(*TAKEN[name])
+    assert set(reason.values()) == {""}, {command: why for command, why in reason.items() if why}
+    rest, _ = read_arrays("rest.ply")
+    for output, most in (("carried.ply", 1e-6), ("rebuilt.ply", 0.2), ("transferred.ply", 0.2)):
+        away = np.abs(read_arrays(output)[0] - rest).max() / BODY.diagonal
+        assert away < most, f"{output} is {away:.2g} of the diagonal from the shape at rest"
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_every_command_refuses(name, refusals):
+    reason = refusals(*REFUSED[name])
+    assert len(set(reason.values())) == 1 and "" not in reason.values(), reason
