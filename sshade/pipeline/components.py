@@ -119,12 +119,6 @@ def by_components(
         result = deform(replace(task, mesh=mesh), progress=progress)
         _warn_of_volume([result.extra])
         return replace(result, extra={**result.extra, **facts})
-    least = min(len(handles), EDGE_SAMPLES)
-    if options.vertices < least:
-        raise InputError(
-            f"{options.vertices} proxy vertices were asked for: at least {least} are needed, to hold the "
-            f"{len(handles)} handle vertices"
-        )
     components = _Components(mesh, cut, task, deform, options)
     all_components = components.order()
     order = [component for component in all_components if not components.move_with_handles(component)]
@@ -216,7 +210,16 @@ class _Components:
         return found
 
     def proxy_vertices(self, order: list[int]) -> np.ndarray:
-        """Return (c,) int64: the numbers of proxy vertices of components that are deformed in this order."""
+        """Return (c,) int64: the numbers of proxy vertices of components that are deformed in this order.
+
+        Raise InputError if the handles of the components find no room on the proxy.
+        """
+        asked, handles = self._options.vertices, int((~self._done[self._handles.index]).sum())
+        if asked < (needed := min(handles, EDGE_SAMPLES)):
+            raise InputError(
+                f"{asked} proxy vertices were asked for: at least {needed} are needed, to hold the {handles} "
+                "handle vertices"
+            )
         fixed = self._done | (self._number >= 0)
         least, most = np.zeros((2, len(order)), dtype=np.int64)
         for number, component in enumerate(order):
@@ -225,12 +228,12 @@ class _Components:
             least[number] = min(n, least_vertices(handles))
             most[number] = proxy_vertices(n, n, handles, coarser=self._options.coarser)
             fixed[origin] = True
-        return shared_vertices(self._options.vertices, self.area[order], least, most)
+        return shared_vertices(asked, self.area[order], least, most)
 
     def move_with_handles(self, component: int) -> bool:
         """Move a component by the rigid motion that its hard handles share; return whether there is one.
 
-        Components that are joined to others are not moved, because a joint may belong to a shape that bends.
+        Components that are joined to others stay, because a joint may belong to a shape that bends.
         """
         origin, handles = self._cut.origin[self._members[component]], self._handles
         number = np.unique(self._number[origin])
@@ -309,9 +312,9 @@ class _Components:
     def _handles_of(self, origin: np.ndarray) -> Handles:
         """Handles of a component, then copies of finished vertices, fixed at their positions."""
         handles, number = self._handles, self._number[origin]
-        with_handle = np.flatnonzero(number >= 0)
+        fixed = self._done[origin] & ~((number >= 0) & handles.hard[number])  # also where a handle is soft
+        with_handle, seam = np.flatnonzero((number >= 0) & ~fixed), np.flatnonzero(fixed)
         with_handle = with_handle[np.argsort(number[with_handle], kind="stable")]
-        seam = np.flatnonzero((number < 0) & self._done[origin])
         number = number[with_handle]
         of_seam = {"dynamic": True, "group": handles.group.max() + 1, "weight": np.inf}
         fields: dict[str, Any] = {"index": np.concatenate([with_handle, seam])}

@@ -24,6 +24,8 @@ from sshade.sampling.coarse import sample_farthest
 
 #: Largest number of rounds in which samples are added until all cells pass the closed-ball test.
 MAX_ROUNDS = 50
+#: What to do about a proxy that is too coarse. A small mesh has no more vertices unless `coarser` is lower.
+MORE = "ask for more vertices, and on a small mesh lower the option coarser"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +114,7 @@ def sample_proxy(
         if rounds == MAX_ROUNDS or len(new) == 0:
             raise InputError(
                 f"remeshing to {vertices} vertices failed: after {rounds} rounds {len(failed)} cells "
-                f"(around vertices {fronts.samples[failed[:3]].tolist()}) are no discs; ask for more vertices"
+                f"(around vertices {fronts.samples[failed[:3]].tolist()}) are no discs; {MORE}"
             )
         fronts.insert(new)
         rounds += 1
@@ -160,8 +162,6 @@ def _check_topology(mesh: Mesh, result: Sampling) -> None:
         proxy = proxy_mesh(mesh, result)
         proxy.require_manifold()
     except InputError as error:
-        raise InputError(f"{failed}: {error}; ask for more vertices") from error
+        raise InputError(f"{failed}: {error}; {MORE}") from error
     if proxy.topology != mesh.topology:
-        raise InputError(
-            f"{failed}: the proxy has {proxy.topology}, the mesh {mesh.topology}; ask for more vertices"
-        )
+        raise InputError(f"{failed}: the proxy has {proxy.topology}, the mesh {mesh.topology}; {MORE}")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.options import Options
 from sshade.pipeline.components import by_components
 from sshade.progress import silent
@@ -165,6 +165,16 @@ def test_a_fin_follows_what_it_stands_on():
     assert result.extra["gap"] * mesh.diagonal < 0.15
 
 
+def test_soft_handles_on_a_seam_leave_no_gap():
+    """The base places them, and the fin follows."""
+    mesh, row = t_fin(4), 5 * np.arange(11) + 2
+    index = np.concatenate([[0, 4], row[4:8], [mesh.n - 1]])
+    target = mesh.V[index] + np.outer([0, 0, 1, 1, 1, 1, 0], [0, 1, 2])
+    own = Handles(index, target, weight=[np.inf, np.inf, 2, 2, 2, 2, np.inf])
+    for method in (fast, fine):
+        assert deformed(mesh, own, method).extra["gap"] < 1e-6
+
+
 def test_rigid_handles_move_what_was_cut_rigidly():
     R, shift = rotation(4), np.array([0.3, -1, 2])
     edge = np.zeros((2, 2, 1))
@@ -254,6 +264,13 @@ def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
     assert 0 < result.extra["side_gap"] < 0.03 and result.extra["gap"] == 0
     expected = ["the volume constraint is off: one-sided"] if method is not paper else []
     assert caplog.messages == expected
+
+
+def test_a_one_sided_surface_is_refused_where_it_cannot_be_covered():
+    with pytest.raises(
+        InputError, match="a one-sided surface has no such orientation, and only sshade.deform"
+    ):
+        Deformer(moebius(), [0, 40])
 
 
 @pytest.mark.parametrize("method", [fast, METHOD])

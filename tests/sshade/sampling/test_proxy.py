@@ -106,7 +106,7 @@ def test_a_proxy_of_another_topology_is_never_returned(monkeypatch, name):
         try:
             assert_valid_proxy(SURFACES[name], sample_proxy(SURFACES[name], k))
         except InputError as error:
-            assert re.fullmatch(f"remeshing to {k} vertices failed: .*; ask for more vertices", str(error))
+            assert re.fullmatch(f"remeshing to {k} vertices failed: .*; {module.MORE}", str(error))
             errors.append(str(error))
     assert errors
     if "tube" in name:  # an end closes: manifold and complete, but another surface
