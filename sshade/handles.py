@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.handle_checks import (
+    NO_HANDLES,
+    SAME_TARGET,
+    checked_rotation,
+    checked_target,
+    checked_weight,
+    first_of_each,
+    per_handle,
+)
 from sshade.mesh.mesh import Mesh
 from sshade.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
-#: Largest difference between two equal targets of one vertex, as a fraction of the diagonal.
-SAME_TARGET = 1e-6
-
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
 LEAST_AREA = 1e-3
-
-#: Largest entry of R R^T - 1 for a rotation R.
-ROTATION = 1e-6
-
-NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,14 @@ class Handles:
     merge_distance : float
         Largest distance between the target of a merged handle and the target of its vertex.
     extent : float, optional
-        Diagonal of the mesh. Targets of one vertex are equal if they differ by less than
-        :data:`SAME_TARGET` times this length; by default the diagonal of the bounding box of all targets.
+        Diagonal of the mesh, by default of the bounding box of all targets. Targets of one vertex are equal
+        if they differ by at most :data:`sshade.handle_checks.SAME_TARGET` times this length.
 
     Raises
     ------
     InputError
         On wrong shapes, no handles, negative ids, targets that are not finite, weights that are not
-        positive, matrices that are not rotations, or one vertex with different targets or weights.
+        positive, matrices that are not rotations, or one vertex with different targets, weights or rotations.
     """
 
     index: np.ndarray
@@ -91,20 +91,20 @@ class Handles:
         index, k = index.astype(np.int64), len(index)
         if k == 0:
             raise InputError(NO_HANDLES)
-        target = _checked_target(self.target, index)
+        target = checked_target(self.target, index)
         if index.min() < 0:
             raise InputError(f"handle id {index.min()} is negative")
         fields = {
             "index": index,
             "target": target,
-            "dynamic": _per_handle(self.dynamic, True, bool, k, "dynamic"),
-            "group": _per_handle(self.group, 0, np.int64, k, "group"),
-            "snap_distance": _per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
-            "weight": _checked_weight(self.weight, k),
-            "portion": _per_handle(self.portion, None, np.float64, k, "portion"),
-            "rotation": _checked_rotation(self.rotation, k),
+            "dynamic": per_handle(self.dynamic, True, bool, k, "dynamic"),
+            "group": per_handle(self.group, 0, np.int64, k, "group"),
+            "snap_distance": per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
+            "weight": checked_weight(self.weight, k),
+            "portion": per_handle(self.portion, None, np.float64, k, "portion"),
+            "rotation": checked_rotation(self.rotation, k),
         }
-        first = _first_of_each(index, target, fields["weight"], extent)
+        first = first_of_each(index, target, fields["weight"], fields["rotation"], extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -169,8 +169,8 @@ class Handles:
             On another shape, targets that are not finite, or matrices that are not rotations.
         """
         moved = copy(self)
-        target = _checked_target(np.array(target, dtype=np.float64), self.index)
-        moved._set({"target": target, "rotation": _checked_rotation(rotation, len(self))})
+        target = checked_target(np.array(target, dtype=np.float64), self.index)
+        moved._set({"target": target, "rotation": checked_rotation(rotation, len(self))})
         return moved
 
     def sampled(self, number: np.ndarray, index: np.ndarray, V: np.ndarray) -> Handles:
@@ -270,9 +270,9 @@ class Handles:
         if not (np.isfinite(source).all() and np.isfinite(target).all()):
             raise InputError("a handle has a NaN or infinite position")
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
-        group = _per_handle(group, 0, np.int64, k, "group")
-        weight = _checked_weight(weight, k)
-        rotation = _checked_rotation(rotation, k)
+        group = per_handle(group, 0, np.int64, k, "group")
+        weight = checked_weight(weight, k)
+        rotation = checked_rotation(rotation, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
         moved = target
@@ -297,70 +297,3 @@ class Handles:
             merge_distance=float(one.distance.max()),
             extent=mesh.diagonal,
         )
-
-
-def _checked_target(target: Any, index: np.ndarray) -> np.ndarray:
-    target = np.asarray(target, dtype=np.float64)
-    if target.shape != (len(index), 3):
-        raise InputError(f"{len(index)} handles need targets of shape ({len(index)}, 3), not {target.shape}")
-    finite = np.isfinite(target).all(axis=1)
-    if not finite.all():
-        bad = int(np.argmin(finite))
-        raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
-    return target
-
-
-def _per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> Any:
-    if values is None:
-        return None if default is None else np.full(k, default, dtype=dtype)
-    values = np.asarray(values, dtype=dtype)
-    if values.shape != (k,):
-        raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
-    return values
-
-
-def _checked_weight(weight: Any, k: int) -> np.ndarray:
-    weight = np.inf if weight is None else weight
-    weight = _per_handle(weight if np.ndim(weight) else np.full(k, weight), None, np.float64, k, "weight")
-    if not (weight > 0).all():
-        bad = weight[~(weight > 0)][0]
-        raise InputError(f"the weight of a handle goes from above 0 to inf (hard), not {bad}")
-    return weight
-
-
-def _checked_rotation(rotation: Any, k: int) -> np.ndarray | None:
-    if rotation is None:
-        return None
-    R = np.array(rotation, dtype=np.float64)
-    if R.shape != (k, 3, 3):
-        raise InputError(f"{k} handles need rotations of shape ({k}, 3, 3), not {R.shape}")
-    require_rotations(R[~np.isnan(R).all(axis=(1, 2))])
-    return R
-
-
-def require_rotations(R: np.ndarray) -> None:
-    """Raise InputError unless matrices (j, 3, 3) are orthonormal, to :data:`ROTATION`, and right-handed."""
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0)
-    wrong = ~((off <= ROTATION) & (np.linalg.det(np.nan_to_num(R)) > 0))
-    if wrong.any():
-        bad = int(np.argmax(wrong))
-        raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
-
-
-def _first_of_each(
-    index: np.ndarray, target: np.ndarray, weight: np.ndarray, extent: float | None
-) -> np.ndarray:
-    """Return where each id first occurs, in input order; all its targets and weights must agree."""
-    _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
-    if len(first) < len(index):
-        earlier = first[inverse]
-        gap = np.linalg.norm(target - target[earlier], axis=1)
-        extent = float(np.linalg.norm(np.ptp(target, axis=0))) if extent is None else extent
-        if (gap > SAME_TARGET * extent).any():
-            bad = int(np.argmax(gap))
-            vertex, apart = index[bad], f"{gap[bad]:.3g}"
-            raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
-        if (weight != weight[earlier]).any():
-            bad = int(np.argmax(weight != weight[earlier]))
-            raise InputError(f"vertex {index[bad]} has two weights; give each handle vertex one")
-    return np.sort(first)

@@ -9,7 +9,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import NO_HANDLES, Handles
+from sshade.handle_checks import NO_HANDLES
+from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
 
 Kind = Literal["static", "moving"]

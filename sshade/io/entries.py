@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
 from sshade.io.keys import LONGEST, require_known
@@ -125,8 +126,6 @@ def parsed_handle_file(content: bytes, *, raw: bool = False) -> HandleFile:
             if kind != "unused":
                 entries.append(_entry(number, entry, kind == "dynamic", moves=raw or kind == "dynamic"))
     if not entries:
-        from sshade.handles import NO_HANDLES
-
         raise InputError(NO_HANDLES)
     return HandleFile(entries, raw)
 
@@ -206,8 +205,6 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
 
         return Rotation.from_quat(quaternion).as_matrix()
     R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
-    from sshade.handles import require_rotations
-
     with naming('"rotation" is no rotation'):
         require_rotations(R[None])
     return R

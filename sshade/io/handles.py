@@ -42,7 +42,8 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import SAME_TARGET, Handles
+from sshade.handle_checks import SAME_TARGET
+from sshade.handles import Handles
 from sshade.io.entries import Entry, HandleFile, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame

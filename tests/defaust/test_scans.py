@@ -13,7 +13,7 @@ from defaust.sources.scans import NAMES, SCANS, SHIPPED, Scans, identity, shippe
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
 from sshade import Mesh
-from sshade.handles import require_rotations
+from sshade.handle_checks import require_rotations
 from sshade.io.meshes import read_mesh, write_mesh
 from sshade.io.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph

@@ -39,6 +39,15 @@ def test_inconsistent_handles_are_refused(arguments, words):
         Handles(**arguments)
 
 
+def test_a_vertex_has_one_weight_and_one_rotation():
+    twice, target, R = [4, 4], np.zeros((2, 3)), np.stack([np.eye(3), rotation(1)])
+    with pytest.raises(InputError, match="vertex 4 has two weights"):
+        Handles(twice, target, weight=[1, 2])
+    with pytest.raises(InputError, match="vertex 4 has two rotations"):
+        Handles(twice, target, rotation=R)
+    assert len(Handles(twice, target, rotation=R[[0, 0]])) == 1
+
+
 def test_static_handles_snap_to_their_vertex_and_stay_there(body):
     source = body.V[[10, 20, 30]] + 1e-3
     handles = Handles.from_positions(body, source, source + 5.0, dynamic=False)

@@ -162,6 +162,19 @@ def test_the_largest_snap_is_told(folder, capsys):
     assert words in capsys.readouterr().err
 
 
+def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(folder, capsys):
+    high, low = POSE.index[-1], POSE.index[0]
+    source = BODY.V[[high, high]] + [[0.01, 0, 0], [-0.01, 0, 0]]
+    put_handles(
+        {"source": source.tolist(), "target": (source + [[0, 0.01, 0], [0, -0.01, 0]]).tolist()},
+        {"vertices": [int(low)], "kind": "dynamic", "rotation": TURN.tolist()},
+    )
+    assert main(DEFORM) == 0
+    err = capsys.readouterr().err
+    assert "note: 1 position was merged with another position" in err
+    assert "note: the rotation of entry 1 is about the origin, which lies outside" in err
+
+
 @pytest.mark.parametrize("command", ["deform {} {}", "remesh {} --map map.npz", "carry {} {} {}"])
 def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, capsys, command):
     """A missing input would be the error, were the output not looked at first."""

@@ -44,6 +44,7 @@ LIGHT = {
     "deform body.ply body.ply -o a.ply": "unknown format '.ply'",
     "deform body.ply syntax.json -o a.ply": "not readable as JSON",
     "deform body.ply no_list.json -o a.ply": 'expected an object with a list "handles"',
+    "deform body.ply none.json -o a.ply": "there are no handles",
     "deform body.ply kind.json -o a.ply": "entry 0: unknown kind 'fixed'",
     "deform body.ply ids.json -o a.ply": 'entry 0: "vertices" must be a list of integers',
     "deform body.ply key.json -o a.ply": 'entry 0: there is no key "targets"; did you mean "target"?',
@@ -70,7 +71,6 @@ LIGHT = {
 }
 #: Mistakes whose check imports more.
 HEAVIER = {
-    "deform body.ply none.json -o a.ply": "there are no handles",
     "deform damaged.ply pose.json -o a.ply": "damaged.ply: not a readable PLY file",
     "edit body.ply --method paper_plain": "there is no method 'paper_plain' here",
     "transfer-pose body.ply body.ply damaged.ply -o a.ply": "damaged.ply: not a readable PLY file",

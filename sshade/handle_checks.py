@@ -1,0 +1,97 @@
+"""Checks of handles that need no mesh, and no library except numpy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+
+#: Largest difference between two equal targets of one vertex, as a fraction of the diagonal.
+SAME_TARGET = 1e-6
+
+#: Largest entry of R R^T - 1 for a rotation R, and of the difference of two equal rotations.
+ROTATION = 1e-6
+
+NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
+
+
+def checked_target(target: Any, index: np.ndarray) -> np.ndarray:
+    """Return targets (k, 3) of the vertices `index`; raise InputError if they are not finite."""
+    target = np.asarray(target, dtype=np.float64)
+    if target.shape != (len(index), 3):
+        raise InputError(f"{len(index)} handles need targets of shape ({len(index)}, 3), not {target.shape}")
+    finite = np.isfinite(target).all(axis=1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise InputError(f"the target of handle {bad} (vertex {index[bad]}) is NaN or infinite")
+    return target
+
+
+def per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> Any:
+    """Return values (k,) of handles, k times the default if there are none, or None without a default."""
+    if values is None:
+        return None if default is None else np.full(k, default, dtype=dtype)
+    values = np.asarray(values, dtype=dtype)
+    if values.shape != (k,):
+        raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
+    return values
+
+
+def checked_weight(weight: Any, k: int) -> np.ndarray:
+    """Return weights (k,), given as one number or one for each handle."""
+    weight = np.inf if weight is None else weight
+    weight = per_handle(weight if np.ndim(weight) else np.full(k, weight), None, np.float64, k, "weight")
+    if not (weight > 0).all():
+        bad = weight[~(weight > 0)][0]
+        raise InputError(f"the weight of a handle goes from above 0 to inf (hard), not {bad}")
+    return weight
+
+
+def checked_rotation(rotation: Any, k: int) -> np.ndarray | None:
+    """Return a copy of rotations (k, 3, 3), some of which may be NaN."""
+    if rotation is None:
+        return None
+    R = np.array(rotation, dtype=np.float64)
+    if R.shape != (k, 3, 3):
+        raise InputError(f"{k} handles need rotations of shape ({k}, 3, 3), not {R.shape}")
+    require_rotations(R[~np.isnan(R).all(axis=(1, 2))])
+    return R
+
+
+def require_rotations(R: np.ndarray) -> None:
+    """Raise InputError unless matrices (j, 3, 3) are orthonormal, to :data:`ROTATION`, and right-handed."""
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0)
+    wrong = ~((off <= ROTATION) & (np.linalg.det(np.nan_to_num(R)) > 0))
+    if wrong.any():
+        bad = int(np.argmax(wrong))
+        raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
+
+
+def first_of_each(
+    index: np.ndarray,
+    target: np.ndarray,
+    weight: np.ndarray,
+    rotation: np.ndarray | None,
+    extent: float | None,
+) -> np.ndarray:
+    """Return where each id first occurs, in input order; its targets, weights and rotations must agree."""
+    _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
+    if len(first) < len(index):
+        earlier = first[inverse]
+        gap = np.linalg.norm(target - target[earlier], axis=1)
+        extent = float(np.linalg.norm(np.ptp(target, axis=0))) if extent is None else extent
+        if (gap > SAME_TARGET * extent).any():
+            bad = int(np.argmax(gap))
+            vertex, apart = index[bad], f"{gap[bad]:.3g}"
+            raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
+        if (weight != weight[earlier]).any():
+            bad = int(np.argmax(weight != weight[earlier]))
+            raise InputError(f"vertex {index[bad]} has two weights; give each handle vertex one")
+        if rotation is not None:
+            gap = np.nan_to_num(np.abs(rotation - rotation[earlier]).max(axis=(1, 2)))
+            if (gap > ROTATION).any():
+                bad = int(np.argmax(gap))
+                raise InputError(f"vertex {index[bad]} has two rotations; give each handle vertex one")
+    return np.sort(first)
