@@ -1,7 +1,7 @@
 """glTF 2.0 files, .glb and .gltf: positions, normals and tangents change, all other bytes stay.
 
 The vertices of all triangle primitives are read in the order of the meshes of the file, at the places where
-the nodes of the scene put them. Where several nodes show a mesh, each node but the first gets a mesh of its
+the nodes of the scene put them. Where several nodes have a mesh, each node but the first gets a mesh of its
 own behind the meshes of the file. Libraries would lay out the buffers anew.
 
 Khronos Group, "glTF 2.0 specification", 2021.

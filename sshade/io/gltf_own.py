@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.io.gltf_scene import CHANGED, FLOAT, accessor_bytes, array_of, dense, mesh_matrices
+from sshade.io.gltf_scene import CHANGED, FLOAT, accessor_bytes, array_of, dense, mesh_matrices, node_matrices
 
 
 class _Copies:
@@ -70,6 +70,7 @@ def with_own_numbers(
         What was rewritten, for the user.
     """
     tree = copy.deepcopy(tree)
+    meshes = len(tree.get("meshes", [])) - 1
     instances = _split_instances(tree)
     matrices = mesh_matrices(tree)
     shared, owner = _overlapping(tree, buffers), dict[tuple, tuple]()
@@ -82,7 +83,7 @@ def with_own_numbers(
             attributes = primitive["attributes"]
             here = {name: attributes[name] for name in CHANGED if name in attributes}
             keys = {name: accessor_bytes(tree, i) for name, i in here.items()}
-            use = (place, *keys.items())
+            use = (place, max(number, meshes), *keys.items())  # instances share nothing, even at one place
             mine = {key: (name, use) for name, key in keys.items()}
             plain = all(_is_plain(tree["accessors"][i]) for i in here.values())
             own = all(owner.get(key, value) == value for key, value in mine.items())
@@ -94,22 +95,26 @@ def with_own_numbers(
                 converted += not plain
             attributes |= made[use]
     notes = {
-        f"{instances} nodes show a mesh that another node shows; each gets a mesh of its own": instances,
+        f"{instances} nodes have a mesh that another node has; each gets a mesh of its own": instances,
         f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
     }
     return tree, copies.buffers(), tuple(note for note, there in notes.items() if there)
 
 
 def _split_instances(tree: dict[str, Any]) -> int:
-    """Give each node a mesh of its own, behind the meshes of the file; return the number of new meshes."""
-    shown, instances = set[int](), 0
-    for node in tree.get("nodes", []):
-        if "mesh" not in node:
-            continue
-        if node["mesh"] in shown:
+    """Give each node a mesh of its own, behind the meshes of the file; return the number of new meshes.
+
+    Nodes that no scene shows come last.
+    """
+    shown, taken, instances = node_matrices(tree), set[int](), 0
+    nodes = [
+        node for _, node in sorted(enumerate(tree.get("nodes", [])), key=lambda pair: pair[0] not in shown)
+    ]
+    for node in (node for node in nodes if "mesh" in node):
+        if node["mesh"] in taken:
             tree["meshes"].append(copy.deepcopy(tree["meshes"][node["mesh"]]))
             node["mesh"], instances = len(tree["meshes"]) - 1, instances + 1
-        shown.add(node["mesh"])
+        taken.add(node["mesh"])
     return instances
 
 

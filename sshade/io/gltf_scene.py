@@ -146,13 +146,27 @@ def triangles_of(
 
 
 def mesh_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
-    """Return the matrix (4, 4) that maps each mesh to the scene; the identity if there are no nodes.
+    """Return the matrix (4, 4) that maps each shown mesh to the scene; the identity if there are no nodes.
 
-    At most one node shows each mesh. Raises ValueError when a node flattens a mesh.
+    At most one node shows each mesh.
+    """
+    if not tree.get("nodes"):
+        return {number: np.eye(4) for number in range(len(tree.get("meshes", [])))}
+    return {tree["nodes"][number]["mesh"]: matrix for number, matrix in node_matrices(tree).items()}
+
+
+def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
+    """Return the matrix (4, 4) that maps each node with a mesh to the scene.
+
+    A node is shown if one of the scenes has it, or if the file has no scenes. Raises ValueError when a
+    shown node flattens its mesh.
     """
     nodes = tree.get("nodes", [])
-    if not nodes:
-        return {number: np.eye(4) for number in range(len(tree.get("meshes", [])))}
+    roots = (
+        {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
+        if "scenes" in tree
+        else None
+    )
     parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
     found: dict[int, np.ndarray] = {}
     for number, node in enumerate(nodes):
@@ -164,9 +178,11 @@ def mesh_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
             if steps > len(nodes):
                 raise ValueError("its nodes are their own ancestors")
             matrix = _matrix(nodes[above]) @ matrix
+        if roots is not None and above not in roots:
+            continue
         if not abs(np.linalg.det(matrix[:3, :3])) > 0:
             raise ValueError(f"its node {number} has a scale of zero, which leaves a mesh no volume")
-        found[node["mesh"]] = matrix
+        found[number] = matrix
     return found
 
 

@@ -218,9 +218,29 @@ def test_instances_stand_where_their_nodes_put_them_and_mirrors_turn_faces(tmp_p
     assert np.allclose(file.V, np.concatenate(places), rtol=0, atol=1e-14)
     faces = [SPHERE.F, [[n, n + 1, n + 2]], SPHERE.F + n + 3, SPHERE.F[:, ::-1] + 2 * n + 3]
     assert np.array_equal(file.F, np.concatenate(faces))
-    assert file.notes == ("2 nodes show a mesh that another node shows; each gets a mesh of its own",)
+    assert file.notes == ("2 nodes have a mesh that another node has; each gets a mesh of its own",)
     shown = trimesh.load(tmp_path / "a.glb", process=False).to_mesh()
     assert np.isclose(volume(file.V, file.F), volume(shown.vertices, shown.faces))
+
+
+def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
+    """A hidden node has the mesh of the shown node; without scenes, both are shown."""
+    tree, buffer = exported()
+    tree["nodes"] = [{"mesh": 0, "name": "hidden"}, {"mesh": 0}]
+    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
+    file = read_file(tmp_path / "a.glb")
+    assert np.array_equal(file.V, SPHERE.V.astype("f4"))
+    write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
+    new, data = taken_apart((tmp_path / "b.glb").read_bytes())
+    assert [node["mesh"] for node in new["nodes"]] == [2, 0]
+    view = new["bufferViews"][
+        new["accessors"][new["meshes"][2]["primitives"][0]["attributes"]["POSITION"]]["bufferView"]
+    ]
+    hidden = np.frombuffer(data, "<f4", 3 * SPHERE.n, view["byteOffset"]).reshape(-1, 3)
+    assert np.array_equal(hidden, SPHERE.V.astype("f4"))
+    del tree["scenes"], tree["scene"]
+    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
+    assert len(read_file(tmp_path / "a.glb").V) == 2 * SPHERE.n
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
@@ -342,9 +362,12 @@ def sparse(view: int, offset: int) -> dict:
         ({"accessors.0.sparse": sparse(0, 2)}, "sparse numbers of its accessor 0 reach beyond"),
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed buffers"),
         ({f"{PRIMITIVE}.targets": [{}]}, "morph targets"),
-        ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}]}, "a scale of zero"),
-        ({"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}, "their own ancestors"),
-        ({"nodes": [{}]}, "no triangles"),
+        ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
+        (
+            {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}], "scenes": [{"nodes": [0]}]},
+            "their own ancestors",
+        ),
+        ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
         ({"asset.version": "1.0"}, "version 2"),
         ({"buffers.0.byteLength": 10**9}, "bytes of the"),
         ({"buffers.0.uri": "gone.bin"}, "its buffer gone.bin is missing"),
