@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
+from sshade.io.files import check_output
 from sshade.options import described, help_text
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str
     for name, text in positional.items():
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
+    _add_overwrite(parser, positional)
 
 
 def add_mesh_and_handles(parser: argparse.ArgumentParser, *, output: str, text: str) -> None:
@@ -39,6 +41,25 @@ def add_mesh_and_handles(parser: argparse.ArgumentParser, *, output: str, text: 
     parser.add_argument("mesh", type=Path, metavar="MESH", help=REST)
     parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help=HANDLES)
     parser.add_argument("-o", "--output", type=Path, metavar=output, help=text)
+    _add_overwrite(parser, ("mesh", "handles"))
+
+
+def _add_overwrite(parser: argparse.ArgumentParser, inputs: Iterable[str]) -> None:
+    """Declare --overwrite, and the names of the inputs for :func:`check_outputs`."""
+    text = "allow an output to replace an input; other existing files are always replaced"
+    add_flags(parser, {"--overwrite": text})
+    parser.set_defaults(inputs=tuple(inputs))
+
+
+def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> None:
+    """Raise InputError unless the named outputs have one of the suffixes, can be written, and are no inputs.
+
+    Outputs that are None are skipped. With --overwrite an output may be an input.
+    """
+    inputs = [getattr(options, name) for name in options.inputs]
+    for name, known in suffixes.items():
+        if (path := getattr(options, name)) is not None:
+            check_output(path, known, inputs=inputs, overwrite=options.overwrite)
 
 
 def add_flags(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import argparse
 
-from sshade.cli.arguments import add_files, add_options, add_repair, read, read_surface
+from sshade.cli.arguments import add_files, add_options, add_repair, check_outputs, read, read_surface
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
-from sshade.io.files import check_output
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_output(options.output, SUFFIXES)
+    check_outputs(options, output=SUFFIXES)
     check_input(options.mesh, SUFFIXES)
     check_input(options.map, (".npz",))
     check_input(options.edited, SUFFIXES)

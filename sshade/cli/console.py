@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import sleep
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from sshade.errors import InputError
-from sshade.io.files import reason
+from sshade.io.files import reason, remove_temporaries
 from sshade.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -27,6 +30,15 @@ EXTRAS = {
 
 #: Number of stages that are shown after their end, so that a screen has room for the stages that run.
 ENDED = 5
+
+#: Signals by which systems end a program: at a shutdown, at a time limit, or when a terminal is closed.
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+#: Seconds that threads get to end after a signal.
+PATIENCE = 0.5
+
+#: Text of the RuntimeError of Python where the system starts no more threads.
+NO_THREAD = "can't start new thread"
 
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
@@ -148,9 +160,21 @@ def run_command(main: Callable[[], int]) -> int:
     """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
-    zero-area triangles; an OSError; a MemoryError; and a library of :data:`EXTRAS` that is not installed. If
-    the reader of standard output has ended, as after ``| head``, the command ends silently.
+    zero-area triangles; an OSError; a lack of memory; and a library of :data:`EXTRAS` that is not installed.
+    If the reader of standard output has ended, as after ``| head``, the command ends silently. Meanwhile,
+    SIGTERM and SIGHUP end the program with exit code 143 and 129, and leave no temporary file.
     """
+    received: list[int] = []
+    with _signals_into(received):
+        try:
+            code = _run(main)
+        except BaseException:  # SystemExit, or the error of code that the exception interrupted
+            if not received:
+                raise
+    return 128 + received[0] if received else code
+
+
+def _run(main: Callable[[], int]) -> int:
     try:
         code = main()
         sys.stdout.flush()
@@ -169,11 +193,59 @@ def run_command(main: Callable[[], int]) -> int:
         if (missing := missing_library(error)) is None:
             raise
         mistake = missing
-    except KeyboardInterrupt:
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+        mistake = f"there is not enough memory, or there are too many processes ({error})"
+    except (KeyboardInterrupt, SystemError) as error:
+        # A compiled function raises SystemError where the interrupt arrived in it.
+        if not isinstance(error, KeyboardInterrupt) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         say("interrupted")
         return 130
     say(f"error: {mistake}")
     return 2
+
+
+@contextmanager
+def _signals_into(received: list[int]) -> Iterator[None]:
+    """Have :data:`ENDING` end a ``with`` block by SystemExit, unless they are ignored, as by ``nohup``.
+
+    The number of the signal is appended to `received`. A compiled function delays the exception. A thread
+    therefore ends the process after :data:`PATIENCE`, and removes its temporary files.
+    """
+    # Windows ends programs without a signal, and only the main thread may set handlers.
+    if os.name == "nt" or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [number for number in ENDING if signal.getsignal(number) == signal.SIG_DFL]
+
+    def end(number: int, _: object) -> None:
+        if not received:
+            received.append(number)
+            raise SystemExit(128 + number)
+
+    def watch() -> None:
+        while byte := os.read(reading, 1):
+            if byte[0] in numbers:
+                sleep(PATIENCE)
+                remove_temporaries()
+                os._exit(128 + byte[0])
+        os.close(reading)
+
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    earlier = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=watch, daemon=True).start()
+    for number in numbers:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+        signal.set_wakeup_fd(earlier)
+        os.close(writing)
 
 
 def _drop_output() -> None:

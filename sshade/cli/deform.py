@@ -51,6 +51,7 @@ from sshade.cli.arguments import (
     add_flags,
     add_options,
     add_repair,
+    check_outputs,
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
@@ -58,7 +59,7 @@ from sshade.cli.notes import notes
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
-from sshade.io.files import check_output, naming
+from sshade.io.files import naming
 from sshade.options import GROUPS, PAPER, require_method, resolve
 
 #: Options of the methods that the command line can give.
@@ -84,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_output(options.output, SUFFIXES)
+    check_outputs(options, output=SUFFIXES)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds

@@ -18,14 +18,18 @@ from __future__ import annotations
 import argparse
 import webbrowser
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles, add_repair
+from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles, add_repair, check_outputs
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
-from sshade.io.files import check_output, reason
+from sshade.io.files import reason
 from sshade.options import require_method
+
+if TYPE_CHECKING:
+    from sshade.edit.server import Server
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
+    # --overwrite does not apply to the mesh: the saved handles belong to it.
+    parser.set_defaults(inputs=("handles",))
     browser = "do not open a browser, only print the address"
     add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
     add_repair(parser)
@@ -50,9 +56,7 @@ def command(options: argparse.Namespace) -> int:
     check_input(options.mesh, SUFFIXES)
     if options.handles is not None:
         read_handle_file(options.handles)
-    for path, suffixes in ((options.output, SUFFIXES), (options.handles_out, (".json",))):
-        if path is not None:
-            check_output(path, suffixes)
+    check_outputs(options, output=SUFFIXES, handles_out=(".json",))
     return _edit(options)
 
 
@@ -73,15 +77,22 @@ def _edit(options: argparse.Namespace) -> int:
         server = Server(session, port=options.port)
     except OSError as error:
         raise InputError(f"port {options.port} of this machine cannot be used ({reason(error)})") from error
+    try:
+        _serve(server, browser=not options.no_browser)
+    finally:  # also when a signal ends the program
+        if session.is_unsaved:
+            say("note: the handles were not saved")
+    return 0
+
+
+def _serve(server: Server, *, browser: bool) -> None:
+    """Serve the editor until it is closed."""
     with server:
         print(server.address, flush=True)  # noqa: T201
-        if not options.no_browser and not webbrowser.open(server.address):
+        if browser and not webbrowser.open(server.address):
             say("note: no browser could be opened; open the address in one")
         try:
             server.serve_forever(poll_interval=0.1)
         except KeyboardInterrupt:
             say("")
         server.close()
-    if session.is_unsaved:
-        say("note: the handles were not saved")
-    return 0

@@ -7,7 +7,7 @@
 
 `sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that
 completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the
-arguments or the files, reported in one sentence.
+arguments or the files, reported in one sentence; 130, 143 and 129 if SIGINT, SIGTERM or SIGHUP ended it.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, read_surface
+from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, read_surface
 from sshade.cli.console import announced_compilation, say
 from sshade.io.document import SUFFIXES, check_input
-from sshade.io.files import check_output, replacing
+from sshade.io.files import replacing
 from sshade.options import PROXIES, Options, checked
 
 OPTIONS = ("vertices", "seed")
@@ -29,8 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_output(options.output, SUFFIXES)
-    check_output(options.map, (".npz",))
+    check_outputs(options, output=SUFFIXES, map=(".npz",))
     checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="remesh")
     check_input(options.mesh, SUFFIXES)
     return _remesh(options)

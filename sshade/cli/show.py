@@ -19,13 +19,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli.arguments import add_mesh_and_handles, add_repair, corresponding, read, read_surface
+from sshade.cli.arguments import (
+    add_mesh_and_handles,
+    add_repair,
+    check_outputs,
+    corresponding,
+    read,
+    read_surface,
+)
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
-from sshade.io.files import check_output, naming, replacing
+from sshade.io.files import naming, replacing
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -42,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_mesh_and_handles(parser, output="PICTURE", text=f"picture to write ({', '.join(PICTURES)})")
     parser.add_argument("--deformed", type=Path, metavar="OUT", help="deformed shape, with the same vertices")
+    parser.set_defaults(inputs=("mesh", "handles", "deformed"))
     for name, default, text in (
         ("towards", TOWARDS, "direction to the camera"),
         ("up", UP, "upward direction"),
@@ -57,8 +65,7 @@ def command(options: argparse.Namespace) -> int:
     path = options.output
     if path is None and not has_display():
         raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
-    if path is not None:
-        check_output(path, PICTURES)
+    check_outputs(options, output=PICTURES)
     check_input(options.mesh, SUFFIXES)
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)

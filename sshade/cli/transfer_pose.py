@@ -20,13 +20,13 @@ from sshade.cli.arguments import (
     add_flags,
     add_options,
     add_repair,
+    check_outputs,
     corresponding,
     read,
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.io.document import SUFFIXES, check_input
-from sshade.io.files import check_output
 from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 POSED = "the same vertices in a pose"
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
-    check_output(options.output, SUFFIXES)
+    check_outputs(options, output=SUFFIXES)
     sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for name in ("mesh", "posed", "edited"):
         if name in options:

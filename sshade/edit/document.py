@@ -11,7 +11,7 @@ import numpy as np
 from sshade.edit.state import Group, Settings, State, groups_of
 from sshade.errors import InputError
 from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
-from sshade.io.files import check_output, naming
+from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.mesh.surface import NEAR
@@ -150,7 +150,7 @@ class Document:
 
     def _check(self, content: str, path: Path) -> None:
         check_output(path, FORMATS[content])
-        if path.resolve() == self._path.resolve():
+        if is_same_file(path, self._path):
             raise InputError(f"{path} is the mesh that is edited; save under another name")
 
     def _propose(self, content: str, path: Path) -> None:

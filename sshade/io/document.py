@@ -21,7 +21,10 @@ def check_input(path: Path, suffixes: Collection[str]) -> None:
     """Raise InputError unless `path` is a file with one of the suffixes."""
     check_suffix(path, suffixes)
     if not path.is_file():
-        raise InputError(f"{path}: no such file")
+        there = "is a folder" if path.is_dir() else "is a pipe or a device, which cannot be read"
+        raise InputError(
+            f"{path}: {f'{there}; give the name of a file' if path.exists() else 'no such file'}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import platform
 import re
-from collections.abc import Collection, Iterator
+import stat
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -14,6 +15,8 @@ from sshade.errors import InputError
 
 #: Numbers the writes of this process, so that two threads never share a temporary name.
 _WRITES = count()
+#: Temporary files of this process, for :func:`remove_temporaries`.
+_TEMPORARIES: set[Path] = set()
 
 
 @contextmanager
@@ -25,37 +28,89 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     to this call: of several writers of one path, the last to finish wins. Temporary files that killed
     processes of this machine left for `path` are removed as well.
 
+    A symbolic link is followed: the file that it names is replaced in its own folder, and the link stays.
+    The new file has the permissions of the old one, and its owner and group where the system permits this.
+    A hard link to the old file keeps the old contents.
+
     Raises
     ------
     InputError
-        When the file cannot be written: the disk is full, or the folder is missing or read-only.
+        When the file cannot be written: the disk is full, the folder is missing or read-only, or the path is
+        a device, a pipe or a loop of links.
     """
-    path = Path(path)
-    _remove_leftovers(path)
-    beginning, end = _temporary_affixes(path)
-    temporary = path.with_name(f"{beginning}{os.getpid()}-{next(_WRITES)}{end}")
+    name = Path(path)
+    temporary = None
     try:
+        path, old = _target(name)
+        _remove_leftovers(path, name.suffix)
+        beginning, end = _temporary_affixes(path, name.suffix)
+        temporary = path.with_name(f"{beginning}{os.getpid()}-{next(_WRITES)}{end}")
+        _TEMPORARIES.add(temporary)
+        if old is not None:  # nobody who may not read the old file may read the new one, from the beginning
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         yield temporary
+        if old is not None:
+            _restore_permissions(temporary, old)
         os.replace(temporary, path)
     except BaseException as error:
+        if temporary is not None:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f"{name}: cannot be written ({reason(error)})") from error
+        raise
+    finally:
+        _TEMPORARIES.discard(temporary)  # type: ignore[arg-type]
+
+
+def remove_temporaries() -> None:
+    """Remove the temporary files of all writes of this process, before the process is ended at once."""
+    for temporary in tuple(_TEMPORARIES):
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f"{path}: cannot be written ({reason(error)})") from error
-        raise
 
 
-def _temporary_affixes(path: Path) -> tuple[str, str]:
-    """Return the prefix and the suffix of the temporary names for a path on this machine."""
+def _target(path: Path) -> tuple[Path, os.stat_result | None]:
+    """Return the path without links, and the state of the regular file there, None if there is no file.
+
+    Raises
+    ------
+    InputError
+        When the path is a device, a pipe or another special file, which a file must not replace.
+    OSError
+        On a loop of links, or where the path cannot be looked up.
+    """
+    try:
+        old = path.stat()
+    except FileNotFoundError:
+        return Path(os.path.realpath(path)), None
+    if not stat.S_ISREG(old.st_mode) and not stat.S_ISDIR(old.st_mode):
+        raise InputError(f"{path}: is a device or a pipe, which cannot be written; give the name of a file")
+    return Path(os.path.realpath(path)), old
+
+
+def _restore_permissions(path: Path, old: os.stat_result) -> None:
+    """Give a file the owner and the group of an old file, where permitted, and its mode."""
+    new = path.stat()
+    if hasattr(os, "chown"):
+        for owner, group in ((old.st_uid, -1), (-1, old.st_gid)):
+            if owner not in (-1, new.st_uid) or group not in (-1, new.st_gid):
+                with suppress(PermissionError):
+                    os.chown(path, owner, group)
+    path.chmod(stat.S_IMODE(old.st_mode))
+
+
+def _temporary_affixes(path: Path, suffix: str) -> tuple[str, str]:
+    """Return the beginning and the end of the temporary names for a path on this machine."""
     host = re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
-    return f".{path.stem}.{host}-", f".partial{path.suffix}"
+    return f".{path.stem}.{host}-", f".partial{suffix}"
 
 
-def _remove_leftovers(path: Path) -> None:
+def _remove_leftovers(path: Path, suffix: str) -> None:
     """Remove temporary files for `path` that belong to processes of this machine that have ended."""
     import psutil  # here, so that `import sshade` does not load it
 
-    beginning, end = _temporary_affixes(path)
+    beginning, end = _temporary_affixes(path, suffix)
     with suppress(OSError):
         for name in os.listdir(path.parent):
             if name.startswith(beginning) and name.endswith(end):
@@ -87,19 +142,54 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         raise InputError(f"{path}: the folder cannot be created ({reason(error)})") from error
 
 
-def check_output(path: str | os.PathLike[str], suffixes: Collection[str]) -> None:
-    """Raise InputError unless `path` has one of the suffixes and lies in a writable folder.
+def check_output(
+    path: str | os.PathLike[str],
+    suffixes: Collection[str],
+    *,
+    inputs: Iterable[str | os.PathLike[str] | None] = (),
+    overwrite: bool = False,
+) -> None:
+    """Raise InputError unless `path` has one of the suffixes and a file can be written there.
 
     Commands call this before long computations.
+
+    Parameters
+    ----------
+    path : path
+    suffixes : collection of str
+    inputs : iterable of path, optional
+        Files that the command reads. The output must not be the same file, under any name.
+    overwrite : bool
+        Allow the output to be an input.
     """
     path = Path(path)
     check_suffix(path, suffixes)
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    for given in inputs:
+        if given is not None and not overwrite and is_same_file(path, given):
+            raise InputError(
+                f"{path}: is the input {given}; give another name, or pass --overwrite to replace the input"
+            )
+    try:
+        target, _ = _target(path)
+    except OSError as error:
+        if isinstance(error, NotADirectoryError):
+            raise InputError(f"{path}: the folder {path.parent} does not exist") from error
+        raise InputError(f"{path}: cannot be written ({reason(error)})") from error
+    folder = path.parent if target.parent == Path(os.path.realpath(path.parent)) else target.parent
+    if not folder.is_dir():
+        raise InputError(f"{path}: the folder {folder} does not exist")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a file")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: the folder {path.parent} is not writable")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path}: the folder {folder} is not writable")
+
+
+def is_same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two paths are one file, also through links and on file systems that ignore case."""
+    try:
+        return os.path.samefile(path, other)
+    except OSError:
+        return False
 
 
 def check_suffix(path: Path, suffixes: Collection[str]) -> None:

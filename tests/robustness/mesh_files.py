@@ -45,7 +45,7 @@ PLY = {
 NAMES = {
     "unknown suffix": ("body.fbx", garbage("body.fbx"), ".fbx", ".ply"),
     "no suffix": ("body", garbage("body"), "unknown format"),
-    "a folder for a mesh": ("d.ply", folder("d.ply"), "d.ply: no such file"),
+    "a folder for a mesh": ("d.ply", folder("d.ply"), "d.ply: is a folder"),
     "comments alone": ("body.obj", text("body.obj", "# an empty scene\n"), "body.obj", "no triangles"),
     "a missing mesh": ("nowhere.ply", nothing, "nowhere.ply: no such file"),
 }

@@ -1,12 +1,17 @@
 import json
+import os
+import signal
+import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+import sshade
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.console import ENDED, progress_bar, run_command, stage_bars, stage_progress
 from sshade.cli.main import PROGRAM, main
@@ -213,6 +218,96 @@ def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(ca
     assert capsys.readouterr().err == "interrupted\nerror: too small\n"
     with pytest.raises(ValueError, match="a bug"):
         run_command(command)
+
+
+#: Writes a file, says so, and works until it is ended; a stubborn program catches all exceptions.
+ENDLESS = """\
+import sys, time
+from sshade.cli.console import run_command
+from sshade.io.files import replacing
+
+def work():
+    with replacing("a.txt") as temporary:
+        temporary.write_text("half")
+        print("writing", flush=True)
+        while True:
+            try:
+                time.sleep(20)
+            except BaseException:
+                if sys.argv[1] != "stubborn":
+                    raise
+sys.exit(run_command(work))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
+@pytest.mark.parametrize("manner", ["polite", "stubborn"])
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129)])
+def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, manner, name, code):
+    Path("a.txt").write_text("old")
+    environment = {**os.environ, "PYTHONPATH": str(Path(sshade.__file__).parents[1])}
+    line = [sys.executable, "-c", ENDLESS, manner]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+        process.stdout.readline()
+        assert len(list(here.iterdir())) == 2
+        begin = perf_counter()
+        process.send_signal(getattr(signal, name))
+        _, err = process.communicate(timeout=20)
+    assert process.returncode == code and err == b"" and perf_counter() - begin < 5
+    assert [p.name for p in here.iterdir()] == ["a.txt"] and Path("a.txt").read_text() == "old"
+
+
+def test_an_interrupt_in_a_compiled_function_is_no_error_of_the_program(capsys):
+    def fails(cause: BaseException) -> None:
+        raise SystemError("returned a result with an exception set") from cause
+
+    assert run_command(lambda: fails(KeyboardInterrupt())) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+    with pytest.raises(SystemError):
+        run_command(lambda: fails(ValueError()))
+
+
+def test_signals_are_as_before_after_a_command():
+    before = signal.getsignal(signal.SIGTERM)
+    assert run_command(lambda: int(signal.getsignal(signal.SIGTERM) == before)) == (os.name == "nt")
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize(
+    ("line", "output", "given"),
+    [
+        ("deform body.ply pose.json -o {}", "body.ply", "body.ply"),
+        ("remesh body.ply --map map.npz -o {}", "body.ply", "body.ply"),
+        ("carry body.ply map.npz edited.ply -o {}", "edited.ply", "edited.ply"),
+        ("reconstruct body.ply posed.ply -o {}", "posed.ply", "posed.ply"),
+        ("transfer-pose body.ply posed.ply edited.ply -o {}", "edited.ply", "edited.ply"),
+        ("edit body.ply pose.json --no-browser --handles-out {}", "pose.json", "pose.json"),
+        ("deform link.ply pose.json -o {}", "body.ply", "link.ply"),
+    ],
+)
+def test_no_command_overwrites_an_input_unasked(folder, capsys, line, output, given):
+    for name in ("posed.ply", "edited.ply"):
+        write_mesh(name, BODY.V, BODY.F)
+    Path("map.npz").touch()
+    Path("link.ply").hardlink_to("body.ply")
+    assert_refused(capsys, line.format(output).split(), f"{output}: is the input {given}", "--overwrite")
+
+
+def test_an_input_is_replaced_if_asked(folder):
+    assert main(["deform", "body.ply", "pose.json", "-o", "body.ply", "--overwrite", "--vertices", "60"]) == 0
+    assert np.array_equal(read_arrays("body.ply")[1], BODY.F)
+    assert not np.array_equal(read_arrays("body.ply")[0], BODY.V)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")
+def test_inputs_and_outputs_that_are_no_files_are_named(folder, capsys):
+    os.mkfifo("pipe.ply")
+    os.mkdir("folder.ply")
+    Path("null.ply").symlink_to("/dev/null")
+    for name, words in (("pipe", "is a pipe or a device"), ("null", "is a pipe"), ("folder", "is a folder")):
+        assert_refused(capsys, ["deform", f"{name}.ply", "pose.json", "-o", "out.ply"], words)
+        line = ["deform", "body.ply", "pose.json", "-o", f"{name}.ply"]
+        assert_refused(capsys, line, "is a folder" if name == "folder" else "is a device or a pipe")
 
 
 def test_progress_draws_a_bar_on_a_terminal_and_nothing_elsewhere(capsys, monkeypatch):

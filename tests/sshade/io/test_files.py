@@ -8,7 +8,7 @@ from threading import Barrier
 import pytest
 
 from sshade.errors import InputError
-from sshade.io.files import replacing
+from sshade.io.files import check_output, replacing
 
 
 def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
@@ -55,6 +55,115 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
         with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
             temporary.write_text("new")
     assert (tmp_path / "file").read_text() == "old"
+
+
+def write(path: Path, text: str = "new") -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(text)
+
+
+posix = pytest.mark.skipif(os.name == "nt", reason="needs links and modes of POSIX")
+
+
+@posix
+def test_a_link_stays_and_its_target_is_replaced_in_its_own_folder(tmp_path):
+    folder = tmp_path / "far"
+    folder.mkdir()
+    (folder / "data.bin").write_text("old")
+    link, second = tmp_path / "a.txt", tmp_path / "b.txt"
+    link.symlink_to("far/data.bin")
+    second.symlink_to("a.txt")
+    check_output(second, (".txt",))
+    with replacing(second) as temporary:
+        assert temporary.resolve().parent == folder.resolve() and temporary.suffix == ".txt"
+        temporary.write_text("new")
+    assert link.is_symlink() and second.is_symlink() and (folder / "data.bin").read_text() == "new"
+    dangling = tmp_path / "c.txt"
+    dangling.symlink_to("far/later.bin")
+    write(dangling, "made")
+    assert dangling.is_symlink() and (folder / "later.bin").read_text() == "made"
+    assert sorted(p.name for p in folder.iterdir()) == ["data.bin", "later.bin"]
+
+
+@posix
+def test_links_that_lead_nowhere_are_refused_before_any_work(tmp_path):
+    loop, lost = tmp_path / "loop.txt", tmp_path / "lost.txt"
+    loop.symlink_to("loop.txt")
+    lost.symlink_to("gone/a.txt")
+    for path, words in ((loop, "symbolic links"), (lost, "gone does not exist")):
+        with pytest.raises(InputError, match=words):
+            check_output(path, (".txt",))
+        with pytest.raises(InputError, match="cannot be written"):
+            write(path)
+        assert path.is_symlink()
+
+
+@posix
+def test_modes_stay_and_new_files_follow_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write(tmp_path / "new.txt")
+        for mode in (0o600, 0o640, 0o444, 0o755):
+            path = tmp_path / f"{mode:o}.txt"
+            path.write_text("old")
+            path.chmod(mode)
+            with replacing(path) as temporary:
+                assert temporary.stat().st_mode & 0o077 == 0  # nobody else may read it meanwhile
+                temporary.write_text("new")
+            assert path.stat().st_mode & 0o777 == mode and path.read_text() == "new"
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new.txt").stat().st_mode & 0o777 == 0o640
+
+
+@posix
+def test_another_name_of_a_file_keeps_the_old_contents(tmp_path):
+    path, other = tmp_path / "a.txt", tmp_path / "b.txt"
+    path.write_text("old")
+    other.hardlink_to(path)
+    write(path)
+    assert (path.read_text(), other.read_text()) == ("new", "old")
+
+
+@posix
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
+def test_owner_and_group_stay(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    os.chown(path, 1234, 4321)
+    path.chmod(0o640)
+    write(path)
+    found = path.stat()
+    assert (found.st_uid, found.st_gid, found.st_mode & 0o777) == (1234, 4321, 0o640)
+
+
+@posix
+def test_pipes_and_devices_are_never_replaced(tmp_path):
+    pipe, device = tmp_path / "a.txt", tmp_path / "null.txt"
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/null")
+    for path in (pipe, device, Path("/dev/null")):
+        with pytest.raises(InputError, match="is a device or a pipe"):
+            check_output(path, (path.suffix,))
+        with pytest.raises(InputError, match="is a device or a pipe"):
+            write(path)
+    assert pipe.is_fifo() and Path("/dev/null").is_char_device()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "null.txt"]
+
+
+def test_an_output_that_is_an_input_is_refused_under_every_name(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    names = [path, tmp_path / "." / "a.txt"]
+    if os.name != "nt":
+        for name, make in (("soft.txt", "symlink_to"), ("hard.txt", "hardlink_to")):
+            getattr(tmp_path / name, make)(path)
+            names.append(tmp_path / name)
+    for name in names:
+        with pytest.raises(InputError, match="is the input .*a.txt; .* --overwrite"):
+            check_output(name, (".txt",), inputs=(None, tmp_path / "gone.txt", path))
+        check_output(name, (".txt",), inputs=(path,), overwrite=True)
+    check_output(tmp_path / "b.txt", (".txt",), inputs=(path,))
 
 
 def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(tmp_path):
