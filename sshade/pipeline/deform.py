@@ -95,10 +95,10 @@ def deform(
     - ``deform(mesh, b, bc)`` returns another mesh of the same kind,
     - ``deform(task)`` returns a DeformationResult.
 
-    The surface may have several components, each with a handle, a boundary, edges of more than two faces,
-    duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices along a seam,
-    which move as one. Arrays and a trimesh may have faces that repeat a vertex, and vertices in no face,
-    which stay.
+    The surface may have several components, each with a handle, a boundary, a single side, edges of more than
+    two faces, duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices
+    along a seam, which move as one. Arrays and a trimesh may have faces that repeat a vertex, and vertices in
+    no face, which stay.
 
     Parameters
     ----------

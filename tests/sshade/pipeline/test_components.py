@@ -193,7 +193,9 @@ def bowtie() -> Mesh:
     return Mesh(sheet.V[:-1], np.where(sheet.n - 1 == sheet.F, 0, sheet.F))
 
 
-def with_copies(mesh: Mesh, results: list) -> tuple[DeformationResult, list[DeformationTask]]:
+def with_copies(
+    mesh: Mesh, results: list, index=(2, 7), **soft
+) -> tuple[DeformationResult, list[DeformationTask]]:
     """The result of a method that moves the vertices of a component along x, as given for each call."""
     tasks: list[DeformationTask] = []
 
@@ -202,7 +204,7 @@ def with_copies(mesh: Mesh, results: list) -> tuple[DeformationResult, list[Defo
         V = task.mesh.V + np.outer(results[len(tasks) - 1](np.arange(task.mesh.n)), [1.0, 0, 0])
         return DeformationResult(V, iterations=3, converged=None, seconds={"solve": 1.0})
 
-    task = DeformationTask("m", mesh, Handles([2, 7], mesh.V[[2, 7]] * 1.1))
+    task = DeformationTask("m", mesh, Handles(list(index), mesh.V[list(index)] * 1.1, **soft))
     return by_components(task, moved, Options(vertices=20), progress=silent), tasks
 
 
@@ -223,6 +225,13 @@ def test_distant_copies_within_a_component_become_handles_at_their_mean():
     assert np.allclose(again.guess[[0, mesh.n]], mesh.V[0] + [1, 0, 0])
     assert np.allclose(result.vertices[0], mesh.V[0] + [1, 0, 0]) and result.extra["gap"] < 1e-12
     assert result.iterations == 6 and result.seconds["solve"] == 2
+
+
+def test_distant_copies_of_a_soft_handle_become_hard_handles():
+    mesh, moves = bowtie(), [lambda i: 2.0 * (i == 54), lambda i: 1.0 * (i % 54 == 0)]
+    result, (_, again) = with_copies(mesh, moves, (0, 7), weight=[2.0, np.inf])
+    assert again.handles.hard.all() and np.array_equal(np.sort(again.handles.index), [0, 7, mesh.n])
+    assert np.allclose(result.vertices[0], mesh.V[0] + [1, 0, 0])
 
 
 def rolled(length: int = 48, width: int = 8) -> Mesh:
