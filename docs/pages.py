@@ -1,12 +1,14 @@
 """Update tables of the pages: ``python -m docs.pages``.
 
-Run the script after rows or times were published, or options changed. It rewrites three kinds of blocks, and
+Run the script after rows or times were published, or options changed. It rewrites four kinds of blocks, and
 a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
   ``results/tables/NAME.md``, below a caption. The block is empty if the file does not exist. With ``; METHOD,
   ...`` after the headings, only the rows of these methods appear, without marks: bold and underlined numbers
   are the best of the whole table.
+- ``<!-- differences NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of the table of
+  differences to a reference method, below a caption.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
 - ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.options`.
@@ -16,6 +18,7 @@ from __future__ import annotations
 
 import re
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 from docs.blocks import markdown
@@ -26,7 +29,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
-    r"(table (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?|rows|(?P<options>options))"
+    r"((?P<kind>table|differences) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
+    r"|rows|(?P<options>options))"
     r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
     re.DOTALL,
@@ -34,6 +38,9 @@ BLOCK = re.compile(
 
 #: Beginnings of the notes that say on which half of the cases a table is, and the half.
 HALVES = {"Held-out": "held-out ", "Tuning": "tuning "}
+
+#: Part of the heading of a table of differences.
+DIFFERENCE = ": difference to "
 
 #: Rows of tables that are not methods.
 REFERENCES = ("identity",)
@@ -46,7 +53,8 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
         if block["name"]:
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
-            body = table(path, block["columns"].split(", "), chosen=chosen, link=link)
+            make = table if block["kind"] == "table" else differences
+            body = make(path, block["columns"].split(", "), chosen=chosen, link=link)
         elif block["options"]:
             body = f"{reference()}\n"
         else:
@@ -69,16 +77,39 @@ def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, l
     """
     if not path.is_file():
         return ""
+    tables, notes = tables_of(path)
+    grids = [grid for heading, grid in tables.items() if DIFFERENCE not in heading]
+    # All grids have the same methods in the same order.
+    joined = [sum(parts, []) for parts in zip(*grids, strict=True)]
+    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(caption_notes(notes))}\n\n"
+    return f"{caption}{columns_of(joined, headings, path=path, chosen=chosen)}\n"
+
+
+def differences(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
+    """Return columns of the table of differences of a file; arguments as of :func:`table`."""
+    if not path.is_file():
+        return ""
+    tables, _ = tables_of(path)
+    title, grid = next((title, grid) for title, grid in tables.items() if DIFFERENCE in title)
+    caption = f"[{path.stem}]({link}/tables/{path.name}): {title.partition(': ')[2]}.\n\n"
+    return f"{caption}{columns_of(grid, headings, path=path, chosen=chosen)}\n"
+
+
+def tables_of(path: Path) -> tuple[dict[str, list[list[str]]], str]:
+    """Return the first tables of a file by their headings, each a list of lines of cells, and their notes."""
     paragraphs = path.read_text(encoding="utf-8").split("\n\n")
     end = next(k for k, text in enumerate(paragraphs) if text.startswith("- "))
-    tables = [
-        text for text in paragraphs[:end] if text.startswith("|")
-    ]  # of the same methods, in the same order
-    grids = [
-        [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-        for text in tables
-    ]
-    head, _, *body = [sum(parts, []) for parts in zip(*grids, strict=True)]
+    tables = {
+        heading: [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+        for heading, text in pairwise(paragraphs[:end])
+        if text.startswith("|")
+    }
+    return tables, paragraphs[end]
+
+
+def columns_of(grid: list[list[str]], headings: list[str], *, path: Path, chosen: list[str] | None) -> str:
+    """Return the named columns of a table as Markdown, of all methods or the chosen ones."""
+    head, _, *body = grid
     places = [head.index(heading) for heading in ["method", *headings]]
     cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
     if chosen:
@@ -86,8 +117,7 @@ def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, l
             raise ValueError(f"{path} has no method {', '.join(sorted(missing))}")
         plain = [[re.sub(r"\*\*|</?u>", "", cell) for cell in line] for line in cells]
         cells = [line for name in chosen for line in plain if line[0] == name]
-    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(caption_notes(paragraphs[end]))}\n\n"
-    return f"{caption}{markdown(['method', *headings], cells)}\n"
+    return markdown(["method", *headings], cells)
 
 
 def caption_notes(text: str) -> list[str]:
@@ -99,6 +129,7 @@ def caption_notes(text: str) -> list[str]:
     else:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace(" ", f" {half}", 1))]
+    chosen += ["No ranks: too few subjects." for note in notes if note.startswith("No ranks")]
     return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
 
 

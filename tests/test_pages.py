@@ -27,16 +27,21 @@ def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
     (tmp_path / "rows").mkdir()
     text = "a\n<!-- table tiny: EL (%), FA (deg) -->\n<!-- end -->\nb\n"
     text += "<!-- rows -->\n| `tiny` | x | 3 s |\n<!-- end -->\n"
+    text += "<!-- differences tiny: EL (%) -->\n<!-- end -->\n"
     assert filled(text, tmp_path) == text.replace("3 s", "")  # nothing is published
     table = "| method | volume | FA (deg) | EL (%) |\n| --- | ---: | ---: | ---: |\n| {} |\n"
     table += "| identity | 1 | 2 | 3 |"
+    differs = "#### tiny: difference to elastic, by 3\n\n| method | EL (%) |\n| --- | ---: |\n| arap | +1 |"
     notes = "- 2 cases of 9 vertices; means over all of them.\n- Held-out cases.\n- Best in bold."
     for line in ("arap | 7 | **8** | 9", "arap | 7 | 8.5 | **6**"):
         _, _, angle, edge = line.split(" | ")
-        written = f"### tiny\n\n{table.format(line)}\n\n{notes}\n\n#### tiny: more\n\n| method |\n"
+        written = (
+            f"### tiny\n\n{table.format(line)}\n\n{differs}\n\n{notes}\n\n#### tiny: more\n\n| method |\n"
+        )
         (tmp_path / "tables" / "tiny.md").write_text(written)
         text = filled(text, tmp_path)
         assert "[tiny](results/tables/tiny.md): 2 held-out cases of 9 vertices.\n\n" in text
+        assert "difference to elastic, by 3.\n\n| method | EL (%) |\n| --- | ---: |\n| arap | +1 |\n" in text
         assert f"| --- | ---: | ---: |\n| arap | {edge} | {angle} |\n<!-- end -->\nb\n" in text
 
 

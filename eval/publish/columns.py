@@ -45,6 +45,8 @@ class Column(NamedTuple):
         Print with a power of ten.
     further : bool
         Print in the second table, if a row has a value.
+    main : bool
+        Show differences to the reference, and let the leaderboard rank by the column.
     """
 
     heading: str
@@ -55,38 +57,39 @@ class Column(NamedTuple):
     optional: bool = False
     scientific: bool = False
     further: bool = False
+    main: bool = False
 
     @property
     def label(self) -> str:
         """The heading with its unit."""
         return f"{self.heading} ({self.unit})" if self.unit else self.heading
 
-    def text(self, value: float) -> str:
-        """Return the printed number."""
-        return f"{value:.{self.decimals}{'e' if self.scientific else 'f'}}"
+    def text(self, value: float, sign: str = "") -> str:
+        """Return the printed number; `sign` "+" shows the sign of positive numbers as well."""
+        return f"{value:{sign}.{self.decimals}{'e' if self.scientific else 'f'}}"
 
 
 COLUMNS = (
-    Column("volume", "%", "metric.volume", 2),
-    Column("area", "%", "metric.area", 2),
-    Column("EL", "%", "metric.edge", 2),
-    Column("FA", "deg", "metric.angle", 3),
+    Column("volume", "%", "metric.volume", 2, main=True),
+    Column("area", "%", "metric.area", 2, main=True),
+    Column("EL", "%", "metric.edge", 2, main=True),
+    Column("FA", "deg", "metric.angle", 3, main=True),
     Column("handle", "%", "metric.handle", 3),
     Column("flips", "", "metric.flips", 1, optional=True),
     # Not ranked: the true pose intersects itself as well if handles bring parts together.
     Column("crossings", "", "metric.self_intersections", 1, ranked=False, optional=True),
     Column("far", "%", "extra.far_share", 3, optional=True),
     Column("iterations", "", "iterations", 0, ranked=False),
-    Column("truth", "%", "metric.truth_distance", 2, further=True),
+    Column("truth", "%", "metric.truth_distance", 2, further=True, main=True),
     Column("truth 95", "%", "metric.truth_distance_95", 2, further=True),
-    Column("normal", "deg", "metric.truth_normal", 2, further=True),
+    Column("normal", "deg", "metric.truth_normal", 2, further=True, main=True),
     Column("D", "", "metric.distortion", 4, further=True),
     Column("D 95", "", "metric.distortion_95", 3, further=True),
-    Column("D 99", "", "metric.distortion_99", 3, further=True),
+    Column("D 99", "", "metric.distortion_99", 3, further=True, main=True),
     Column("D max", "", "metric.distortion_max", 1, further=True),
     Column("collapsed", "", "metric.collapsed", 1, further=True),
     Column("bend", "deg", "metric.bend", 2, further=True),
-    Column("bend 99.9", "deg", "metric.bend_tail", 1, further=True),
+    Column("bend 99.9", "deg", "metric.bend_tail", 1, further=True, main=True),
     Column("detail", "deg", "metric.detail", 2, further=True),
     Column("spike", "deg", "metric.spike", 1, further=True),
     Column("success", "%", SUCCESS, 1, ranked=False, further=True),
@@ -94,10 +97,10 @@ COLUMNS = (
 
 #: Columns of pose transfers with ground truth.
 TRANSFER_COLUMNS = (
-    Column("d_H", "", "metric.hausdorff", 2, scientific=True),
-    Column("d_C", "", "metric.chamfer", 2, scientific=True),
-    Column("distance", "%", "metric.truth_distance", 4),
-    Column("EL to truth", "%", "metric.truth_edge", 3),
+    Column("d_H", "", "metric.hausdorff", 2, scientific=True, main=True),
+    Column("d_C", "", "metric.chamfer", 2, scientific=True, main=True),
+    Column("distance", "%", "metric.truth_distance", 4, main=True),
+    Column("EL to truth", "%", "metric.truth_edge", 3, main=True),
     Column("FA to truth", "deg", "metric.truth_angle", 3),
     Column("distance 95", "%", "metric.truth_distance_95", 4, further=True),
     Column("normal", "deg", "metric.truth_normal", 3, further=True),

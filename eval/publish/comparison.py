@@ -3,7 +3,8 @@
 A case is a task. A method has a case if all begun runs of the method on the task have a result; its value is
 the mean over the seeds. Means are over common cases only: otherwise a method that failed on the hardest cases
 would look better. Methods with the fewest cases are left out until at least half of all cases are common to
-the rest, so that a method with few results does not remove cases of the others.
+the rest, so that a method with few results does not remove cases of the others. Differences between methods
+are over subjects: the value of a subject is the mean over its common cases.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ class Comparison(NamedTuple):
         Rows of the compared methods and references on the common cases.
     values : DataFrame
         Means over seeds, by method and task; NaN if a seed lacks the number. One column per heading.
+    of_subjects : DataFrame
+        Means of `values` over the cases of a subject, by method and subject.
     spread : DataFrame
         Standard deviation over seeds of the mean over the cases, by method; NaN without a second seed.
     """
@@ -48,7 +51,13 @@ class Comparison(NamedTuple):
     ranked: list[str]
     runs: pd.DataFrame
     values: pd.DataFrame
+    of_subjects: pd.DataFrame
     spread: pd.DataFrame
+
+    @property
+    def subjects(self) -> int:
+        """The number of subjects of the common cases."""
+        return self.of_subjects.index.unique("subject").size
 
     @property
     def compared(self) -> list[str]:
@@ -70,15 +79,31 @@ def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
     runs = ended[ended["method.name"].isin(compared) & ended["task.name"].isin(common)]
     of_runs = pd.DataFrame({column.heading: numbers(runs, column.source) for column in columns})
     of_runs.index = pd.MultiIndex.from_frame(runs[RUN])
+    values = means(of_runs, RUN[:2])
+    subject = values.index.get_level_values("task.name").map(subjects_of(runs))
     return Comparison(
         cases=complete.columns,
         common=common,
         finished=complete.sum(axis=1),
         ranked=[name for name in compared if name not in references],
         runs=runs,
-        values=means(of_runs, RUN[:2]),
+        values=values,
+        of_subjects=means(values.set_index(subject.rename("subject"), append=True), [RUN[0], "subject"]),
         spread=_spread(of_runs, cases=len(common)),
     )
+
+
+def subjects_of(rows: pd.DataFrame) -> dict[str, str]:
+    """Return the subject of each task.
+
+    Datasets number their subjects: a body, an animal or a shape is one subject, in all of its poses and with
+    all kinds of handles. The subject of any other task is the first part of its name, the name of the mesh.
+    """
+    facts = rows.reindex(columns=["task.name", "task.meta.subject"]).drop_duplicates("task.name")
+    return {
+        task: task.split("/")[0] if pd.isna(subject) else str(subject)
+        for task, subject in facts.itertuples(index=False)
+    }
 
 
 def _common(complete: pd.DataFrame) -> tuple[list[str], pd.Index]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +132,8 @@ def draw(
 ) -> Figure:
     """Draw a line of panels for each half of the cases, with a panel for each measure but the first.
 
-    A legend names curves; points have their names beside them. `machine` stands below a time.
+    A legend names curves; points have their names beside them. `machine` stands below a time. A grey line
+    is the front of quality against time.
     """
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -148,6 +150,8 @@ def draw(
             axes.grid(alpha=0.3)
             axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
             if first == TIME:
+                stairs = unbeaten([point for curve in curves.values() for point in curve])
+                axes.step(*zip(*stairs, strict=True), where="post", color="#bbbbbb", zorder=0, linewidth=1)
                 axes.set(xscale="log", xlabel="\n".join([_label(first), *textwrap.wrap(machine, 46)]))
                 axes.margins(x=0.15)
                 axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
@@ -164,6 +168,18 @@ def draw(
     for axes, curves in single:
         name_points(axes, curves, looks)
     return figure
+
+
+def unbeaten(points: Iterable[Point]) -> list[Point]:
+    """Return the points that no other point beats, in rising order of the first of two measures.
+
+    A point beats another point if it is smaller in one measure and not larger in the other.
+    """
+    front: list[Point] = []
+    for point in sorted(points):
+        if not front or point[1] < front[-1][1]:
+            front.append(point)
+    return front
 
 
 def _label(name: str) -> str:

@@ -14,7 +14,7 @@ import pandas as pd
 from eval.publish.columns import Column
 from eval.publish.notes import definitions, legend
 from eval.publish.plotting import to_svg
-from eval.publish.tables import cells
+from eval.publish.tables import TIE, printed
 from eval.rows.frame import distinct, records
 from eval.rows.store import Row
 
@@ -38,7 +38,8 @@ def render(template: str, **names: Any) -> str:
     loader = PackageLoader("eval", "")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
-    pages.globals["cells"] = partial(cells, marks=marks, not_available="n/a", escape=html.escape)
+    marks[TIE] = '<i title="may be zero">{}</i>'
+    pages.globals["printed"] = partial(printed, marks=marks, not_available="n/a", escape=html.escape)
     pages.globals |= {"legend": legend, "definitions": definitions}
     return pages.get_template(template).render(**names)
 

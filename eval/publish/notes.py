@@ -8,7 +8,8 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.columns import DEFINITIONS, REFERENCES, SUCCESS, Column, begun, reference_rows
-from eval.publish.comparison import Comparison
+from eval.publish.comparison import Comparison, subjects_of
+from eval.publish.intervals import LEAST
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
@@ -96,7 +97,9 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
     over = "all of them"
     if common < cases:
         over = f"{common} of {cases}, the cases for which every compared method has a result"
-    notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices; means over {over}."]
+    subjects = len({*subjects_of(rows).values()})
+    count = f"{subjects} subject{'s' * (subjects > 1)}"
+    notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices, {count}; means over {over}."]
     notes += [HALF_NOTES[half]] if half else []
     few = comparison.finished.drop(index={*comparison.compared, *rows["method.name"][reference_rows(rows)]})
     few = [f"{name} ({count} of {cases})" for name, count in few[few > 0].items()]
@@ -138,10 +141,23 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
     if edits := distinct(rows, "task.meta.edit"):
         notes.append(REBUILT_NOTE if edits == [UNEDITED] else TRANSFERRED_NOTE)
-    marks = "Best in bold, second best underlined."
     if any(column.source == "iterations" for column in columns):
-        marks += " In brackets after the iterations: converged runs; the other runs stopped at the cutoff."
-    return [*notes, marks, legend(columns)]
+        notes.append("In brackets after the iterations: converged runs; the others stopped at the cutoff.")
+    return [*notes, legend(columns)]
+
+
+def rank_note(comparison: Comparison, columns: Sequence[Column]) -> list[str]:
+    """Return the note on ranks, or on why there are none; nothing if there is nothing to rank."""
+    if len(comparison.ranked) < 2 or not any(column.ranked for column in columns):
+        return []
+    if comparison.subjects < LEAST:
+        count = f"{comparison.subjects} subject{'s' * (comparison.subjects > 1)}"
+        return [f"No ranks and no intervals: the means are over {count}, and at least {LEAST} are needed."]
+    return [
+        "Best in bold, second best underlined. Methods share a mark if the 95 % interval of their paired "
+        f"difference over the {comparison.subjects} subjects contains zero, and differences with such an "
+        "interval are in italics."
+    ]
 
 
 def legend(columns: Sequence[Column]) -> str:

@@ -1,8 +1,12 @@
-"""The numbers of a table from rows: one line per method, with means over the common cases."""
+"""The numbers of a table from rows: one line per method, with means over the common cases.
+
+Differences to a reference method and ranks are over subjects (:mod:`eval.publish.intervals`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,13 +14,14 @@ import pandas as pd
 
 from eval.publish.columns import SUCCESS, Column, are_transfers, begun, columns_of, with_success
 from eval.publish.comparison import Comparison, compare, means
-from eval.publish.notes import case_notes, common_notes, version_notes
+from eval.publish.intervals import LEAST, differences, kind_of_interval, places, reference_of
+from eval.publish.notes import case_notes, common_notes, rank_note, version_notes
 from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import VALID
 from sshade.errors import InputError
 
-#: Smallest number of common cases for the tables of worst cases and of cases won.
+#: Smallest number of common cases for the table of worst cases.
 LEAST_CASES = 4
 MIXED_HELP = "accept rows of several versions of the code, with a warning"
 #: Title of the second table of a method's measures.
@@ -41,6 +46,15 @@ class Table(NamedTuple):
         By method and heading, over the common cases; NaN if a case lacks the number.
     spread : DataFrame
         By method and heading: standard deviation of the mean over seeds; NaN without a second seed.
+    places : DataFrame
+        By method and heading: rank, NaN without one.
+    differences : dict
+        Heading -> by method, its mean difference to the reference and the ends of its interval. Empty if
+        there are too few subjects or methods.
+    reference : str
+        Method to which the differences are.
+    subjects : int
+        Number of subjects of the differences.
     notes : list of str
     parts : sequence of Table
     label : str
@@ -52,20 +66,42 @@ class Table(NamedTuple):
     lines: pd.DataFrame
     means: pd.DataFrame
     spread: pd.DataFrame
+    places: pd.DataFrame
+    differences: Mapping[str, pd.DataFrame] = {}
+    reference: str = ""
+    subjects: int = 0
     notes: Sequence[str] = ()
     parts: Sequence[Table] = ()
     label: str = ""
 
     @property
+    def heading(self) -> str:
+        """The title, with the half of the benchmark."""
+        return f"{self.title}: {self.label}" if self.label else self.title
+
+    @property
     def views(self) -> list[tuple[str, list[Column]]]:
         """Headings and columns of the tables to print: the paper's measures, and further measures."""
-        title = f"{self.title}: {self.label}" if self.label else self.title
         first = [column for column in self.columns if not column.further]
         further = [column for column in self.columns if column.further]
-        return [view for view in ((title, first), (f"{self.title}: {FURTHER}", further)) if view[1]]
+        views = ((self.heading, first), (f"{self.title}: {FURTHER}", further))
+        return [view for view in views if view[1]]
+
+    @property
+    def difference_view(self) -> tuple[str, list[Column]] | None:
+        """Heading and columns of the table of differences, None if there are no differences."""
+        if not self.differences:
+            return None
+        kind = kind_of_interval(self.subjects)
+        heading = f"{self.title}: difference to {self.reference}"
+        heading += f", with its 95 % interval over {self.subjects} subjects ({kind})"
+        shown = [
+            c for c in self.columns if c.main and self.differences[c.heading]["difference"].notna().any()
+        ]
+        return heading, shown
 
 
-def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
+def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference: str | None = None) -> Table:
     """Make a table from the rows of an experiment.
 
     Parameters
@@ -75,16 +111,21 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     title : str
     mixed : bool
         Accept rows of several versions of the code, with a warning among the notes.
+    reference : str, optional
+        Method to which differences are shown. By default Elastic if it is there, otherwise the first method.
 
     Raises
     ------
     InputError
-        If no run has begun, the rows are of several datasets or versions, or the rows of a method have
-        different configurations or repeat a run.
+        If no run has begun, the rows are of several datasets or versions, the rows of a method have
+        different configurations or repeat a run, or no method is called like the reference.
     """
     if begun(rows).empty:
         raise InputError(f"none of the {len(rows)} planned runs has begun, so there is no table of them")
     _check_one_experiment(rows)
+    if reference not in (None, *rows["method.name"]):
+        raise InputError(f"{title} has no method {reference!r}; it has {', '.join(method_names(rows))}")
+    table_of = partial(_table, reference=reference)
     versions = version_notes(rows, mixed=mixed)
     transfers = are_transfers(rows)
     rows = rows if transfers else with_success(rows)
@@ -94,41 +135,31 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False) -> Table:
     (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
     named = _parts(first, comparison.common)
-    parts = [_table(name, columns, part, compare(part, columns)) for name, part in named.items()]
-    parts += [] if transfers else contest(comparison, first, columns)
+    parts = [table_of(name, columns, part, compare(part, columns)) for name, part in named.items()]
+    parts += [] if transfers else worst_case(comparison, first, columns)
     for other, own in others:
         of_other = compare(own, columns)
-        notes = case_notes(own, of_other, half=other)
-        parts.append(_table(HALVES[other], columns, own, of_other)._replace(notes=notes))
-    notes = [*case_notes(first, comparison, half=half), *versions, *common_notes(rows, columns=columns)]
-    label = HALVES[half] if half else ""
-    return _table(title, columns, first, comparison)._replace(notes=notes, parts=parts, label=label)
+        part = table_of(HALVES[other], columns, own, of_other)
+        parts.append(part._replace(notes=[*case_notes(own, of_other, half=other), *part.notes]))
+    table = table_of(title, columns, first, comparison)
+    notes = [*case_notes(first, comparison, half=half), *table.notes, *versions]
+    notes += common_notes(rows, columns=columns)
+    return table._replace(notes=notes, parts=parts, label=HALVES[half] if half else "")
 
 
-def contest(comparison: Comparison, rows: pd.DataFrame, columns: Sequence[Column]) -> list[Table]:
-    """Return tables of the worst case of each method, and of the number of cases that it wins.
+def worst_case(comparison: Comparison, rows: pd.DataFrame, columns: Sequence[Column]) -> list[Table]:
+    """Return the table of the worst case of each method, without ranks.
 
-    A method wins a case if no other method prints a lower number. Methods without means and references take
-    no part.
+    Methods without means and references take no part.
     """
-    methods, cases = comparison.ranked, len(comparison.common)
-    if cases < LEAST_CASES or len(methods) < 2:
+    methods = comparison.ranked
+    if len(comparison.common) < LEAST_CASES or len(methods) < 2:
         return []
     columns = [column for column in columns if column.source != SUCCESS]
-    worst, won = {}, {}
-    for column in columns:
-        value = comparison.values[column.heading].unstack("method.name")[methods]
-        usable = not value.isna().any(axis=None)
-        worst[column.heading] = value.max() if usable else np.nan
-        if column.ranked:
-            printed = value.map(column.text).astype(float)
-            best = printed.eq(printed.min(axis=1), axis=0).sum()
-            won[column.heading] = best if usable else np.nan
-    counts = [c._replace(unit="", decimals=0, ranked=False, scientific=False) for c in columns if c.ranked]
+    values = comparison.values.groupby(level="method.name")
+    worst = values.max().where(values.count().eq(values.size(), axis=0)).loc[methods]
     lines = _lines(rows, comparison).loc[methods]
-    tables = {"worst case": (columns, worst), f"cases won, of {cases}": (counts, won)}
-    values = {title: (own, pd.DataFrame(value, methods)) for title, (own, value) in tables.items()}
-    return [Table(title, own, lines, value, value * np.nan) for title, (own, value) in values.items()]
+    return [Table("worst case", columns, lines, worst, worst * np.nan, worst * np.nan)]
 
 
 def _parts(rows: pd.DataFrame, common: pd.Index) -> dict[str, pd.DataFrame]:
@@ -152,14 +183,41 @@ def _parts(rows: pd.DataFrame, common: pd.Index) -> dict[str, pd.DataFrame]:
     return parts
 
 
-def _table(title: str, columns: Sequence[Column], rows: pd.DataFrame, comparison: Comparison) -> Table:
-    """Return the table of rows and their comparison, without notes."""
+def _table(
+    title: str,
+    columns: Sequence[Column],
+    rows: pd.DataFrame,
+    comparison: Comparison,
+    *,
+    reference: str | None = None,
+) -> Table:
+    """Return the table of rows and their comparison, with the note on ranks."""
     lines = _lines(rows, comparison)
     values = means(comparison.values, "method.name").reindex(lines.index)
     if SUCCESS in rows:  # over all planned runs, not only the common cases
         values[SUCCESS] = rows.groupby("method.name")[SUCCESS].mean()
     spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
-    return Table(title, columns, lines, values, spread)
+    table = Table(
+        title, columns, lines, values, spread, values * np.nan, notes=rank_note(comparison, columns)
+    )
+    return _with_differences(table, comparison, reference)
+
+
+def _with_differences(table: Table, comparison: Comparison, wanted: str | None) -> Table:
+    """Add the differences to a reference and the ranks, if there are enough subjects and methods."""
+    methods = comparison.ranked
+    if comparison.subjects < LEAST or len(methods) < 2:
+        return table
+    reference = wanted if wanted in methods else reference_of(methods)
+    found, ranks = {}, table.places.copy()
+    for column in (column for column in table.columns if column.ranked):
+        name = column.heading
+        of_subjects = comparison.of_subjects[name].unstack("method.name")[methods]
+        found[name] = differences(of_subjects, reference)
+        means = table.means.loc[methods, name].dropna()
+        ranks[name] = places(of_subjects, means, means.map(column.text).astype(float))
+    subjects = comparison.subjects
+    return table._replace(places=ranks, differences=found, reference=reference, subjects=subjects)
 
 
 def _lines(rows: pd.DataFrame, comparison: Comparison) -> pd.DataFrame:
@@ -181,16 +239,10 @@ def converged_runs(converged: pd.Series) -> str:
     return f"{int(rule.sum())}/{len(rule)}" if len(rule) else "-"
 
 
-def ranks(table: Table, column: Column) -> dict[str, int]:
-    """Return method -> 1 (best) or 2 (second best), by printed numbers; equal numbers share a rank.
-
-    Methods without means and references are not ranked.
-    """
-    if not column.ranked:
-        return {}
-    printed = table.means.loc[table.lines["competes"], column.heading].dropna().map(column.text).astype(float)
-    place = printed.rank(method="dense").astype(int)
-    return place[place <= 2].to_dict()
+def ranks(table: Table, heading: str) -> dict[str, int]:
+    """Return method -> 1 (best) or 2 (second best); empty if all methods share a rank."""
+    place = table.places[heading].dropna().rank(method="dense").astype(int)
+    return place[place <= 2].to_dict() if place.nunique() > 1 else {}
 
 
 def _check_one_experiment(rows: pd.DataFrame) -> None:

@@ -1,14 +1,15 @@
 """Tables from rows: ``sshade-eval tables [ROWS ...]`` writes CSV, Markdown and LaTeX.
 
 A table has one line per method, with means over the cases that all methods have. Its columns are in the order
-of the paper's table. A second table holds further measures.
+of the paper's table. A second table holds further measures, a third the differences to a reference method.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,17 +21,26 @@ from eval.rows.experiment import read_experiments
 from eval.rows.files import ROWS_HELP, rows_file, write_text
 from sshade.errors import InputError
 
+#: Key of the mark of a difference whose interval contains zero.
+TIE = -1
+
 
 def to_csv(table: Table) -> str:
-    """Return numbers with six digits, without marks. If there are parts, a first column names them."""
+    """Return numbers with six digits, without marks. If there are parts, a first column names them.
+
+    Columns ``difference of``, ``low of`` and ``high of`` hold the differences and their intervals.
+    """
     tables = {"all": table} | {part.title: part for part in table.parts}
     labels = {c.heading: f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns}
     spreads = {heading: f"sd of {label}" for heading, label in labels.items()}
 
     def lines_of(part: Table) -> pd.DataFrame:
         values = [part.means.rename(columns=labels), part.spread.rename(columns=spreads)]
+        for heading, found in part.differences.items():
+            values.append(found.add_suffix(f" of {labels[heading]}").reindex(part.lines.index))
         texts = [numbers.map("{:.6g}".format, na_action="ignore") for numbers in values]
-        return part.lines[["runs", "valid", "cases", "converged"]].join(texts)
+        about = part.lines[["runs", "valid", "cases", "converged"]]
+        return pd.concat([about, *texts], axis="columns")
 
     lines = pd.concat({name: lines_of(part) for name, part in tables.items()}, names=["part", "method"])
     empty = lines.isna().all()
@@ -40,13 +50,11 @@ def to_csv(table: Table) -> str:
 
 
 def to_markdown(table: Table) -> str:
-    """Return both tables, the notes and the parts; best in bold, second best underlined."""
-    marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>"}
+    """Return all tables, the notes and the parts."""
+    marks = {0: "{}", 1: "**{}**", 2: "<u>{}</u>", TIE: "*{}*"}
     out: list[str] = []
     for part in (table, *table.parts):
-        for heading, columns in part.views:
-            labels = ["method", "runs", *(column.label for column in columns)]
-            body = cells(part, columns, marks, not_available="n/a")
+        for heading, labels, body in printed(part, marks, not_available="n/a"):
             out += [f"{'####' if out else '###'} {heading}", ""]
             out += [*markdown_lines(labels, body, left=["method"]), ""]
         out += [f"- {note}" for note in part.notes] + [""] * bool(part.notes)
@@ -54,32 +62,82 @@ def to_markdown(table: Table) -> str:
 
 
 def to_latex(table: Table) -> str:
-    """Return booktabs tabulars of the paper's and of further measures, with notes as comments."""
-    marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}"}
-    units = {"%": " (\\%)", "deg": " ($^\\circ$)", "": ""}
+    """Return booktabs tabulars of all tables, with notes as comments."""
+    marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}", TIE: "\\textit{{{}}}"}
+    parts = (table, *table.parts)
     notes = [(part.title, note) for part in table.parts for note in part.notes]
     out = [f"% {note}" for note in (*table.notes, *(f"{title}: {note}" for title, note in notes))]
+    form: dict[str, Any] = {"not_available": "--", "escape": _escape, "spread": " $\\pm$ "}
     for heading, columns in table.views:
-        labels = ["method", "runs", *(_escape(c.heading) + units[c.unit] for c in columns)]
-        out += [f"% {heading}", f"\\begin{{tabular}}{{l{'r' * (len(labels) - 1)}}}", "\\toprule"]
-        out += [" & ".join(labels) + " \\\\"]
-        for part in (table, *table.parts):
-            out.append("\\midrule")
-            if part is not table:
-                out.append(f"\\multicolumn{{{len(labels)}}}{{l}}{{{_escape(part.title)}}} \\\\")
-            body = cells(part, columns, marks, not_available="--", escape=_escape, spread=" $\\pm$ ")
-            out += [" & ".join(texts) + " \\\\" for texts in body]
-        out += ["\\bottomrule", "\\end{tabular}"]
+        bodies = {part.title: cells(part, columns, marks, **form) for part in parts}
+        out += _tabular(heading, ["method", "runs"], columns, bodies)
+    for part in parts:
+        if part.difference_view:
+            heading, columns = part.difference_view
+            body = difference_cells(part, columns, marks, escape=_escape)
+            out += _tabular(heading, ["method"], columns, {part.title: body})
     return "\n".join(out) + "\n"
+
+
+def _tabular(
+    heading: str, labels: list[str], columns: Sequence[Column], bodies: Mapping[str, list[list[str]]]
+) -> list[str]:
+    """Return the lines of a tabular. All bodies but the first have their titles above them."""
+    units = {"%": " (\\%)", "deg": " ($^\\circ$)", "": ""}
+    labels = [*labels, *(_escape(c.heading) + units[c.unit] for c in columns)]
+    out = [f"% {heading}", f"\\begin{{tabular}}{{l{'r' * (len(labels) - 1)}}}", "\\toprule"]
+    out += [" & ".join(labels) + " \\\\"]
+    for k, (title, body) in enumerate(bodies.items()):
+        out.append("\\midrule")
+        if k:
+            out.append(f"\\multicolumn{{{len(labels)}}}{{l}}{{{_escape(title)}}} \\\\")
+        out += [" & ".join(texts) + " \\\\" for texts in body]
+    return [*out, "\\bottomrule", "\\end{tabular}"]
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
+def printed(
+    table: Table, marks: Mapping[int, str], **form: Any
+) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    """Yield the heading, the labels and the lines of each table: means, and differences if there are any.
+
+    `marks` and the other arguments are those of :func:`cells`.
+    """
+    for heading, columns in table.views:
+        labels = ["method", "runs", *(column.label for column in columns)]
+        yield heading, labels, cells(table, columns, marks, **form)
+    if table.difference_view:
+        heading, columns = table.difference_view
+        body = difference_cells(table, columns, marks, escape=form.get("escape", str))
+        yield heading, ["method", *(column.label for column in columns)], body
+
+
+def difference_cells(
+    table: Table, columns: Sequence[Column], marks: Mapping[int, str], *, escape: Callable[[str], str] = str
+) -> list[list[str]]:
+    """Return the differences to the reference with their intervals, a line for each other method."""
+    body = []
+    for name in table.lines.index[table.lines["competes"]].drop(table.reference):
+        of_method = {column: table.differences[column.heading].loc[name] for column in columns}
+        texts = [difference_text(column, found, marks[TIE]) for column, found in of_method.items()]
+        body.append([escape(name), *texts])
+    return body
+
+
+def difference_text(column: Column, found: pd.Series, tie: str = "{}") -> str:
+    """Return a difference with its interval, in the format `tie` if the interval contains zero."""
+    if found.isna().any():
+        return "-"
+    difference, low, high = (column.text(found[end], "+") for end in ("difference", "low", "high"))
+    return (tie if found["low"] <= 0 <= found["high"] else "{}").format(f"{difference} [{low}, {high}]")
+
+
 def cells(
     table: Table,
     columns: Sequence[Column],
-    marks: dict[int, str],
+    marks: Mapping[int, str],
     *,
     not_available: str,
     spread: str = " ± ",
@@ -92,7 +150,7 @@ def cells(
     table : Table
     columns : sequence of Column
     marks : dict
-        Format of a number by its rank; 0 for no rank.
+        Format of a number by its rank; 0 for no rank, :data:`TIE` for a difference that may be zero.
     not_available : str
         Text of a missing number.
     spread : str
@@ -101,7 +159,7 @@ def cells(
         Escapes a method's name.
     """
     own = {column.heading: column for column in table.columns}  # a part may have other formats
-    rank = {heading: ranks(table, column) for heading, column in own.items()}
+    rank = {heading: ranks(table, heading) for heading in own}
     body = []
     for method, line in table.lines.iterrows():
         texts = [escape(method), f"{line.runs}" if line.valid == line.runs else f"{line.valid}/{line.runs}"]
@@ -137,6 +195,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/tables"))
     parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
+    text = "method to which differences are shown (default: Elastic if it is there, or the first method)"
+    parser.add_argument("--reference", metavar="METHOD", help=text)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -145,7 +205,8 @@ def command(options: argparse.Namespace) -> int:
     if any(path.parent.resolve() == options.out.resolve() for path in map(rows_file, options.rows)):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
     # All tables are made before the first is written.
-    tables = [make_table(e.rows, title=e.name, mixed=options.mixed) for e in experiments]
+    form = {"mixed": options.mixed, "reference": options.reference}
+    tables = [make_table(e.rows, title=e.name, **form) for e in experiments]
     write_tables(tables, options.out)
     for table in tables:
         print(to_markdown(table))  # noqa: T201

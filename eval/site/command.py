@@ -11,7 +11,7 @@ from pathlib import Path
 
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import records
-from eval.site.pages import contest, write_site
+from eval.site.pages import contests_of, write_site
 from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS
 from eval.site.tracks import WHERE, is_published, published, read_tracks
@@ -43,7 +43,7 @@ def command(options: argparse.Namespace) -> int:
         found = check(folder, tracks[name], records(rows[name]))
         if submissions.setdefault(found.facts["name"], found) is not found:
             raise InputError(f"{folder}: another submission is called {found.facts['name']}")
-    contests = [contest(track, rows[track.name], submissions) for track in tracks.values()]
+    contests = [own for track in tracks.values() for own in contests_of(track, rows[track.name], submissions)]
     written = write_site(options.out, contests, submissions)
     print(f"{options.out}: {len(written)} pages; open {written[0]} in a browser")  # noqa: T201
     return 0

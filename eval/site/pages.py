@@ -9,17 +9,19 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from eval.publish.columns import SUCCESS
+from eval.publish.columns import SUCCESS, begun
 from eval.publish.front import TIME, draw, with_times
 from eval.publish.html import charts, configuration, facts, render, texts
 from eval.publish.summary import Table, make_table
 from eval.rows.files import PUBLISHED, write_text
 from eval.rows.frame import distinct, method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
+from eval.rows.store import MISSING, Row, version_of
 from eval.site.ranking import rankings
 from eval.site.submission import Submission
 from eval.site.tracks import Track
 from eval.timing.table import cells, make_time_table
+from sshade.errors import InputError
 
 #: Headings of the measures that are drawn against time.
 DRAWN = ("EL", "truth", "FA", "normal")
@@ -35,12 +37,50 @@ class Contest(NamedTuple):
     table: Table
 
 
-def contest(track: Track, rows: pd.DataFrame, submissions: Mapping[str, Submission]) -> Contest:
-    """Return the contest of a track. Submissions may be of other versions of the code."""
-    entered = [own for own in submissions.values() if own.facts["track"] == track.name]
-    every = to_frame([*records(rows), *(row for own in entered for row in own.rows)])
+def contests_of(track: Track, rows: pd.DataFrame, submissions: Mapping[str, Submission]) -> list[Contest]:
+    """Return the contest of a track; submissions measured by other versions of the metrics have their own.
+
+    Parameters
+    ----------
+    track : Track
+    rows : DataFrame
+        The project's rows of the track.
+    submissions : mapping
+        Name of the method -> submission, of all tracks.
+
+    Raises
+    ------
+    InputError
+        If the rows of a method are of several versions of the code, the project's rows are of several
+        versions of the metrics, or methods have different tasks of the same name.
+    """
+    ours = records(rows)
+    known = {version_of(row)[1] for row in ours if row["status"] != MISSING}
+    entered: dict[str | None, list[Row]] = {}
+    for own in submissions.values():
+        if own.facts["track"] == track.name:
+            version = version_of(own.rows[0])[1]
+            entered.setdefault(None if version in known else version, []).extend(own.rows)
+    found = [_contest(track, [*ours, *entered.pop(None, [])])]
+    for version, others in entered.items():
+        short = str(version)[:8]
+        text = f"{track.text} Measured by version {short} of the metrics, which the track does not use yet."
+        name, title = f"{track.name}_{short}", f"{track.title}, metrics {short}"
+        found.append(_contest(track._replace(name=name, title=title, text=text, timing=None), others))
+    return found
+
+
+def _contest(track: Track, rows: list[Row]) -> Contest:
+    """Return the contest of the held-out rows; they must be of the same tasks."""
+    every = to_frame(rows)
     every = every[every["task.name"].map(split_of) == HELD_OUT].reset_index(drop=True)
-    return Contest(track, every, make_table(every, title=track.title, mixed=bool(entered)))
+    tasks = begun(every).groupby("task.name")["task.checksum"].nunique()
+    if (tasks > 1).any():
+        raise InputError(
+            f"{track.name}: its rows are of {tasks.max()} tasks that are called {tasks.idxmax()}, of several "
+            "tracks or builds of the dataset: rank each of them apart"
+        )
+    return Contest(track, every, make_table(every, title=track.title))
 
 
 def write_site(
@@ -93,7 +133,7 @@ def _ranked(own: Contest, seconds: dict[str, float], told: str) -> dict[str, Any
     """Return the rankings of a track, and the sentences above them."""
     counts = {"cases": own.rows["task.name"].nunique(), "methods": own.rows["method.name"].nunique()}
     found = rankings(own.table, seconds)
-    return {"track": own.track, "rankings": found, "by": found[0].columns[0].label, "told": told, **counts}
+    return {"track": own.track, "rankings": found, "by": next(iter(found)), "told": told, **counts}
 
 
 def _cases(own: Contest, method: str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
-from eval.publish.front import draw, front, with_times
+from eval.publish.front import draw, front, unbeaten, with_times
 from eval.rows.frame import write_csv
 from sshade.errors import InputError
 
@@ -84,6 +84,19 @@ def test_times_are_those_of_the_same_configuration_and_version():
         with_times(rows, frame(*timed, timed[0] | {"env.machine": "another"}))
     with pytest.raises(InputError, match="no method was timed"):
         with_times(rows, frame(*(one | {"env.version.code": "other"} for one in timed)))
+
+
+def test_the_front_has_the_points_that_no_other_beats_and_its_line_is_drawn():
+    assert unbeaten([(3.0, 1.0), (1.0, 5.0), (2.0, 5.0), (2.0, 2.0), (4.0, 1.0), (2.5, 3.0)]) == [
+        (1.0, 5.0),
+        (2.0, 2.0),
+        (3.0, 1.0),
+    ]
+    pytest.importorskip("matplotlib")
+    points = {"quick": [(0.1, 3.0)], "good": [(2.0, 1.0)], "beaten": [(3.0, 2.0)]}
+    (axes,) = draw({None: points}, ("time", "edge")).axes
+    stairs = [line.get_xydata().tolist() for line in axes.lines if line.get_drawstyle() == "steps-post"]
+    assert stairs == [[[0.1, 3.0], [2.0, 1.0]]]
 
 
 def test_names_of_points_overlap_no_point_and_no_name():

@@ -28,9 +28,9 @@ def test_markdown(rows):
         "",
         "| method | runs | volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | iterations |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-        "| arap | 2 | **6.00** | **2.00** | **3.00** | <u>4.000</u> | **0.000** | 15 (1/2) |",
+        "| arap | 2 | 6.00 | 2.00 | 3.00 | 4.000 | 0.000 | 15 (1/2) |",
         "| worse | 0/1 | failed | failed | failed | failed | failed | failed |",
-        "| paper_plain | 2 | n/a | **2.00** | **3.00** | **1.500** | <u>0.100</u> | 10 |",
+        "| paper_plain | 2 | n/a | 2.00 | 3.00 | 1.500 | 0.100 | 10 |",
         "",
         "#### t: further measures",
         "",
@@ -41,7 +41,9 @@ def test_markdown(rows):
         "| paper_plain | 2 | 50.0 |",
     ]
     notes = "\n".join(lines[15:])
-    assert "2 cases of 1,000 vertices; means over all of them." in notes and "Machine: box." in notes
+    assert (
+        "2 cases of 1,000 vertices, 2 subjects; means over all of them." in notes and "Machine: box." in notes
+    )
     assert "- worse: planned on 1 of 2 cases.\n- worse: 1 failed (ValueError: no): every case." in notes
 
 

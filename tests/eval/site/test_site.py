@@ -11,7 +11,7 @@ from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv, to_frame
 from eval.rows.store import VALID, read_row, run_folders
 from eval.site import pages
-from eval.site.pages import contest, write_site
+from eval.site.pages import contests_of, write_site
 from eval.site.submission import Submission
 from eval.site.tracks import Track, is_published, published, read_tracks
 
@@ -35,7 +35,7 @@ def site(rows, tmp_path):
     ours = [row for row in rows if row["method.name"] != "stretching"]
     facts = {"name": "stretching", "track": "tiny", "authors": "A & B", "code": "https://example.org/code"}
     handed_in = {"stretching": Submission(facts, "", theirs, 0)}
-    write_site(tmp_path, [contest(TRACK, to_frame(ours), handed_in)], handed_in)
+    write_site(tmp_path, contests_of(TRACK, to_frame(ours), handed_in), handed_in)
     return tmp_path
 
 
