@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sshade.cli.console import CommandParser, progress_bar, run_command
 from sshade.cli.programs import add_completion, version_of
 from sshade.errors import InputError
+from sshade.memory import require_memory
 
 if TYPE_CHECKING:
     from defaust.build.options import BuildOptions
@@ -85,6 +86,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         args = parser.parse_args(argv)
         logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
+        if args.command != "info":
+            require_memory()
         command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
         return command(args)
 

@@ -13,6 +13,7 @@ from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
 from sshade.io.files import check_output
+from sshade.memory import require_memory
 from sshade.options import described, help_text
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     from sshade.io.meshes import read_file
 
     file = read_file(path)
+    require_memory(vertices=len(file.V))
     for note in file.notes:
         say(f"note: {path}: {note}")
     if output is not None and (lost := file.lost(output)):

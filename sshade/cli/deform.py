@@ -60,7 +60,9 @@ from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import naming
-from sshade.options import GROUPS, PAPER, require_method, resolve
+from sshade.memory import require_memory
+from sshade.options import GROUPS, PAPER, Options, require_method, resolve
+from sshade.threads import available_cpus
 
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
@@ -89,15 +91,16 @@ def command(options: argparse.Namespace) -> int:
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
-    asked = resolve(options.method, values).vertices
+    resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
     check_input(options.mesh, SUFFIXES)
-    return _deform(options, values, asked, read_handle_file(options.handles, raw=options.raw))
+    given = read_handle_file(options.handles, raw=options.raw)
+    return _deform(options, values, resolved, given)
 
 
 @announced_compilation()
-def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, given: HandleFile) -> int:
+def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: HandleFile) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.io.handles import handle_notes, on_mesh
     from sshade.io.meshes import write_file
@@ -107,6 +110,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, giv
     file, whole = read_surface(options, options.output)
     V = file.V
     mesh = whole.mesh
+    at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())
+    require_memory(vertices=len(V), proxy_vertices=at_once * min(resolved.vertices, len(V)))
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
     if options.weight is not None:
@@ -124,7 +129,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], asked: int, giv
         f"{options.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
         f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
-    facts = {"asked": asked, "snap": float(handles.snap_distance.max()), "diagonal": mesh.diagonal}
+    facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
+    facts["snap"] = float(handles.snap_distance.max())
     for note in [*handle_notes(given, handles, mesh), *notes({**result.extra, **whole.facts, **facts})]:
         say(f"note: {note}")
     if result.converged is False:

@@ -33,6 +33,7 @@ from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plot
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
 from sshade.io.files import naming, replacing
+from sshade.memory import require_memory
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
 
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
+
+#: Bytes of address space that VTK and its drivers need.
+VTK = 900_000_000
 
 #: Width of a panel, and its greatest height, in pixels.
 PANEL = 900
@@ -66,6 +70,7 @@ def command(options: argparse.Namespace) -> int:
     if path is None and not has_display():
         raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
     check_outputs(options, output=PICTURES)
+    require_memory(further=VTK)
     check_input(options.mesh, SUFFIXES)
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)

@@ -100,7 +100,7 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
         raise InputError(f"{path}: the file is empty")
     try:
         return _READERS[path.suffix.lower()](path)
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # readers fail in many ways on a damaged file: report each in one sentence
         reason = " ".join(str(error).split())
