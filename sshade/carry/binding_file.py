@@ -60,7 +60,8 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     try:
         if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
             raise InputError(
-                f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}"
+                f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}; if "
+                "`sshade remesh` got --weld or --repair, pass the same here"
             )
         if str(arrays["mesh"]) != _digest(mesh.F):
             raise InputError("the map is of a mesh with other faces; remesh this one")

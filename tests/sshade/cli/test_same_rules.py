@@ -51,6 +51,7 @@ REFUSED = {
     "a NaN": (np.where(np.arange(len(V))[:, None] == 3, np.nan, V), F),
     "a face of vertices that are missing": (V, np.concatenate([F, [[0, 1, 999]]])),
     "one place": (np.ones_like(V), F),
+    "faces that are points": (np.repeat(V[F].mean(axis=1), 3, axis=0), np.arange(F.size).reshape(-1, 3)),
     "no face with three vertices": (V, np.column_stack([F[:, 0], F[:, 0], F[:, 1]])),
     "coordinates without digits": (V + 1e14, F),
 }
@@ -105,3 +106,23 @@ def test_every_command_takes(name, refusals):
 def test_every_command_refuses(name, refusals):
     reason = refusals(*REFUSED[name])
     assert len(set(reason.values())) == 1 and "" not in reason.values(), reason
+
+
+def test_every_command_welds_and_repairs(here, capsys):
+    """Two bodies that touch in a vertex are one component after a repair alone."""
+    V, F = TWO_FANS.V + 1e-8 * (np.arange(TWO_FANS.n) >= BODY.n)[:, None], TWO_FANS.F
+    write_mesh("rest.ply", V, F)
+    write_handles("pose.json", Handles([0, 9], V[[0, 9]] + [[0, 0, 0], [0.1, 0, 0]]))
+    session = Session(Path("rest.ply"), handles=Path("pose.json"), weld=1e-6, repair=True)
+    task = read_task("rest.ply", handles="pose.json", weld=1e-6, repair=True)
+    assert session.mesh.n == task.mesh.n == len(V) - 1
+    for command in COMMANDS:
+        command = command.removesuffix(" --carry-unconstrained")
+        assert main([*command.split(), "--repair", "--weld", "1e-6"]) == 0
+    command = session.document.command(session.history.state.settings)
+    assert command.endswith("--weld 1e-06 --repair")
+    write_handles("rest_handles.json", Handles([0], V[[0]]))
+    assert main(command.split()[1:]) == 0
+    capsys.readouterr()
+    assert main(COMMANDS[3].split()) == 2 and "pass the same here" in capsys.readouterr().err
+    assert main(COMMANDS[0].removesuffix(" --carry-unconstrained").split()) == 2
