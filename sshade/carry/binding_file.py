@@ -58,13 +58,14 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     """
     arrays = _read(path)
     try:
+        remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"
         if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
+            vertices = arrays["vertices"]
             raise InputError(
-                f"the map is of a mesh with {arrays['vertices']} vertices, this one has {mesh.n}; if "
-                "`sshade remesh` got --weld or --repair, pass the same here"
+                f"the map is of a mesh with {vertices} vertices, this one has {mesh.n}; {remedy}"
             )
         if str(arrays["mesh"]) != _digest(mesh.F):
-            raise InputError("the map is of a mesh with other faces; remesh this one")
+            raise InputError(f"the map is of a mesh with other faces; {remedy}")
         sampling = Sampling(**{field: arrays[name] for name, field in SAMPLING.items()})
         on_proxy = Projection(**{field: arrays[name] for name, field in PROJECTION.items()})
         _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)

@@ -199,7 +199,10 @@ def _sampled_by_component(mesh: Mesh, vertices: int, seed: int | tuple[int, ...]
         zip(members(mesh.component, count), members(of_face, count), strict=True)
     ):
         part = Mesh(mesh.V[vertex], np.searchsorted(vertex, mesh.F[faces]))
-        sampling = sample_proxy(part, int(share[number]), seed=seed)
+        if part.diagonal == 0 or share[number] == part.n:  # the component itself is the proxy
+            sampling = Sampling(np.arange(part.n), part.F, np.arange(part.n), np.zeros(part.n))
+        else:
+            sampling = sample_proxy(part, int(share[number]), seed=seed)
         cell[vertex], distance[vertex] = sampling.cell + first, sampling.distance
         parts.append((vertex[sampling.samples], sampling.faces + first))
         first += len(sampling.samples)

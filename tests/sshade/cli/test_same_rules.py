@@ -35,6 +35,10 @@ TAKEN = {
     "faces turned": (V, np.concatenate([F[:9, ::-1], F[9:]])),
     "several components": (beside(BODY, torus(9, 6)).V, beside(BODY, torus(9, 6)).F),
     "one side": (moebius().V, moebius().F),
+    "a face of no extent": (
+        np.concatenate([V, np.ones((3, 3))]),
+        np.concatenate([F, [len(V) + np.arange(3)]]),
+    ),
     "a triangle": (np.eye(3), np.array([[0, 1, 2]])),
     "no width": (V * [0, 0, 1], F),
     "triangles that share no vertex": (V[F].reshape(-1, 3), np.arange(F.size).reshape(-1, 3)),
@@ -51,7 +55,6 @@ REFUSED = {
     "a NaN": (np.where(np.arange(len(V))[:, None] == 3, np.nan, V), F),
     "a face of vertices that are missing": (V, np.concatenate([F, [[0, 1, 999]]])),
     "one place": (np.ones_like(V), F),
-    "faces that are points": (np.repeat(V[F].mean(axis=1), 3, axis=0), np.arange(F.size).reshape(-1, 3)),
     "no face with three vertices": (V, np.column_stack([F[:, 0], F[:, 0], F[:, 1]])),
     "coordinates without digits": (V + 1e14, F),
 }
@@ -124,5 +127,5 @@ def test_every_command_welds_and_repairs(here, capsys):
     write_handles("rest_handles.json", Handles([0], V[[0]]))
     assert main(command.split()[1:]) == 0
     capsys.readouterr()
-    assert main(COMMANDS[3].split()) == 2 and "pass the same here" in capsys.readouterr().err
+    assert main(COMMANDS[3].split()) == 2 and "the --weld and --repair that" in capsys.readouterr().err
     assert main(COMMANDS[0].removesuffix(" --carry-unconstrained").split()) == 2
