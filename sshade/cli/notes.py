@@ -33,7 +33,13 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"{facts.get('tolerance', 0):.2g} of the diagonal from their common place)": near,
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
-        **_on_samples(facts["samples"], facts["asked"], facts["options"]["coarser"], components=bent),
+        **_on_samples(
+            facts["samples"],
+            facts["asked"],
+            facts["options"]["coarser"],
+            components=bent,
+            one_sided=one_sided > 0,
+        ),
         f"{flat} faces without area were slightly enlarged": flat,
         f"{dropped} faces that repeat a vertex or another face were ignored": dropped,
         f"{unused} vertices without a face stay at their places": unused,
@@ -53,14 +59,17 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     return [note for note, holds in found.items() if holds]
 
 
-def _on_samples(samples: int, asked: int, coarser: int, *, components: int) -> dict[str, bool]:
+def _on_samples(
+    samples: int, asked: int, coarser: int, *, components: int, one_sided: bool
+) -> dict[str, bool]:
     """Sentences on a number of proxy vertices that differs from the number `asked` by more than rounding."""
     from sshade.pipeline.proxies import SPARE  # imports large libraries
 
     differs = f"the proxy has {samples} vertices instead of {asked}: "
+    of = "a component" + (", where both sides of a surface count" if one_sided else "")
     return {
         "no proxy was made: the handles alone determine the result": samples == 0,
-        f"{differs}at most one for every {coarser} vertices of a component, or one for each handle and "
-        f"{SPARE} more": 0 < samples < asked - components / 2,
+        f"{differs}at most one for every {coarser} vertices of {of}, or one for each handle and {SPARE} "
+        "more": 0 < samples < asked - components / 2,
         f"{differs}each component has one for each handle and {SPARE} more": samples > asked + components / 2,
     }

@@ -84,7 +84,7 @@ def by_components(
         Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
         ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of ``rigid``
         components among them, of ``unconstrained`` components, of unconstrained components ``touching``
-        others, of removed ``duplicates`` of faces, of vertices on ``one_sided`` surfaces, of further
+        others, of removed ``duplicates`` of faces, of vertices on bent ``one_sided`` surfaces, of further
         ``copies`` of vertices, and of faces ``turned`` to agree. Largest distances, as fractions of the
         diagonal: ``gap`` between a copy and the joined vertex, ``side_gap`` between a side of a one-sided
         surface and the mean of its sides, ``opening`` between vertices that touched at rest.
@@ -104,14 +104,13 @@ def by_components(
     contact = contacts(mesh, unconstrained)
     contact.warn()
     cut = cut_to_manifold(mesh)
-    one_sided = len(np.unique(mesh.F[cut.one_sided]))
     facts: dict[str, Any] = {
         "components": 1,
         "unconstrained": len(unconstrained),
         "touching": contact.components,
         "duplicates": whole.m - mesh.m,
-        "one_sided": one_sided,
-        "copies": len(cut.origin) - mesh.n - one_sided,
+        "one_sided": 0,
+        "copies": len(cut.origin) - mesh.n - len(np.unique(mesh.F[cut.one_sided])),
         "turned": cut.turned,
         "gap": 0.0,
     }
@@ -126,6 +125,7 @@ def by_components(
     V = components.positions
     move_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(all_components), "rigid": len(all_components) - len(order)}
+    facts["one_sided"] = int(components.one_sided.sum())
     gaps = {**components.gaps, "opening": contact.opening(V)}
     facts |= {name: gap / mesh.diagonal for name, gap in gaps.items()}
     _warn_of_volume([result.extra for result in results])
@@ -169,6 +169,8 @@ class _Components:
         Of each component.
     positions : (n, 3) float64
         Deformed positions; rest positions where no component with the vertex is done.
+    one_sided : (n,) bool
+        Vertices of one-sided surfaces that were deformed.
     gaps : dict of float
         "gap": largest distance of a copy from the position of its vertex. "side_gap": the same where the
         copies are the sides of a one-sided surface.
@@ -191,7 +193,7 @@ class _Components:
         self._sides = np.where(np.isin(np.arange(count), of_face[mesh.m :]), 2, 1)
         self._hard = handles.hard & ~handles.has_rotation
         self.positions, self._done = np.array(mesh.V), np.zeros(mesh.n, dtype=bool)
-        self.gaps = {"gap": 0.0, "side_gap": 0.0}
+        self.gaps, self.one_sided = {"gap": 0.0, "side_gap": 0.0}, np.zeros(mesh.n, dtype=bool)
         # Number of copies of each vertex in each component.
         entries = np.ones(len(cut.origin)), (cut.origin, self._component)
         self._copies = csr_array(entries, shape=(mesh.n, count))
@@ -276,6 +278,7 @@ class _Components:
             both = joined(again.vertices, [result, again], {})
             result = replace(again, iterations=2 * both.iterations, seconds=both.seconds)
         self._take_over(origin, result.vertices, "gap" if sides == 1 else "side_gap")
+        self.one_sided[origin] |= sides == 2
         if sides == 2 and self._options.volume > 0:
             result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
         return result

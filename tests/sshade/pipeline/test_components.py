@@ -288,7 +288,8 @@ def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
     mesh, R = moebius(60), rotation(4)
     rigid = mesh.V @ R.T + [1, 0, 2]
     hard = Handles(np.arange(0, mesh.n, 9), rigid[::9])
-    assert np.abs(deformed(mesh, hard, method).vertices - rigid).max() < 1e-12
+    result = deformed(mesh, hard, method)
+    assert np.abs(result.vertices - rigid).max() < 1e-12 and result.extra["one_sided"] == 0
     soft = replace(hard, weight=np.full(len(hard), 5.0))
     result = deformed(mesh, soft, method, start="rigid")
     assert result.extra["rigid"] == 0 and np.abs(result.vertices - rigid).max() < 1e-3
