@@ -1,52 +1,16 @@
-"""Cases: files that hold no mesh, or not the one that they announce."""
-
-from pathlib import Path
+"""Cases: bad meshes in commands other than deform, which :mod:`tools.corpus.bad` tries."""
 
 import numpy as np
 
-from sshade.io.meshes import SUFFIXES
-from tests.robustness.case import Case, nothing, refused
-from tests.robustness.inputs import BODY, Given, both, cut, data, folder, garbage, mesh, text
+from tests.robustness.case import Case, nothing
+from tests.robustness.inputs import BODY, cut, folder, mesh
 
 DEFORM = "sshade deform {} pose.json -o out.ply"
 
 
-def _of_each_format() -> list[Case]:
-    cases = []
-    for suffix in SUFFIXES:
-        path, other = f"body{suffix}", ".off" if suffix == ".ply" else ".ply"
-        sound, foreign = mesh(BODY.V, BODY.F, path), mesh(BODY.V, BODY.F, f"x{other}")
-        damages: dict[str, Given] = {
-            "empty": data(path, b""),
-            "binary garbage": garbage(path),
-            "a web page": text(path, "<!DOCTYPE html>\n<title>404 Not Found</title>\n"),
-            "only zeros": data(path, bytes(4096)),
-            "cut in its last face": both(sound, cut(path, -5)),
-            f"content of {other}": both(foreign, lambda p=path, o=other: Path(f"x{o}").rename(p)),
-        }
-        table = {name: (given, path) for name, given in damages.items()}
-        cases += refused(DEFORM.format(path), table, prefix=f"{suffix}: ")
-    return cases
-
-
-def _announcing(n: object, m: object, points: str = "0 0 0\n1 0 0\n0 1 0\n") -> Given:
-    """A PLY file of three vertices and a face that announces other counts."""
-    header = f"ply\nformat ascii 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
-    header += f"element face {m}\nproperty list uchar int vertex_indices\nend_header\n"
-    return text("body.ply", f"{header}{points}3 0 1 2\n" if m else header + points)
-
-
-PLY = {
-    "announces 10^12 vertices": (_announcing(10**12, 1), "body.ply", "not a readable"),
-    "announces 10^12 faces": (_announcing(3, 10**12), "body.ply", "not a readable"),
-    "points without faces": (_announcing(3, 0), "body.ply"),
-}
 #: What stands at the mesh's place on the command line.
 NAMES = {
-    "unknown suffix": ("body.fbx", garbage("body.fbx"), ".fbx", ".ply"),
-    "no suffix": ("body", garbage("body"), "unknown format"),
     "a folder for a mesh": ("d.ply", folder("d.ply"), "d.ply: is a folder"),
-    "comments alone": ("body.obj", text("body.obj", "# an empty scene\n"), "body.obj", "no triangles"),
     "a missing mesh": ("nowhere.ply", nothing, "nowhere.ply: no such file"),
 }
 LESS = mesh(np.eye(3), [[0, 1, 2]], "less.ply")
@@ -62,8 +26,6 @@ PLACES = {
     "transfer-pose body.ply body.ply less.ply -o out.ply": (LESS, "less.ply", "they must correspond"),
 }
 CASES = [
-    *_of_each_format(),
-    *refused(DEFORM.format("body.ply"), PLY, prefix="PLY: "),
     *(
         Case(name, DEFORM.format(path), given, says=tuple(says))
         for name, (path, given, *says) in NAMES.items()

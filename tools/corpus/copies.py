@@ -94,7 +94,9 @@ FAR: Shapes = {f"{distance:g} diagonals": _at(distance) for distance in (1e3, 1e
 FAR_SINGLE: Shapes = {
     f"{distance:g} diagonals in single precision": _at(distance) for distance in (1e2, 1e3, 1e4)
 }
-SCALES: Shapes = {f"unit {scale:g}": _at(0.3, scale) for scale in (1e-20, 1e-12, 1e-6, 1e-3, 1e3, 1e6, 1e12, 1e30)}
+SCALES: Shapes = {
+    f"unit {scale:g}": _at(0.3, scale) for scale in (1e-20, 1e-12, 1e-6, 1e-3, 1e3, 1e6, 1e12, 1e30)
+}
 SCALES_SINGLE: Shapes = {f"unit {scale:g} in single precision": _at(0.3, scale) for scale in (1e-6, 1e6)}
 
 TINY: Shapes = {

@@ -281,6 +281,9 @@ DEGENERATE: Shapes = {
     "slivers": lambda r: scaled(random_sheet(500, r), (1, 1e-4, 1)),
     "caps of nearly 180 degrees": lambda r: _caps(),
     "noise as long as edges": lambda r: noisy(of(shapes.icosphere(3)), 0.03, r),
+    "all vertices on a line": lambda r: scaled(body(), (0, 0, 1)),
+    "flattened to 1e-12": lambda r: scaled(body(), (1e-12, 1, 1)),
+    "slivers of 1e-9": lambda r: scaled(of(shapes.strip(1, 300)), (1e-9, 1, 1)),
     "self-intersecting": lambda r: _pinched(),
 }
 
