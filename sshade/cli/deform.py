@@ -55,7 +55,7 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.notes import notes
+from sshade.cli.notes import announced_warnings, notes
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
@@ -118,7 +118,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
         handles = replace(handles, weight=np.where(handles.hard, options.weight, handles.weight))
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     begin = perf_counter()
-    with progress_bar() as progress:
+    with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     write_file(options.output, file, whole.placed(V, result.vertices))

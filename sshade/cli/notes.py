@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
+
+from sshade.cli.console import say
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6
+
+
+@contextmanager
+def announced_warnings() -> Iterator[None]:
+    """Print the warnings that methods log, such as a constraint that is off; each once, at once."""
+
+    class Announcement(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.getMessage() not in printed:
+                printed.add(record.getMessage())
+                say(f"note: {record.getMessage()}")
+
+    printed: set[str] = set()
+    logger, announcement = logging.getLogger("sshade"), Announcement(logging.WARNING)
+    logger.addHandler(announcement)
+    try:
+        yield
+    finally:
+        logger.removeHandler(announcement)
 
 
 def notes(facts: Mapping[str, Any]) -> list[str]:

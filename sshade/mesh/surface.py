@@ -149,6 +149,8 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     if repeating:
         F, used = F[~repeats_vertex(F)], np.zeros(len(V), dtype=bool)
         used[F] = True
+    if (V[F[0]] == V[F[0, 0]]).all() and (V[F] == V[F[:, :1]]).all():
+        raise InputError(f"all {len(F)} faces are points; there is no surface to deform")
     vertex = np.arange(len(V))
     facts: dict[str, float] = {"unused": int((~used).sum()), "collapsed": int(repeating)}
     if not used.all():

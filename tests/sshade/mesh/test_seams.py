@@ -137,3 +137,11 @@ def test_the_tolerance_decides_which_gaps_close():
     whole = surface(V, parts.F, weld=1e-6)
     assert whole.mesh.topology == SPHERE.topology and whole.facts["near"] > 0
     assert not surface(parts.V + np.where(parts.V == V, 0, 1e-14), parts.F, weld=0).mesh.is_closed
+
+
+@pytest.mark.parametrize("place", [np.zeros((1, 3)), np.arange(9.0).reshape(3, 3).repeat(3, axis=0)])
+def test_faces_that_are_points_are_no_surface(place):
+    """As in STL files of zeros, whose vertices of a face are at one place, but are not one vertex."""
+    V = np.zeros((9, 3)) + place
+    with pytest.raises(InputError, match="all 3 faces are points; there is no surface to deform"):
+        surface(V, np.arange(9).reshape(3, 3))
