@@ -16,7 +16,7 @@ from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
 from defaust.folder import layout
-from defaust.folder.card import render_card
+from defaust.folder.card import contradiction_texts, render_card
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source
 from sshade import InputError
@@ -100,6 +100,8 @@ def build(
                 layout.write_text(_record_path(out, subject), layout.dump(record))
                 for pose in record.get("left_out", ()):
                     log.warning("left out: subject %d, pose %d: %s", subject, pose["pose"], pose["reason"])
+                for text in contradiction_texts(record):
+                    log.warning("%s", text)
             progress("subjects", len(done) + len(unusable), len(subjects), f"subject {subject} done")
         if not done:
             raise unusable[subjects[0]]

@@ -34,7 +34,7 @@ class BuildOptions:
         Number of vertices nearest to a landmark that its handles are drawn from.
     static_below : float
         A landmark is static if its mean displacement is below this fraction of the rest mesh's
-        bounding-box diagonal. On a body the default is about 0.1 m. The paper sums over 30 handles instead,
+        bounding-box diagonal. On a body the default is about 2 cm. The paper sums over 30 handles instead,
         which gives 3 m.
     """
 
@@ -46,7 +46,7 @@ class BuildOptions:
     remesh_iterations: int = 5
     handles_per_landmark: int = 30
     neighbourhood: int = 60
-    static_below: float = 0.05
+    static_below: float = 0.01
 
     def __post_init__(self) -> None:
         counts = ("target_vertices", "remesh_iterations", "handles_per_landmark", "neighbourhood")

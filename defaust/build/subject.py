@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from defaust.build.handles import DYNAMIC, STATIC, choose_handles, handle_records
+from defaust.build.measures import case_facts
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import Upsampled, self_intersecting, upsample
 from defaust.folder import layout
@@ -93,6 +94,13 @@ def _content(
             if posed is not None and not np.array_equal(posed.F, rest.F):
                 raise InputError(f"pose {pose.name} has other faces than the rest pose")
             handles = handle_records(rest, posed, pose, regions=regions, chosen=chosen, options=options)
+            kinds = [handle["kind"] for handle in handles]
+            if DYNAMIC not in kinds:
+                below = 100 * options.static_below
+                raise InputError(
+                    f"nothing moves: each landmark moves less than {below:g} % of the diagonal, so every "
+                    "method would return the rest shape"
+                )
         except InputError as error:
             if strict:
                 raise
@@ -103,9 +111,8 @@ def _content(
             meshes[layout.pose_mesh(k)] = posed
             measured = {"volume": _volume(posed)}
         texts[layout.pose_file(k)] = layout.dump({"source_pose": pose.name, "handles": handles}, indent=None)
-        kinds = [handle["kind"] for handle in handles]
         counts = {kind: kinds.count(kind) for kind in (STATIC, DYNAMIC)}
-        facts.append({"pose": k, "name": pose.name} | counts | measured)
+        facts.append({"pose": k, "name": pose.name} | counts | measured | case_facts(rest, posed, handles))
     if not facts:
         raise InputError(left_out[0]["reason"])
 

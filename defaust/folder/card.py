@@ -34,6 +34,7 @@ def render_card(document: dict[str, Any]) -> str:
     rows = [
         {"subject": subject["subject"], "pose": pose["pose"], "name": pose["name"]}
         | {f"{kind} landmarks": pose[kind] for kind in ("static", "dynamic")}
+        | _measures(pose)
         for subject in subjects
         for pose in subject["poses"]
     ]
@@ -53,6 +54,30 @@ def render_card(document: dict[str, Any]) -> str:
         poses=_table(rows),
         limits="\n".join(f"- {limit}" for limit in _limits(document)),
     )
+
+
+def _measures(pose: dict[str, Any]) -> dict[str, str]:
+    """Measures of the handles of a pose; none in older builds."""
+    if "groups" not in pose:
+        return {}
+    moved, turned = pose["static_moved"], [group["turned"] for group in pose["groups"]]
+    return {
+        "moving handles": pose["moving"],
+        "static moved (%)": "-" if moved is None else f"{100 * moved:.2f}",
+        "turned (deg)": "-" if None in turned else f"{max(turned):.1f}",
+        "residual (%)": f"{100 * max(group['residual'] for group in pose['groups']):.1f}",
+    }
+
+
+def contradiction_texts(subject: dict[str, Any]) -> list[str]:
+    """Return a sentence for each static landmark that contradicts a dynamic landmark nearby."""
+    return [
+        f"subject {subject['subject']}, pose {pose['pose']}: {pair['static']} stays, and the motion of "
+        f"{pair['dynamic']}, which is {100 * pair['apart']:.1f} % of the diagonal away, would move it by "
+        f"{100 * pair['distance']:.1f} %"
+        for pose in subject["poses"]
+        for pair in pose.get("contradictions", ())
+    ]
 
 
 def _read_from(count: int) -> str:
@@ -83,6 +108,7 @@ def _limits(document: dict[str, Any]) -> list[str]:
     for subject in document["subjects"]:
         number, poses = f"subject {subject['subject']}", subject.get("left_out", ())
         found += [f"Left out: {number}, pose {pose['pose']}: {pose['reason']}." for pose in poses]
+        found += [f"Landmarks disagree: {text}." for text in contradiction_texts(subject)]
         if subject.get("dropped"):
             counts = ", ".join(f"{n} {kind.replace('_', ' ')}" for kind, n in subject["dropped"].items())
             found.append(f"Removed from {number}, because they are not part of the surface: {counts}.")

@@ -33,6 +33,11 @@ SUBJECT = {
             "dynamic": int,
             "volume": (float, None),
             "registered?": bool,
+            # Measures of the handles; see defaust.build.measures. Older builds lack them.
+            "moving?": int,
+            "static_moved?": (float, None),
+            "groups?": [{"landmark": str, "residual": float, "turned": (float, None)}],
+            "contradictions?": [{"static": str, "dynamic": str, "apart": float, "distance": float}],
         }
     ],
     "low": FACTS,

@@ -1,0 +1,143 @@
+"""Measure a case of the benchmark: what its handles ask for, beside the true pose.
+
+A benchmark is sound only if its handles agree with the pose that they were taken from. Three measures show
+where they do not: how far the true pose moves static handles, how much the rotation of a landmark's handles
+differs from that of the surface around it, and which static landmarks contradict a dynamic landmark nearby.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from defaust.build.handles import DYNAMIC, STATIC
+from sshade import Mesh
+from sshade.io.regions import rigidly_moved, vertices_in
+from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.rigid import rigid_motion
+from sshade.sampling.fronts import Fronts
+
+#: Radius of the surroundings of a landmark along the edges, as a fraction of the square root of the area:
+#: about 0.3 m on a body.
+SURROUNDINGS = 0.22
+#: Largest distance along the edges between a static and a dynamic landmark that are compared, as a fraction
+#: of the diagonal: about 0.3 m on a body.
+NEARBY = 0.15
+#: Smallest contradiction that is reported, as a fraction of the diagonal: about 4 cm on a body.
+CONTRADICTION = 0.02
+
+
+class _Group(NamedTuple):
+    """Handles of a landmark: vertices (k,), positions (k, 3) at rest and in the pose, best rigid motion."""
+
+    landmark: str
+    kind: str
+    index: np.ndarray
+    source: np.ndarray
+    target: np.ndarray
+    motion: tuple[np.ndarray, np.ndarray]
+
+
+def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Measure the handles of a case.
+
+    Parameters
+    ----------
+    rest : Mesh
+        Registered rest mesh.
+    posed : Mesh, optional
+        Registered target pose; None if it is known in its regions only.
+    handles : sequence of mapping
+        Entries of a pose file, see :func:`defaust.build.handles.handle_records`.
+
+    Returns
+    -------
+    dict
+        ``moving``: number of handles of dynamic landmarks. ``static_moved``: largest displacement of a static
+        handle in the true pose, as a fraction of the diagonal; None without such a handle or without a true
+        pose. ``groups``: for each landmark with handles ``landmark``; ``residual``, the root mean square
+        distance of the true positions from their best rigid motion, over the root mean square distance
+        from their mean; and ``turned``, the angle in degrees between the rotation of that motion and the
+        rotation of the surroundings, or None without a true pose. ``contradictions``: see
+        :func:`_contradictions`.
+    """
+    groups = [_group(rest, posed, entry) for entry in handles if entry["kind"] in (STATIC, DYNAMIC)]
+    moved = [
+        np.linalg.norm(group.target - group.source, axis=1).max() for group in groups if group.kind == STATIC
+    ]
+    return {
+        "moving": sum(len(group.source) for group in groups if group.kind == DYNAMIC),
+        "static_moved": float(max(moved)) / rest.diagonal if moved and posed is not None else None,
+        "groups": [
+            {
+                "landmark": group.landmark,
+                "residual": _residual(group),
+                "turned": None if posed is None else _turned(rest, posed, group),
+            }
+            for group in groups
+        ],
+        "contradictions": _contradictions(rest, groups),
+    }
+
+
+def _contradictions(rest: Mesh, groups: Sequence[_Group]) -> list[dict[str, Any]]:
+    """List static landmarks that contradict a dynamic landmark nearby.
+
+    The rigid motion of the dynamic landmark's handles says where the surface around it goes. If it takes a
+    static landmark within :data:`NEARBY` farther than :data:`CONTRADICTION`, the surface between the two
+    landmarks must stretch or bend. The task asks for the wrong bend if the static handles truly move.
+
+    Returns
+    -------
+    list of dict
+        ``static`` and ``dynamic`` landmark; ``apart``, their distance along the edges at rest, and
+        ``distance``, the mean displacement of the static handles by the motion of the dynamic handles. Both
+        distances are fractions of the diagonal.
+    """
+    found = []
+    fixed = [group for group in groups if group.kind == STATIC]
+    for moving in (group for group in groups if group.kind == DYNAMIC and fixed):
+        from_moving = Fronts(edge_graph(rest), moving.index).distance / rest.diagonal
+        R, t = moving.motion
+        for group in fixed:
+            apart = float(from_moving[group.index].min())
+            taken = group.source @ R.T + t
+            distance = float(np.linalg.norm(taken - group.source, axis=1).mean()) / rest.diagonal
+            if apart <= NEARBY and distance > CONTRADICTION:
+                pair = {"static": group.landmark, "dynamic": moving.landmark}
+                found.append(pair | {"apart": apart, "distance": distance})
+    return found
+
+
+def _group(rest: Mesh, posed: Mesh | None, entry: Mapping[str, Any]) -> _Group:
+    """Return the handles of an entry; the targets of a region are true positions where they are known."""
+    from scipy.spatial import cKDTree
+
+    if "boxes" in entry:
+        index = vertices_in(rest.V, entry["boxes"])
+        source = rest.V[index]
+        moved = rigidly_moved(source, entry["rotation"], entry["translation"])
+        target = moved if posed is None else posed.V[index]
+    else:
+        source, target = np.array(entry["source"]), np.array(entry["target"])
+        index = cKDTree(rest.V).query(source)[1]
+    return _Group(entry["landmark"], entry["kind"], index, source, target, rigid_motion(source, target))
+
+
+def _residual(group: _Group) -> float:
+    """Return the residual of a group's rigid motion over the extent of the group."""
+    R, t = group.motion
+    extent = np.sqrt(((group.source - group.source.mean(axis=0)) ** 2).sum(axis=1).mean())
+    missed = np.sqrt(((group.source @ R.T + t - group.target) ** 2).sum(axis=1).mean())
+    return float(missed / extent) if extent > 0 else 0.0
+
+
+def _turned(rest: Mesh, posed: Mesh, group: _Group) -> float:
+    """Return the angle in degrees between the rotations of a group and of its surroundings."""
+    from scipy.spatial.transform import Rotation
+
+    near = Fronts(edge_graph(rest), group.index).distance <= SURROUNDINGS * np.sqrt(rest.area)
+    R, _ = rigid_motion(rest.V[near], posed.V[near], weights=rest.vertex_areas[near])
+    return float(np.degrees(Rotation.from_matrix(group.motion[0] @ R.T).magnitude()))
