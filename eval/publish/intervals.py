@@ -46,15 +46,15 @@ def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         middle, half = values.mean(axis=0), quantile * values.std(axis=0, ddof=1) / np.sqrt(n)
         return middle - half, middle + half
     tail = special.ndtr(-quantile * np.sqrt(n / (n - 1)))
-    low, high = np.quantile(_resampling(n) @ values, [tail, 1 - tail], axis=0)
+    low, high = np.quantile(values.T @ _resampling(n), [tail, 1 - tail], axis=1)
     return low, high
 
 
 @cache
 def _resampling(n: int) -> np.ndarray:
-    """Return the matrix (RESAMPLES, n) that maps values of subjects to the means of all resamples."""
+    """Return the portion of each subject (line) in each resample (column)."""
     drawn = np.random.default_rng(SEED).integers(n, size=(RESAMPLES, n))
-    return np.stack([(drawn == subject).mean(axis=1) for subject in range(n)], axis=1)
+    return np.stack([(drawn == subject).mean(axis=1) for subject in range(n)])
 
 
 def kind_of_interval(subjects: int) -> str:
