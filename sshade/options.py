@@ -30,6 +30,17 @@ FAST = ("fast", *FINE)
 WITHOUT_POLISH = (*PAPER, "fast")
 
 
+#: Largest distance of a copy of a vertex from its place, on each axis, as a fraction of the bounding-box
+#: diagonal: the default, and the largest value that a user can choose.
+NEAR, FARTHEST_COPY = 1e-9, 1e-3
+
+
+def check_weld(weld: float) -> None:
+    """Raise InputError unless a distance of copies from their place is in its range."""
+    if not 0 <= weld <= FARTHEST_COPY:
+        raise InputError(f"weld is a fraction of the diagonal from 0 to {FARTHEST_COPY:g}, not {weld:g}")
+
+
 def _option(default: Any, values: str, methods: tuple[str, ...] = (*PAPER, *FAST)) -> Any:
     """Declare an option with its default, its interval or possible names, and the methods that take it."""
     return field(default=default, metadata={"values": values, "methods": methods})

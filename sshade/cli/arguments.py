@@ -14,7 +14,7 @@ from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
 from sshade.io.files import check_output
 from sshade.memory import require_memory
-from sshade.options import described, help_text
+from sshade.options import NEAR, check_weld, described, help_text
 
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
@@ -74,10 +74,18 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
     text = "largest distance of a copy of a vertex from its place, as a fraction of the diagonal; "
     text += "copies along a seam move as one (default: 1e-9, or two rounding steps of a file in single "
     text += "precision; 0 for exact copies alone)"
-    parser.add_argument("--weld", type=float, default=1e-9, metavar="W", help=text)
+    parser.add_argument("--weld", type=_weld, default=NEAR, metavar="W", help=text)
     text = "weld all copies of a vertex, along seams or not, and drop faces that are there twice; the output "
     text += "still has all vertices of the input"
     add_flags(parser, {"--repair": text})
+
+
+def _weld(text: str) -> float:
+    try:
+        check_weld(float(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return float(text)
 
 
 def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:

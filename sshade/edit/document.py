@@ -14,7 +14,7 @@ from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
-from sshade.mesh.surface import NEAR
+from sshade.options import NEAR
 from sshade.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.

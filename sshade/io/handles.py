@@ -52,7 +52,7 @@ from sshade.io.packed import packed
 from sshade.io.points import columns
 from sshade.io.regions import vertices_in
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import NEAR
+from sshade.options import NEAR
 from sshade.snapping import snap_to_vertices
 from sshade.task import DeformationTask
 

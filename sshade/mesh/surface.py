@@ -10,13 +10,10 @@ from sshade.errors import InputError
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import same_places, seams
+from sshade.options import NEAR, check_weld
 
-#: Largest distance of a copy of a vertex from its place, on each axis, as a fraction of the bounding-box
-#: diagonal.
-NEAR = 1e-9
-#: Largest value of this option.
-NEAREST_MOST = 1e-3
-#: The same distance in rounding steps of the largest coordinate, where positions are stored as float32.
+#: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
+#: positions are stored as float32.
 STEPS = 2
 
 
@@ -90,8 +87,7 @@ def surface(
         As :class:`sshade.Mesh`; also when every face repeats a vertex, all vertices coincide, or `weld` is
         out of range.
     """
-    if not 0 <= weld <= NEAREST_MOST:
-        raise InputError(f"weld is a fraction of the diagonal from 0 to {NEAREST_MOST:g}, not {weld}")
+    check_weld(weld)
     whole = cleaned(V, F)
     if whole.mesh.diagonal == 0:
         raise InputError("all vertices of the mesh coincide")

@@ -11,7 +11,7 @@ from sshade.mesh.connectivity import members
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.seams import same_places
-from sshade.mesh.surface import NEAR
+from sshade.options import NEAR
 
 log = logging.getLogger(__name__)
 

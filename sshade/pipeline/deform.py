@@ -173,7 +173,7 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        if weight is not None or rotations is not None or carry_unconstrained or repair:
+        if weight is not None or rotations is not None or carry_unconstrained or repair or weld != NEAR:
             raise TypeError(
                 "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
             )
