@@ -31,6 +31,9 @@ REBUILT_NOTE = (
 TRANSFERRED_NOTE = (
     "The paper shows pictures of pose transfers and gives their time, about 2 s a mesh, but no errors."
 )
+#: Beginning of the warning about several versions, and the note on ranks of such a table.
+MIXTURE = "Warning: rows of "
+NO_RANKS = "No ranks and no intervals: the rows are of several versions of the code."
 #: Value of ``task.meta.edit`` of a transfer without an edit.
 UNEDITED = "none"
 #: Largest number of names in a note, and of characters of a reason.
@@ -71,12 +74,14 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
         for own in versions
     ]
     differing = f"{len(versions)} versions of the code, whose numbers need not compare"
-    found = f"rows of {differing} ({'; '.join(named)})"
+    found = f"{differing} ({'; '.join(named)})"
     if mixed:
-        return [f"Warning: {found}."]
+        return [f"{MIXTURE}{found}."]
     only_metrics = code.groupby(line).nunique().max() == 1 and code.all()
     again = "measure the older rows again with `sshade-eval remeasure`" if only_metrics else ""
-    raise InputError(f"{found}: {again or 'run the older rows again'}, or print all of them with --mixed")
+    raise InputError(
+        f"rows of {found}: {again or 'run the older rows again'}, or print all of them with --mixed"
+    )
 
 
 def _version(rows: pd.DataFrame) -> str:

@@ -15,7 +15,7 @@ import pandas as pd
 from eval.publish.columns import SUCCESS, Column, are_transfers, begun, columns_of, with_success
 from eval.publish.comparison import Comparison, compare, means
 from eval.publish.intervals import LEAST, differences, kind_of_interval, places, reference_of
-from eval.publish.notes import case_notes, common_notes, rank_note, version_notes
+from eval.publish.notes import MIXTURE, NO_RANKS, case_notes, common_notes, rank_note, version_notes
 from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import VALID
@@ -110,7 +110,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
         The rows of a method must come from one configuration.
     title : str
     mixed : bool
-        Accept rows of several versions of the code, with a warning among the notes.
+        Accept rows of several versions of the code, with a warning among the notes and without ranks.
     reference : str, optional
         Method to which differences are shown. By default Elastic if it is there, otherwise the first method.
 
@@ -125,8 +125,9 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
     _check_one_experiment(rows)
     if reference not in (None, *rows["method.name"]):
         raise InputError(f"{title} has no method {reference!r}; it has {', '.join(method_names(rows))}")
-    table_of = partial(_table, reference=reference)
     versions = version_notes(rows, mixed=mixed)
+    mixture = any(note.startswith(MIXTURE) for note in versions)
+    table_of = partial(_table, reference=reference, mixture=mixture)
     transfers = are_transfers(rows)
     rows = rows if transfers else with_success(rows)
     columns = columns_of(rows)
@@ -190,17 +191,17 @@ def _table(
     comparison: Comparison,
     *,
     reference: str | None = None,
+    mixture: bool = False,
 ) -> Table:
-    """Return the table of rows and their comparison, with the note on ranks."""
+    """Return the table of rows and their comparison, with the note on ranks; a mixture has no ranks."""
     lines = _lines(rows, comparison)
     values = means(comparison.values, "method.name").reindex(lines.index)
     if SUCCESS in rows:  # over all planned runs, not only the common cases
         values[SUCCESS] = rows.groupby("method.name")[SUCCESS].mean()
     spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
-    table = Table(
-        title, columns, lines, values, spread, values * np.nan, notes=rank_note(comparison, columns)
-    )
-    return _with_differences(table, comparison, reference)
+    notes = [NO_RANKS] if mixture else rank_note(comparison, columns)
+    table = Table(title, columns, lines, values, spread, values * np.nan, notes=notes)
+    return table if mixture else _with_differences(table, comparison, reference)
 
 
 def _with_differences(table: Table, comparison: Comparison, wanted: str | None) -> Table:
