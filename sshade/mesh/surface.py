@@ -97,23 +97,32 @@ def surface(
             rounding = single_steps(whole.mesh.V) if is_single(whole.mesh.V) else np.zeros(3)
         tolerance = np.maximum(weld * whole.mesh.diagonal, STEPS * rounding)
     facts = {**whole.facts, "tolerance": tolerance.max() / whole.mesh.diagonal}
-    result = whole
+    result = whole._replace(facts=facts)
     if repair:
-        ids = same_places(whole.mesh.V, tolerance)
-        _, first = np.unique(ids, return_index=True)
-        result = whole.merged(first[np.unique(ids, return_inverse=True)[1].ravel()])
-        once = without_duplicates(result.mesh)
-        facts["collapsed"] += whole.mesh.m - result.mesh.m
-        facts["duplicates"] = result.mesh.m - once.m
-        result = result._replace(mesh=once)
+        result = _welded(result, tolerance)
     else:
         for within in (np.zeros(3), tolerance):
             result = result.merged(seams(result.mesh, within))
     there = result.vertex >= 0
-    moved = (result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum()
-    facts["near"] = int(moved)
-    facts["doubled"] = int(there.sum()) - result.mesh.n - facts["near"]
-    return result._replace(facts=facts)
+    near = int((result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum())
+    doubled = int(there.sum()) - result.mesh.n - near
+    return result._replace(facts={**result.facts, "near": near, "doubled": doubled})
+
+
+def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
+    """Merge all vertices at one place, and drop faces that are there twice."""
+    _, first, place = np.unique(same_places(whole.mesh.V, tolerance), return_index=True, return_inverse=True)
+    first = first[place.ravel()]
+    if repeats_vertex(first[whole.mesh.F]).all():
+        raise InputError(
+            f"all {whole.mesh.m} faces collapse where vertices within {tolerance.max():.2g} of their place "
+            "are welded; choose a smaller weld"
+        )
+    welded = whole.merged(first)
+    once = without_duplicates(welded.mesh)
+    collapsed = whole.facts["collapsed"] + whole.mesh.m - welded.mesh.m
+    facts = {**whole.facts, "collapsed": collapsed, "duplicates": welded.mesh.m - once.m}
+    return welded._replace(mesh=once, facts=facts)
 
 
 def single_steps(V: np.ndarray) -> np.ndarray:

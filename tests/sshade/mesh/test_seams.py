@@ -145,3 +145,12 @@ def test_faces_that_are_points_are_no_surface(place):
     V = np.zeros((9, 3)) + place
     with pytest.raises(InputError, match="all 3 faces are points; there is no surface to deform"):
         surface(V, np.arange(9).reshape(3, 3))
+
+
+def test_a_repair_that_leaves_no_face_is_refused():
+    slivers = strip(30, 1)
+    V = slivers.V * [1, 1e-9, 1]
+    assert surface(V, slivers.F).mesh.n == slivers.n
+    with pytest.raises(InputError, match="all 60 faces collapse .* choose a smaller weld"):
+        surface(V, slivers.F, repair=True)
+    assert surface(V, slivers.F, repair=True, weld=0).mesh.n == slivers.n
