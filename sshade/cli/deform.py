@@ -102,6 +102,7 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: HandleFile) -> int:
     """Read the mesh, deform it, and write the output."""
+    from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.io.handles import handle_notes, on_mesh
     from sshade.io.meshes import write_file
     from sshade.pipeline.deform import deform
@@ -121,17 +122,28 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
-    write_file(options.output, file, whole.placed(V, result.vertices))
-    error = np.linalg.norm(result.vertices[handles.index] - handles.target, axis=1).mean() / mesh.diagonal
+    placed = whole.placed(V, result.vertices)
+    write_file(options.output, file, placed)
+    stored = stored_positions(options.output, placed)
+    rounding = float(np.linalg.norm(stored - placed, axis=1).max())
+    reach, error = reached(stored, whole, handles)
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
     say(
-        f"{options.output}: {len(V)} vertices, {len(handles)} handles reached to {100 * error:.2g} % of "
-        f"the diagonal, {proxies} of {result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
+        f"{options.output}: {len(V)} vertices, {reach}, {proxies} of "
+        f"{result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
     )
+    exact = options.method not in PAPER
+    for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
+        say(f"warning: {warning}")
+    rounded = rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal)
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = float(handles.snap_distance.max())
-    for note in [*handle_notes(given, handles, mesh), *notes({**result.extra, **whole.facts, **facts})]:
+    for note in [
+        *rounded,
+        *handle_notes(given, handles, mesh),
+        *notes({**result.extra, **whole.facts, **facts}),
+    ]:
         say(f"note: {note}")
     if result.converged is False:
         say(

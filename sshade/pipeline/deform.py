@@ -65,7 +65,15 @@ def deform_task(
 
     whole = resolve(method, values)
     result = by_components(task, deform_component, whole, progress=progress)
-    return replace(result, extra={"options": as_row(whole, method), **result.extra})
+    facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
+    return replace(result, extra={**facts, **result.extra})
+
+
+def _hard_error(task: DeformationTask, V: np.ndarray) -> float:
+    """Return the largest distance of a hard handle from its target, as a fraction of the diagonal."""
+    handles = task.handles
+    distance = np.linalg.norm(V[handles.index] - handles.target, axis=1)[handles.hard]
+    return float(distance.max(initial=0.0)) / task.mesh.diagonal
 
 
 @overload
@@ -146,8 +154,9 @@ def deform(
         ``seconds`` of a result are summed over samplings, which overlap in time, as do ``bind`` and
         ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
-        largest ``residual``, the number of ``degenerate_frames``, and facts of the proxies: ``proxy_energy``,
-        ``proxy_volume_error`` and others. Facts of several components: see
+        largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
+        diagonal (``hard_handle_error``), the number of ``degenerate_frames``, and facts of the proxies:
+        ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
         :func:`sshade.pipeline.components.by_components`.
 
     Raises

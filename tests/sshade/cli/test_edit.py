@@ -72,6 +72,20 @@ def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
     assert sorted(path.name for path in Path().iterdir()) == ["body.ply", "pose.json"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
+def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
+    with running("body.ply", "--no-browser") as (process, address):
+        get(f"{address}select?how=replace", b"\0\0\0\0")
+        get(f"{address}mark", b'{"kind": "static"}')
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 143 and out == "" and err.endswith("note: the handles were not saved\n")
+    assert "Traceback" not in err and sorted(path.name for path in Path().iterdir()) == [
+        "body.ply",
+        "pose.json",
+    ]
+
+
 def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     opened = []
 

@@ -1,0 +1,105 @@
+"""What `sshade deform` says about handles that miss their targets, and about rounded positions."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, deform
+from sshade.cli.main import main
+from sshade.io.handles import write_handles
+from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from tests.shapes import bumpy, end_handles
+
+BODY = bumpy(2)
+POSE = end_handles(BODY.V, shift=(0.3, 0, 0.2))
+FAR = 1e5 * BODY.diagonal * np.array([1, 0.5, -0.7])
+
+
+def run(output: str, *options: str, mesh: str = "body.ply", handles: Handles = POSE) -> None:
+    write_handles("pose.json", handles)
+    assert main(["deform", mesh, "pose.json", "-o", output, "--vertices", "60", *options]) == 0
+
+
+def said_to_be_reached(err: str) -> float:
+    """Return the fraction of the diagonal in the summary."""
+    found = re.search(r"handles reached to (\S+) % of the diagonal, ", err.splitlines()[0])
+    return float(found[1]) / 100
+
+
+def largest_error(path: str, handles: Handles, diagonal: float) -> float:
+    distance = np.linalg.norm(read_arrays(path)[0][handles.index] - handles.target, axis=1)
+    return distance.max() / diagonal
+
+
+@pytest.mark.parametrize("method", ["paper", "fast", "fine", "fine_free"])
+def test_hard_handles_that_miss_are_a_warning(here, capsys, method):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    run("out.ply", "--method", method)
+    err = capsys.readouterr().err
+    error = largest_error("out.ply", POSE, BODY.diagonal)
+    assert said_to_be_reached(err) == pytest.approx(error, rel=0.06, abs=1e-12)
+    if method == "paper":
+        assert error > 1e-4
+        percent = f"{100 * error:.2g}"
+        assert f"warning: a handle is {percent} % of the diagonal away from its target; --method fast" in err
+    else:
+        assert error < 1e-9 and "warning" not in err
+
+
+def test_soft_handles_are_counted_apart_and_are_no_warning(here, capsys):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    weight = np.where(np.arange(len(POSE)) < 3, 0.5, np.inf)
+    run(
+        "out.ply", handles=Handles(POSE.index, POSE.target + 0.1 * weight[:, None].clip(max=1), weight=weight)
+    )
+    err = capsys.readouterr().err
+    assert f"{len(POSE) - 3} handles reached to 0 % and 3 soft handles to " in err and "warning" not in err
+    run("out.ply", "--weight", "1")
+    err = capsys.readouterr().err
+    assert f"out.ply: {BODY.n} vertices, {len(POSE)} soft handles to " in err.splitlines()[0]
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "glb", "gltf"])
+def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(here, capsys, suffix):
+    """The mesh is in double precision; STL and glTF round it to steps of about 1 % of the diagonal."""
+    write_mesh("body.ply", BODY.V + FAR, BODY.F)
+    far = Handles(POSE.index, POSE.target + FAR)
+    output = f"out.{suffix}"
+    run(output, handles=far)
+    err = capsys.readouterr().err
+    if suffix in ("ply", "obj", "off"):
+        assert said_to_be_reached(err) < 1e-9 and "single precision" not in err
+        return
+    assert said_to_be_reached(err) > 1e-3
+    if suffix != "stl":  # whose vertices are those of faces
+        assert said_to_be_reached(err) == pytest.approx(largest_error(output, far, BODY.diagonal), rel=0.06)
+    assert f"note: {output} stores single precision, which moves positions by up to" in err
+    assert "warning" not in err  # the method is exact; only the format rounds
+
+
+def test_a_mesh_that_was_rounded_before_is_noted(here, capsys):
+    write_mesh("far.glb", BODY.V + 0.1 * FAR, BODY.F)
+    mesh = read_mesh("far.glb")
+    run("out.ply", mesh="far.glb", handles=Handles(POSE.index, mesh.V[POSE.index] + [0.1, 0, 0]))
+    assert "note: positions in far.glb are rounded to steps of" in capsys.readouterr().err
+    write_mesh("near.glb", BODY.V, BODY.F)
+    run("out.glb", mesh="near.glb", handles=Handles(POSE.index, read_mesh("near.glb").V[POSE.index]))
+    assert "single precision" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("method", ["paper", "fast", "fine", "fine_free"])
+def test_results_have_the_largest_error_of_hard_handles(method):
+    task = DeformationTask("body", BODY, POSE)
+    result = deform(task, method=method, vertices=60)
+    distance = np.linalg.norm(result.vertices[POSE.index] - POSE.target, axis=1)
+    assert result.extra["hard_handle_error"] == distance.max() / BODY.diagonal
+    soft = DeformationTask("body", BODY, Handles(POSE.index, POSE.target, weight=1.0))
+    assert deform(soft, method=method, vertices=60).extra["hard_handle_error"] == 0
+
+
+def test_the_folder_has_no_file_but_the_named_ones(here):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    run("out.gltf")
+    assert sorted(path.name for path in Path().iterdir()) == ["body.ply", "out.gltf", "pose.json"]
