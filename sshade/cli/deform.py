@@ -112,7 +112,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     V = file.V
     mesh = whole.mesh
     at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())
-    require_memory(vertices=len(V), proxy_vertices=at_once * min(resolved.vertices, len(V)))
+    samples = min(resolved.vertices, int(len(V) / resolved.coarser))
+    require_memory(vertices=len(V), proxy_vertices=at_once * samples)
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
     if options.weight is not None:

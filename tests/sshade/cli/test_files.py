@@ -1,5 +1,6 @@
 """The commands write the file that they read, with other positions."""
 
+import base64
 import json
 from pathlib import Path
 
@@ -83,3 +84,19 @@ def test_remesh_carry_and_transfers_keep_the_file_too(folder, capsys):
     for source, result in (("seam.obj", "out.obj"), ("body.obj", "posed.obj")):
         old, new = (Path(name).read_text().partition("vt ")[2] for name in (source, result))
         assert old == new
+
+
+def test_buffers_beside_a_gltf_are_never_written(folder):
+    write_mesh("body.gltf", BODY.V, BODY.F)
+    tree = json.loads(Path("body.gltf").read_text())
+    data = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
+    Path("body.bin").write_bytes(data)
+    tree["buffers"][0]["uri"] = "body.bin"
+    Path("body.gltf").write_text(json.dumps(tree))
+    Path("far").mkdir()
+    for output in ("out.gltf", "far/body.gltf", "body.gltf"):
+        line = ["deform", "body.gltf", "whole.json", "-o", output, "--vertices", "60", "--overwrite"]
+        assert main(line) == 0
+        assert Path("body.bin").read_bytes() == data
+    assert np.array_equal(read_arrays("far/body.gltf")[0], read_arrays("out.gltf")[0])
+    assert [path.name for path in Path("far").iterdir()] == ["body.gltf"]
