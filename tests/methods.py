@@ -34,11 +34,12 @@ def configured(name: str, *overrides: str) -> Callable[..., DeformationResult]:
 def methods(*folders: str) -> list[str]:
     """Names of YAMLs in folders of ``conf/method``, "" for itself, whose functions are the project's.
 
-    ``METHOD=mymethod pytest tests/contract`` holds that one to the contract, too.
+    ``METHOD=mymethod pytest tests/contract`` holds that one to the contract, too. `external` is left out,
+    because it is no method before it has a program.
     """
     root = CONFIGURATION / "method"
     found = [path for folder in folders for path in sorted((root / folder).glob("*.yaml"))]
-    own = [path for path in found if _target(path).startswith(OURS)]
+    own = [path for path in found if _target(path).startswith(OURS) and path.stem != "external"]
     names = [str(path.relative_to(root).with_suffix("")) for path in own]
     asked = os.environ.get("METHOD")
     return [*names, asked] if asked and "" in folders and asked not in names else names

@@ -28,6 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import check_root, label_of, plain_config, runs_folder, source_of
+from eval.configure.typed import allow_programs
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
@@ -36,10 +37,11 @@ from eval.run.allowed import OVERRIDE, allow_from, check_folders
 from eval.run.code import CodeChanged, require_unchanged
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
-from eval.run.targets import instantiate, target_functions
+from eval.run.targets import code_of, instantiate
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.cli.console import how_to_install, progress_bar
 from sshade.errors import InputError
+from sshade.programs import ALLOWING
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 from sshade.threads import available_cpus
@@ -135,11 +137,12 @@ def _checked(arguments: list[str]) -> list[str]:
             name = f"--{flag.replace('_', '-')}"
             raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
     allow_from(known.overrides)
+    allow_programs(known.overrides)
     check_folders([known.config_dir], overrides=known.overrides)
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         refuse_old_names(key, re.split(r"[=,]", text)[1:])
-    settings = [text for text in known.overrides if keys[text] != OVERRIDE]
+    settings = [text for text in known.overrides if keys[text] not in (OVERRIDE, ALLOWING)]
     if known.multirun:
         settings = [_as_sweep(text) if keys[text].startswith("method.") else text for text in settings]
     return [*(text for text in arguments if text not in known.overrides), *settings]
@@ -223,7 +226,7 @@ def _outcome(
     """
     plain = plain_config(config)
     if begun_with is not None:
-        require_unchanged(target_functions(plain["method"]), begun_with=begun_with)
+        require_unchanged(code_of(plain["method"]), begun_with=begun_with)
     progress("reading", 0, 1)
     task = _load_task(json.dumps(plain["dataset"]))
     progress("reading", 1, 1)

@@ -12,8 +12,9 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure.sweep import CASE
+from eval.configure.typed import allow_programs
 from eval.rows.old_names import refuse_old_names
-from eval.run.allowed import require_allowed
+from eval.run.allowed import require_allowed, require_programs
 from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 from sshade.errors import InputError
 
@@ -67,6 +68,7 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
     for setting in own:
         refuse_old_names(setting.partition("=")[0])
     try:
+        allow_programs(own)
         with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
             config = compose("config", overrides=[f"{group}={choice.name}", *own])[group]
         missing = OmegaConf.missing_keys(config)
@@ -78,6 +80,7 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(one_sentence(str(error))) from error
     require_allowed(plain, where=f"the configuration of the {group}")
+    require_programs(plain, where=f"the configuration of the {group}")
     return plain
 
 

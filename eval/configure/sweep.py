@@ -17,12 +17,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from eval.rows.plan import write_plan
 from eval.rows.store import Row
-from eval.run.allowed import require_allowed
+from eval.run.allowed import require_allowed, require_programs
 from eval.run.code import METRICS, code_version, loaded_code
 from eval.run.monitor import Monitor
 from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
-from eval.run.targets import check_parameters, locate, target_functions
+from eval.run.targets import check_parameters, code_of, locate
 from sshade.cli.console import say
 from sshade.errors import InputError
 
@@ -149,6 +149,7 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     check_settings(plain)
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
+        require_programs(plain[part], where=f"the configuration of the {part}")
     return plain
 
 
@@ -208,7 +209,7 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> tuple[dict[str, str], list
                     f"have; it has {len(there)} cases, and {ALL} takes them all"
                 )
         source = source_of(dataset)
-        functions_of_run = target_functions(plain["method"]) | target_functions(source)
+        functions_of_run = code_of(plain["method"]) | code_of(source)
         functions |= functions_of_run
         planned = {
             "method.name": label_of(plain),

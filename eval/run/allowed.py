@@ -1,9 +1,12 @@
-"""Which functions a configuration or a row may name.
+"""Which functions and programs a configuration or a row may name.
 
 A name such as ``os.system`` in a folder of configurations or results from another person would do harm.
 Therefore only two kinds of functions are called: functions that a file of the project's ``conf`` names, and
 functions that the user allows. The user allows functions on the command line, with
 ``run.allow_targets=[mypackage.]``, or in the environment variable ``EVAL_ALLOW_TARGETS``.
+
+The method ``external`` runs a program. The user allows the whole command (:mod:`sshade.programs`). The method
+itself asks again before each start, whoever called it.
 """
 
 from __future__ import annotations
@@ -14,8 +17,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from eval.run.targets import EXTERNAL
 from sshade.cli.configuration import CALLED, named_functions
 from sshade.errors import InputError
+from sshade.programs import require_permission
 
 #: Variable with prefixes of allowed names, separated by commas. Workers of a launcher inherit it.
 VARIABLE = "EVAL_ALLOW_TARGETS"
@@ -51,6 +56,22 @@ def require_allowed(config: Any, *, where: str) -> None:
                 f"{where} names the function {name}, which no file of conf names; if you trust it, give "
                 f"{OVERRIDE}=[{top}.] on the command line, or set {VARIABLE}={top}."
             )
+
+
+def require_programs(config: Any, *, where: str) -> None:
+    """Check every program that a resolved configuration runs, at any depth.
+
+    Raises
+    ------
+    InputError
+        On a command that the user has not allowed.
+    """
+    if isinstance(config, Mapping):
+        if config.get("_target_") == EXTERNAL:
+            require_permission(config.get("command"), where=where)
+        config = list(config.values())
+    for value in config if isinstance(config, (list, tuple)) else ():
+        require_programs(value, where=where)
 
 
 def allow_from(overrides: Sequence[str]) -> None:

@@ -13,6 +13,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock
@@ -26,10 +27,11 @@ from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.code import CodeChanged, loaded_code, require_unchanged
 from eval.run.provenance import process_memory
-from eval.run.targets import flat, instantiate, settings, target_functions
+from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.cli.console import missing_library
 from sshade.processes import end_with_parent
+from sshade.programs import TIME_LIMIT, kill_tree
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult
 
@@ -46,6 +48,9 @@ CLOCK = "clock"
 
 #: Time limit in seconds for imports, compilation and warm-up, in runs with a time limit.
 WARM_UP_LIMIT = 900.0
+
+#: Seconds after the time limit in which a method that runs a program may tell the last words of the program.
+LAST_WORDS = 1.0
 
 #: Shortest time in seconds between two progress messages of one stage from a new process.
 PROGRESS_PERIOD = 0.2
@@ -75,6 +80,7 @@ def attempt(
     task: Task,
     *,
     seed: int,
+    time_limit: float | None = None,
     progress: Progress = silent,
     before_clock: Callable[[], None] = lambda: None,
 ) -> Attempt:
@@ -86,6 +92,9 @@ def attempt(
         Configuration of the method: ``_target_``, parameters, ``warm_up``.
     task : DeformationTask or TransferTask
     seed : int
+    time_limit : float, optional
+        Told to the method in the environment variable :data:`sshade.programs.TIME_LIMIT`. The method may end
+        itself with a TimeoutError.
     progress : Progress
     before_clock : callable
         Called after the warm-up.
@@ -98,14 +107,17 @@ def attempt(
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
             progress("warm-up", 1, 1)
         before_clock()
-        begin, cpu = perf_counter(), process_time()
-        result = call(task, seed=seed, progress=progress)
-        seconds, cpu = perf_counter() - begin, process_time() - cpu
+        with _told(time_limit):
+            begin, cpu = perf_counter(), _cpu_seconds()
+            result = call(task, seed=seed, progress=progress)
+            seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
         if np.shape(result.vertices) != task.mesh.V.shape:
             raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
     except Exception as error:  # a method may raise anything; the sweep continues
+        if isinstance(error, TimeoutError) and time_limit is not None:
+            return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
         return Attempt(row | {"reason": _sentence(error)})
     curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
@@ -130,7 +142,7 @@ def attempt_fresh(
     if method_of_start not in (None, *multiprocessing.get_all_start_methods()):
         multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
-    begun_with = loaded_code(target_functions(method))
+    begun_with = loaded_code(code_of(method))
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
@@ -138,14 +150,15 @@ def attempt_fresh(
             process.start()
         theirs.close()
         # As arguments, these values could block `start` for ever if the process ended before reading them.
-        ours.send((method, task, seed, begun_with))
+        ours.send((method, task, seed, time_limit, begun_with))
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
         process.join()
         return Attempt(NOTHING | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
-            process.kill()
+            if process.is_alive():
+                kill_tree(process.pid)
             process.join()
         ours.close()
 
@@ -169,14 +182,37 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
     while connection.poll(None if time_limit is None else max(0.0, begin + limit - perf_counter())):
         message = connection.recv()
         if isinstance(message, Attempt):
-            return message
+            seconds = message.facts.get("seconds.total", 0.0)
+            if time_limit is None or seconds <= time_limit:
+                return message
+            break
         if isinstance(message, CodeChanged):
             raise message
         if message == CLOCK:
-            stage, limit, begin = "no result", time_limit, perf_counter()
+            stage, limit, begin = "no result", (time_limit or 0.0) + LAST_WORDS, perf_counter()
         else:
             progress(*message)
+    limit = time_limit if stage == "no result" else limit
     return Attempt(NOTHING | {"status": "timeout", "reason": f"{stage} within {limit:g} s"})
+
+
+@contextmanager
+def _told(time_limit: float | None) -> Iterator[None]:
+    """Tell a method its time limit; the programs that it runs inherit the variable."""
+    if time_limit is None:
+        yield
+        return
+    os.environ[TIME_LIMIT] = repr(time_limit)
+    try:
+        yield
+    finally:
+        del os.environ[TIME_LIMIT]
+
+
+def _cpu_seconds() -> float:
+    """Return the CPU time of this process and of its finished child processes."""
+    ended = os.times()
+    return process_time() + ended.children_user + ended.children_system
 
 
 def _end(code: int) -> str:
@@ -189,7 +225,7 @@ def _end(code: int) -> str:
 
 def _child(connection: Connection, report: bool) -> None:
     end_with_parent()
-    method, task, seed, begun_with = connection.recv()
+    method, task, seed, time_limit, begun_with = connection.recv()
     lock, due = Lock(), dict[str, float]()
 
     def send(message: Any) -> None:
@@ -203,11 +239,12 @@ def _child(connection: Connection, report: bool) -> None:
             send((stage, done, total, note))
 
     try:
-        require_unchanged(target_functions(method), begun_with=begun_with)
+        require_unchanged(code_of(method), begun_with=begun_with)
     except CodeChanged as changed:
         return send(changed)
-    done = attempt(method, task, seed=seed, progress=progress, before_clock=lambda: send(CLOCK))
-    send(done._replace(facts=done.facts | {"peak_mib": _peak_mib()}))
+    clock = partial(send, CLOCK)
+    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, before_clock=clock)
+    send(done._replace(facts={"peak_mib": _peak_mib()} | done.facts))
 
 
 def _peak_mib() -> float:
@@ -235,6 +272,8 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
     }
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
     row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
+    if "peak_mib" in result.extra:  # a method that runs a program measures the memory of the program
+        row["peak_mib"] = row.pop("extra.peak_mib")
     row |= flat(result.extra.get("options", {}), "method")
     row.pop("method.seed", None)  # the row has a column `seed`
     return row

@@ -2,7 +2,8 @@
 
 A row depends on the functions that its configuration names, and on all modules that they import,
 directly or through others, imports inside functions included. Docstrings, comments and formatting are
-no part of the hash. Libraries count by their version numbers instead (:mod:`eval.run.provenance`).
+no part of the hash. The files of an external program count byte by byte. Libraries count by their version
+numbers instead (:mod:`eval.run.provenance`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
@@ -39,7 +41,8 @@ class SourceFile(NamedTuple):
     ----------
     path : Path
     place : str
-        Path relative to the folder of the top-level package.
+        Path relative to the folder of the top-level package. For a file of a program, ``program:`` or
+        ``file:`` and its name in the configuration.
     stamp : tuple
         Time of the last write and size.
     hash : str
@@ -76,7 +79,7 @@ def loaded_code(functions: Iterable[str]) -> dict[str, str]:
     Parameters
     ----------
     functions : iterable of str
-        Dotted names, as ``_target_`` gives them.
+        Names as :func:`eval.run.targets.code_of` gives them.
     """
     return {place: file.hash for place, file in (_files(frozenset(functions)) | MEASURES).items()}
 
@@ -98,7 +101,7 @@ def require_unchanged(functions: Iterable[str], *, begun_with: Mapping[str, str]
     Parameters
     ----------
     functions : iterable of str
-        Dotted names, as ``_target_`` gives them.
+        Names as :func:`eval.run.targets.code_of` gives them.
     begun_with : mapping, optional
         :func:`loaded_code` of the process that started this one.
 
@@ -134,8 +137,9 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 def _changed(file: SourceFile) -> bool:
     """Whether the code of a file differs from its hash; new docstrings and comments are no change."""
+    read = _read_bytes if ":" in file.place else _read
     try:
-        return _stamp(file.path) != file.stamp and _read(file.path, file.place).hash != file.hash
+        return _stamp(file.path) != file.stamp and read(file.path, file.place).hash != file.hash
     except OSError:
         return True
 
@@ -171,6 +175,36 @@ def _read(path: Path, place: str) -> SourceFile:
     lazy = dict(_imports(tree, package, typing=True)) if is_lazy else None
     imports = frozenset(name for _, name in _imports(tree, package)) | _attributes(tree)
     return SourceFile(path, place, stamp, digest(repr(_plain(tree)).encode()), imports, lazy)
+
+
+def _read_bytes(path: Path, place: str) -> SourceFile:
+    """Read a file of a program. `place` begins with ``program:`` or ``file:``."""
+    stamp = _stamp(path)
+    with path.open("rb") as stream:
+        sha = hashlib.file_digest(stream, "sha256")
+    return SourceFile(path, place, stamp, sha.hexdigest()[:16], frozenset(), None)
+
+
+@cache
+def _of_program(name: str) -> tuple[SourceFile, ...]:
+    """Return the files that ``program:NAME`` or ``file:PATH`` stands for, of a folder without hidden files.
+
+    Raises
+    ------
+    InputError
+        When there is no such file.
+    """
+    kind, _, word = name.partition(":")
+    found = shutil.which(word) if kind == "program" else word
+    if found is None or not Path(found).exists():
+        raise InputError(f"there is no {kind} {word!r}; relative paths begin at {Path.cwd()}")
+    path = Path(found).absolute()
+    if path.is_file():
+        return (_read_bytes(path, name),)
+    inside = {one.relative_to(path): one for one in sorted(path.rglob("*")) if one.is_file()}
+    hidden = [place for place in inside if any(part.startswith((".", "__pycache__")) for part in place.parts)]
+    names = inside.keys() - hidden
+    return tuple(_read_bytes(inside[place], f"{name}/{place.as_posix()}") for place in sorted(names))
 
 
 def _imports(node: ast.AST, package: str, *, typing: bool = False) -> Iterator[tuple[str, str]]:
@@ -224,6 +258,9 @@ def _is_text(node: Any) -> bool:
 def _files(functions: frozenset[str]) -> dict[str, SourceFile]:
     """The files that the rows of some functions depend on, by place."""
     files = {place: _parsed(PACKAGES / place, PACKAGES) for place in RUNNER}
+    programs = {name for name in functions if ":" in name}
+    files |= {file.place: file for name in programs for file in _of_program(name)}
+    functions -= programs
     waiting, seen = {TYPES, *functions}, set[str]()
     for top in {name.partition(".")[0] for name in functions} - OWN:  # all files of a user's package
         for root in places(top):

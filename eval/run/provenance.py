@@ -17,7 +17,7 @@ import numpy as np
 import psutil
 
 from eval.run.code import digest, imported_libraries
-from eval.run.targets import flat, settings, target_functions
+from eval.run.targets import code_of, flat, settings
 from sshade.cli.configuration import PACKAGES
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
@@ -61,7 +61,7 @@ def task_facts(task: DeformationTask | TransferTask) -> dict[str, Any]:
 
 def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
     """Return the columns ``method.*``, and the versions of the libraries that the method uses."""
-    plain, versions = settings(config), library_versions(target_functions(config))
+    plain, versions = settings(config), library_versions(code_of(config))
     facts = {"method.name": name, "method.hash": config_hash(plain)} | flat(plain, "method")
     return facts | {f"env.version.{library}": version for library, version in versions.items()}
 
@@ -72,7 +72,7 @@ def library_versions(functions: Iterable[str]) -> dict[str, str]:
     Parameters
     ----------
     functions : iterable of str
-        Dotted names, as ``_target_`` gives them.
+        Names as :func:`eval.run.targets.code_of` gives them.
     """
     optional = [name for name in OPTIONAL if name in imported_libraries(functions)]
     return {name: version_of(name) for name in (*LIBRARIES, *optional)}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eval.metrics import Task, measure
 from eval.rows.store import Row, read_vertices
-from eval.run.allowed import require_allowed
+from eval.run.allowed import require_allowed, require_programs
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.errors import InputError
@@ -31,6 +31,7 @@ def load_task(row: Row) -> Task:
         name = row["task.name"]
         raise InputError(f"the task.source of {name} is not JSON ({error}); run it again") from error
     require_allowed(source, where=f"the row of {row['task.name']}")
+    require_programs(source, where=f"the row of {row['task.name']}")
     task = instantiate(source)
     if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
         raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")

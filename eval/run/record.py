@@ -32,7 +32,8 @@ RECORDS = ".sweeps"
 QUEUES = ("slurm", "submitit_slurm")
 
 #: Columns of a row that the record keeps.
-RECORDED = ("method.name", "task.name", "seed", "status", "reason", "seconds.total", "iterations")
+RECORDED = ("method.name", "task.name", "seed", "status", "reason", "iterations")
+RECORDED += ("seconds.total", "seconds.startup")
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,10 @@ def status_text(row: Mapping[str, Any], *, found: str) -> str:
     """Describe the result of a run: "ok, 1.23 s, 40 iterations"."""
     if row.get("seconds.total") is None:
         return f"{row['status']} ({row['reason']})"
-    text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
+    startup = row.get("seconds.startup")
+    text = f"{row['status']}, {row['seconds.total']:.2f} s"
+    text += f" with a start-up of {startup:.2f} s" if startup is not None else ""
+    text += f", {row['iterations']:g} iterations"
     return f"{text}, {found}" if found else text
 
 

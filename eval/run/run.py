@@ -16,7 +16,7 @@ from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, 
 from eval.run.attempt import attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
 from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
-from eval.run.targets import instantiate, require_kind, settings, target_functions
+from eval.run.targets import code_of, instantiate, require_kind, settings
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
@@ -105,7 +105,7 @@ def run(
     CodeChanged
         When the code has changed since this process began. The run leaves no row.
     """
-    functions = target_functions(method) | target_functions(source or {})
+    functions = code_of(method) | code_of(source or {})
     require_unchanged(functions)
     can_run = True
     try:
@@ -199,11 +199,11 @@ def _identity(
     row |= {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
     if source is not None:
         row["task.source"] = json.dumps(source)
-    data = target_functions(source or {})
-    row["env.version.code"] = code_version(target_functions(method) | data)
+    data = code_of(source or {})
+    row["env.version.code"] = code_version(code_of(method) | data)
     row["env.version.evaluator"] = code_version(data)
     row["env.version.metrics"] = METRICS  # not in the key: stored vertices are measured again
     choices = {"method": settings(method), "seed": seed, "schema": SCHEMA}
-    choices["versions"] = library_versions(target_functions(method))
+    choices["versions"] = library_versions(code_of(method))
     parts = config_hash(choices), row["task.checksum"], row["env.version.code"]
     return row | {"key": digest(*(part.encode() for part in parts))}

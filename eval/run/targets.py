@@ -21,9 +21,12 @@ from typing import Any
 from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
 from sshade.options import checked
+from sshade.programs import words_of
 
 #: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
+#: The function that runs a program: its `command` and its `files` name code, too.
+EXTERNAL = "baselines.external.external"
 
 
 def instantiate(config: Mapping[str, Any]) -> Any:
@@ -91,12 +94,19 @@ def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
         )
 
 
-def target_functions(config: Mapping[str, Any]) -> set[str]:
-    """Return the dotted names of all functions in a configuration, nested ones included."""
+def code_of(config: Mapping[str, Any]) -> set[str]:
+    """Return the names of the code in a configuration, nested ones included.
+
+    These are dotted names of functions; and for :data:`EXTERNAL`, ``program:NAME`` and ``file:PATH``.
+    """
     names = {config["_target_"]} if "_target_" in config else set()
+    if EXTERNAL in names:
+        first, *others = words_of(config["command"])
+        paths = [word for word in others if os.path.isfile(word)] + list(config.get("files") or ())
+        names |= {f"program:{first}", *(f"file:{path}" for path in paths)}
     for value in config.values():
         if isinstance(value, Mapping):
-            names |= target_functions(value)
+            names |= code_of(value)
     return names
 
 

@@ -8,6 +8,7 @@ from time import perf_counter
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import method_facts, task_facts
+from eval.run.targets import code_of
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.errors import InputError
@@ -34,7 +35,7 @@ def job_of(method: TimedMethod, task: Task) -> Job:
     """
     facts, block = method_facts(method.label, method.config) | task_facts(task), method.block
     if block is None:
-        return Job(facts, timed(method.on(task)))
+        return Job(facts, timed(method.on(task)), code_of(method.config))
     limit = method.config.get("max_iterations")
     if type(limit) is not int or "tolerance" not in method.config:
         raise InputError(f"--extrapolate needs max_iterations and tolerance, and {method.label} has none")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from datetime import UTC, datetime
 from time import perf_counter
 from typing import NamedTuple
@@ -38,10 +38,13 @@ class Job(NamedTuple):
         Columns that identify the job: ``method.*``, ``task.*``.
     call : callable
         Runs once and returns further columns, at least ``seconds.total``.
+    code : set of str
+        Names of further code that the call depends on, as :func:`eval.run.targets.code_of` gives them.
     """
 
     facts: Row
     call: Callable[[], Row]
+    code: Set[str] = frozenset()
 
     def __str__(self) -> str:
         return f"{self.facts['method.name']} on {self.facts['task.name']}"
@@ -72,7 +75,7 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
         When :data:`ATTEMPTS` consecutive repeats were rejected.
     """
     targets = {value for job in jobs for name, value in job.facts.items() if name.endswith(".target")}
-    functions = FUNCTIONS | targets
+    functions = FUNCTIONS.union(targets, *(job.code for job in jobs))
     version = code_version(functions)
     rows: list[Row] = []
     short = []

@@ -113,6 +113,12 @@ def endless(task, *, seed: int, warming: bool = False, progress=silent) -> Defor
     return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 
 
+def sleeping(task, *, seconds: float, seed: int, progress=silent) -> DeformationResult:
+    """A method that takes a time."""
+    sleep(seconds)
+    return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
+
+
 def dying(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method that takes its process down."""
     os._exit(3)

@@ -44,7 +44,7 @@ def method(task):
 
 def forget() -> None:
     """Forget all parsed files, as a new process would."""
-    for cached in (code.places, code._parsed, code._files):
+    for cached in (code.places, code._parsed, code._files, code._of_program):
         cached.cache_clear()
     for name in [name for name in sys.modules if name.split(".")[0] in ("ours", "theirs", "beside", "far")]:
         del sys.modules[name]

@@ -31,7 +31,7 @@ def test_the_record_gives_back_what_was_put_in(tmp_path):
     assert record.sweep().begin == BEGIN and record.sweep().host
     assert record.ended() == []
     done = run(bumpy_task(level=2), {"_target_": "eval_cases.stretching"}, name="s", root=experiment)
-    told = {name: done.row[name] for name in RECORDED}
+    told = {name: done.row.get(name) for name in RECORDED}
     record.add(1, row=done.row, found="already there")
     record.add(0, row=None, problems=["seed=-1 is no seed"])
     for reader in (record, *records(experiment)):

@@ -1,0 +1,303 @@
+"""Programs as methods: files, failures, memory, and what is left of a program that is ended."""
+
+import json
+import os
+import shlex
+import sys
+import venv
+from pathlib import Path
+from shutil import which
+from subprocess import Popen
+from time import monotonic, sleep
+
+import numpy as np
+import psutil
+import pytest
+from scipy.spatial.transform import Rotation
+
+from baselines import external as module
+from baselines.external import external, measure_startup, tetrahedron
+from baselines.program import ProgramFailed
+from sshade import DeformationTask, Handles
+from sshade.errors import InputError
+from sshade.programs import ALLOWED, TIME_LIMIT, kill_tree, words_of
+from tests.shapes import bumpy, end_handles
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
+TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
+#: Writes the positions of an OFF file, moved by 1 along x.
+SHIFTING = (
+    'n=$(sed -n 2p "$1" | cut -d" " -f1); '
+    'tail -n +3 "$1" | head -n "$n" | awk "{print \\$1 + 1, \\$2, \\$3}" > "$3"'
+)
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
+
+
+@pytest.fixture
+def task():
+    mesh = bumpy(2)
+    return DeformationTask("ends", mesh, end_handles(mesh.V, turn=np.eye(3), shift=[0, 0, 0.1]))
+
+
+@pytest.fixture
+def run(task, tmp_path, monkeypatch):
+    """Run the text of a shell script on the task."""
+
+    def run(text, *words, task=task, **options):
+        script = tmp_path / "program.sh"
+        script.write_text(text)
+        command = ["sh", str(script), *words]
+        monkeypatch.setenv(ALLOWED, shlex.join(command))
+        return external(task, command=command, **{**TEXTS, **options})
+
+    return run
+
+
+def allow(monkeypatch, command):
+    monkeypatch.setenv(ALLOWED, shlex.join(command))
+    return command
+
+
+def test_a_program_gets_files_and_its_result_comes_back(run, task):
+    result = run(SHIFTING)
+    np.testing.assert_allclose(result.vertices, task.mesh.V + [1, 0, 0], atol=1e-5)
+    assert (result.iterations, result.converged) == (0, None)
+    assert result.seconds.keys() == {"write", "program", "read"}
+    assert min(result.seconds.values()) > 0
+
+
+@pytest.mark.parametrize("form", ["ply", "obj", "off"])
+def test_each_format_of_a_mesh_keeps_every_bit(run, task, form):
+    options = {"mesh_format": form, "output_format": form, "handles_format": "json"}
+    result = run('grep -q "\\"vertices\\"" "$2" && cp "$1" "$3"', **options)
+    np.testing.assert_array_equal(result.vertices, task.mesh.V)
+
+
+def test_handles_are_written_exactly(run, task, tmp_path):
+    for form in ("txt", "json"):
+        kept = tmp_path / f"kept.{form}"
+        run(f'cp "$2" {kept}; {SHIFTING}', handles_format=form)
+    rows = np.loadtxt(tmp_path / "kept.txt")
+    np.testing.assert_array_equal(rows, np.column_stack([task.handles.index, task.handles.target]))
+    groups = json.loads((tmp_path / "kept.json").read_text())["handles"]
+    assert [group["kind"] for group in groups] == ["static", "dynamic"]
+    assert sum(len(group["vertices"]) for group in groups) == len(task.handles)
+
+
+def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monkeypatch):
+    monkeypatch.setenv(TIME_LIMIT, "12.5")
+    told = tmp_path / "told"
+    text = f'echo "$@" $EVAL_SEED $EVAL_TIME_LIMIT > {told}; set -- $4 $5 $6; {SHIFTING}'
+    run(text, "seed={seed}", "{time_limit}", "{other}", "{mesh}", "{handles}", "{output}", seed=7)
+    words = told.read_text().split()
+    assert words[:3] == ["seed=7", "12.5", "{other}"] and words[-2:] == ["7", "12.5"]
+    monkeypatch.delenv(TIME_LIMIT)
+    run(text, "{seed}", "{time_limit}", "-", "{mesh}", "{handles}", "{output}")
+    assert told.read_text().split()[1] == "inf"
+
+
+def test_a_report_of_the_program_is_shown_beside_our_clock(run):
+    report = {"seconds": 0.25, "iterations": 9, "converged": False, "residual": 0.5}
+    result = run(f"echo '{json.dumps(report)}' > \"$3.json\"; {SHIFTING}")
+    assert (result.iterations, result.converged, result.extra["residual"]) == (9, False, 0.5)
+    assert result.seconds["reported"] == 0.25 and result.seconds["program"] > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "echo first >&2; echo 'no  convergence' >&2; exit 3",
+            "exit code 3; its last line was: no convergence",
+        ),
+        ("exit 4", "ended with exit code 4; it said nothing"),
+        (
+            "echo big >&2; kill -9 $$",
+            "killed by signal 9, as the system does when memory runs out; its last line",
+        ),
+        ("echo done >&2", "wrote no output.txt; its last line was: done"),
+        ("echo 1 2 3 > $3", "wrote 1 vertices, and the mesh has 162 vertices"),
+        ("echo 1 2 > $3", r"wrote an array of shape \(1, 2\), and"),
+        ("echo 1 2 x > $3", "output.txt of the program is not readable"),
+        (
+            f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3",
+            "2 of the 162 vertices that the program wrote are not finite",
+        ),
+        (f"{SHIFTING}; echo '{{' > $3.json", "output.txt.json of the program is not JSON"),
+        (f"{SHIFTING}; echo '[1]' > $3.json", "no mapping of names"),
+        (f"{SHIFTING}; echo '{{\"seconds\": -1}}' > $3.json", "has seconds=-1"),
+        (f"{SHIFTING}; echo '{{\"iterations\": true}}' > $3.json", "has iterations=True"),
+        (f"{SHIFTING}; echo '{{\"x\": [1]}}' > $3.json", r"has x=\[1\]"),
+        (r"printf '\033[31mred\007\r\n' >&2; exit 1", r"its last line was: \[31mred$"),
+    ],
+)
+def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
+    with pytest.raises(ProgramFailed, match=words) as failed:
+        run(text)
+    assert "\n" not in str(failed.value)
+
+
+def test_pickled_arrays_are_not_loaded(run):
+    program = "import numpy, sys; numpy.save(sys.argv[1], numpy.array([{}], dtype=object))"
+    with pytest.raises(ProgramFailed, match="allow_pickle"):
+        run(f'{sys.executable} -c "{program}" "$3"', output_format="npy")
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("sh a.sh", "is not a list of words"),
+        ([], "is not a list of words"),
+        (["sh", ["a"]], "is not a list of words"),
+        (["sh", "a\0b"], "is not a list of words"),
+        (["sh", "{mesh}", "{output}"], "lacks {handles}"),
+    ],
+)
+def test_commands_that_are_none_are_refused(task, command, words):
+    with pytest.raises(InputError, match=words):
+        external(task, command=command)
+
+
+def test_a_command_without_placeholders_gets_the_files_last():
+    assert words_of(["sh", 2, "--o={output}", "{mesh}{handles}"]) == [
+        "sh",
+        "2",
+        "--o={output}",
+        "{mesh}{handles}",
+    ]
+    assert words_of(["a", 1.5]) == ["a", "1.5", "{mesh}", "{handles}", "{output}"]
+
+
+def test_a_program_that_does_not_start_is_told(task, monkeypatch, tmp_path):
+    (tmp_path / "text").write_text("no program")
+    with pytest.raises(InputError, match="does not start"):
+        external(task, command=allow(monkeypatch, [str(tmp_path / "text")]))
+
+
+def test_soft_handles_need_json(run, task):
+    soft = DeformationTask("soft", task.mesh, Handles([0, 9], task.mesh.V[[0, 9]], weight=5.0))
+    with pytest.raises(InputError, match="handles_format=txt takes no soft handles"):
+        run(SHIFTING, task=soft)
+    run('grep -q weight "$2" && ' + SHIFTING, task=soft, handles_format="json")
+
+
+def test_no_shell_reads_a_command(task, monkeypatch, tmp_path):
+    command = allow(monkeypatch, ["sh", "-c", 'echo "$1" >&2; exit 1', "-", "$(touch hacked); *"])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ProgramFailed, match=r"its last line was: \$\(touch hacked\); \*$"):
+        external(task, command=command)
+    assert not list(tmp_path.iterdir())
+
+
+def gone(pids: list[int]) -> bool:
+    """Whether processes end within a few seconds; one that is killed and not yet collected has ended."""
+    end = monotonic() + 10
+    while monotonic() < end:
+        if not any(psutil.pid_exists(p) and psutil.Process(p).status() != psutil.STATUS_ZOMBIE for p in pids):
+            return True
+        sleep(0.02)
+    return False
+
+
+@pytest.mark.parametrize("after", ["wait", "exit 0", "exit 1"])
+def test_no_process_of_a_program_is_left(run, tmp_path, monkeypatch, after):
+    """Its children are killed at the limit, and those that it leaves behind at its end."""
+    monkeypatch.setenv(TIME_LIMIT, "1")
+    pids = tmp_path / "pids"
+    text = f"{SHIFTING}; sleep 600 & echo $! $$ > {pids}; echo waiting >&2; {after}"
+    begin = monotonic()
+    if after == "wait":
+        with pytest.raises(TimeoutError, match="no result within 1 s; its last line was: waiting"):
+            run(text)
+        assert 1 <= monotonic() - begin < 10
+    elif after == "exit 1":
+        with pytest.raises(ProgramFailed):
+            run(text)
+    else:
+        run(text)
+    assert gone([int(word) for word in pids.read_text().split()])
+
+
+@pytest.mark.skipif(not which("setsid"), reason="there is no program setsid")
+def test_a_child_that_leaves_the_group_is_killed_too(run, tmp_path, monkeypatch):
+    monkeypatch.setenv(TIME_LIMIT, "1")
+    pids = tmp_path / "pids"
+    with pytest.raises(TimeoutError):
+        run(f"setsid sh -c 'echo $$ > {pids}; sleep 600; true' & wait")
+    assert gone([int(pids.read_text())])
+
+
+def test_a_tree_is_killed_from_its_root(tmp_path):
+    pids = tmp_path / "pids"
+    program = Popen(
+        ["sh", "-c", f"sleep 600 & sleep 600 & echo $! > {pids}.part; mv {pids}.part {pids}; wait"]
+    )
+    while not pids.exists():
+        sleep(0.01)
+    kill_tree(program.pid)
+    assert program.wait(10) == -9 and gone([int(pids.read_text())])
+
+
+def test_memory_is_of_all_processes_of_the_program(run):
+    hold = f"{sys.executable} -I -S -c 'import time; x = 80_000_000 * bytes([1]); time.sleep(1.5)'"
+    alone = run(f"{hold}; {SHIFTING}").extra["peak_mib"]
+    both = run(f"{hold} & {hold}; wait; {SHIFTING}").extra["peak_mib"]
+    assert 76 < alone < 130 and 1.7 * alone < both < 2.3 * alone
+
+
+def test_start_up_is_the_time_on_four_vertices(run, task, tmp_path, monkeypatch):
+    assert tetrahedron().mesh.n == 4 and tetrahedron().mesh.is_closed and tetrahedron().mesh.volume > 0
+    monkeypatch.setattr(module, "_startup", {})
+    text = f"sleep 0.2; {SHIFTING}"
+    assert "startup" not in run(text).seconds
+    command = ["sh", str(tmp_path / "program.sh")]
+    measure_startup(command=command, files=[], **TEXTS)
+    seconds = run(text).seconds
+    assert 0.2 <= seconds["startup"] < 5 and seconds["program"] >= 0.2
+    monkeypatch.setattr(module, "_startup", {})
+    (tmp_path / "program.sh").write_text("exit 1")
+    measure_startup(command=command, **TEXTS)
+    assert module._startup == {}
+
+
+NUMPY = {**TEXTS, "output_format": "npy"}
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    """The Python of another virtual environment, which has numpy and scipy and no sshade."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=False, symlinks=True)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    for name in ("numpy", "scipy"):
+        source = Path(__import__(name).__file__).parent
+        (packages / name).symlink_to(source)
+        libraries = source.with_name(f"{name}.libs")
+        if libraries.is_dir():
+            (packages / libraries.name).symlink_to(libraries)
+    return str(folder / "bin" / "python")
+
+
+def test_the_example_in_python_runs_in_another_environment(task, environment, here, monkeypatch):
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    with pytest.raises(ProgramFailed, match="No module named 'sshade'"):
+        external(task, command=allow(monkeypatch, [environment, "-c", "import sshade"]))
+    command = allow(monkeypatch, [environment, str(EXAMPLES / "biharmonic.py")])
+    result = external(task, command=command, **NUMPY)
+    np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
+    assert result.iterations == 1 and 0 < result.seconds["reported"] < result.seconds["program"]
+    R, own = Rotation.from_rotvec([0.3, 2.0, -0.5]).as_matrix(), task.handles
+    V = task.mesh.V @ R.T + [1, 2, 3]
+    turned = DeformationTask("turned", task.mesh, Handles(own.index, V[own.index]))
+    np.testing.assert_allclose(external(turned, command=command, **NUMPY).vertices, V, atol=1e-9)
+
+
+@pytest.mark.skipif(not which("awk"), reason="there is no awk")
+def test_the_example_in_awk_follows_the_nearest_handle(task, monkeypatch):
+    script = str(EXAMPLES / "nearest.awk")
+    command = ["awk", "-v", "output={output}", "-f", script, "{handles}", "{mesh}"]
+    V = external(task, command=allow(monkeypatch, command), **TEXTS).vertices
+    own, rest = task.handles, task.mesh.V
+    nearest = np.linalg.norm(rest[:, None] - rest[own.index], axis=2).argmin(axis=1)
+    np.testing.assert_allclose(V, rest + (own.target - rest[own.index])[nearest], atol=1e-12)

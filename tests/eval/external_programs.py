@@ -1,0 +1,24 @@
+"""A program for the tests of external methods, and how a configuration names it."""
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+from sshade.programs import ALLOWED
+
+#: Formats that a shell script can read and write.
+TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
+#: Writes the positions of an OFF file unchanged.
+COPYING = 'tail -n +3 "$1" | head -n "$(sed -n 2p "$1" | cut -d" " -f1)" > "$3"\n'
+
+
+def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> dict[str, Any]:
+    """Write a shell script; return the configuration of a method that runs it."""
+    (folder / name).write_text(text)
+    command = ["sh", str(folder / name)]
+    return {"_target_": "baselines.external.external", "command": command, **TEXTS}
+
+
+def allow(monkeypatch: Any, *methods: dict[str, Any]) -> None:
+    """Allow the commands of methods, and no others."""
+    monkeypatch.setenv(ALLOWED, "\n".join(shlex.join(method["command"]) for method in methods))

@@ -1,0 +1,386 @@
+"""Runs of external programs: rows, versions, time limits, sweeps, times, and what is never run."""
+
+import json
+import os
+import signal
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+import pytest
+import yaml
+from eval_cases import bumpy_task, run_eval
+from external_programs import COPYING, TEXTS, allow, program
+from test_code_version import forget
+from test_eval_interrupt import alive, start_eval, wait_for
+
+from eval.main import call, main
+from eval.rows.collect import gather
+from eval.rows.frame import read_csv, records
+from eval.rows.store import read_row, read_vertices, run_folders
+from eval.run.code import CodeChanged
+from eval.run.recall import load_task
+from eval.run.run import run
+from sshade.errors import InputError
+from sshade.io.handles import write_handles
+from sshade.io.meshes import write_mesh
+from sshade.programs import ALLOWED
+from tests.full import few
+from tests.robustness.case import Case, attempt
+from tests.robustness.case import run as run_command
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
+
+SETTINGS = " ".join(f"method.{name}={value}" for name, value in TEXTS.items())
+
+
+@pytest.fixture(autouse=True)
+def nothing_allowed(monkeypatch):
+    monkeypatch.setenv(ALLOWED, "")
+
+
+@pytest.fixture
+def task():
+    return bumpy_task(level=2)
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path, monkeypatch, fresh):
+    count = 't=$(awk "BEGIN { for (i = 0; i < 3000000; i++) s += i; print s }")\n'
+    method = program(tmp_path, count + COPYING)
+    allow(monkeypatch, method)
+    done = run(task, method, name="p", root=tmp_path / "runs", fresh=fresh)
+    row = done.row
+    assert row["status"] == "ok" and row["env.warmed_up"]
+    np.testing.assert_allclose(read_vertices(done.folder, n=task.mesh.n), task.mesh.V, atol=1e-6)
+    assert row["method.command"] == str(method["command"]) and row["method.mesh_format"] == "off"
+    assert row["seconds.startup"] > 0 and 0 < row["seconds.program"] < row["seconds.total"]
+    assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # of the program
+    assert 0.1 < row["peak_mib"] < 50, "not of our own process, which is larger"
+    assert row["metric.edge"] == pytest.approx(0, abs=1e-9) and "extra.peak_mib" not in row
+    assert run(task, method, name="p", root=tmp_path / "runs", fresh=fresh).found
+
+
+def test_failures_leave_rows_with_the_last_words(task, tmp_path, monkeypatch):
+    method = program(tmp_path, "echo singular >&2; exit 3")
+    allow(monkeypatch, method)
+    row = run(task, method, name="p", root=tmp_path / "runs").row
+    assert row["status"] == "failed" and row["peak_mib"] is None
+    reason = "ProgramFailed: the program ended with exit code 3; its last line was: singular"
+    assert row["reason"] == reason
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("wait", "; its last line was: still at it"),
+        ("exec python3 -c 'import time; time.sleep(99)'", "; its last line was: still at it"),
+    ],
+)
+def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path, monkeypatch, text, said):
+    pids = tmp_path / "pids"
+    slow = f'[ "$EVAL_TIME_LIMIT" ] && {{ echo still at it >&2; sleep 99 & echo $! $$ > {pids}; {text}; }}\n'
+    method = program(tmp_path, slow + COPYING)
+    allow(monkeypatch, method)
+    row = run(task, method, name="p", root=tmp_path / "runs", time_limit=0.5).row
+    assert (row["status"], row["reason"]) == ("timeout", f"no result within 0.5 s{said}")
+    wait_for(lambda: not any(map(running, pids.read_text().split())))
+
+
+def running(pid):
+    status = Path(f"/proc/{pid}/status")
+    return status.exists() and "State:\tZ" not in status.read_text()
+
+
+def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
+    """A method may need longer than its limit without noticing; the row must say so."""
+    monkeypatch.setattr("eval.run.attempt.LAST_WORDS", 30.0)
+    method = {"_target_": "eval_cases.sleeping", "seconds": 1.0, "warm_up": {"seconds": 0.0}}
+    row = run(task, method, name="s", root=tmp_path, time_limit=0.5).row
+    assert (row["status"], row["reason"]) == ("timeout", "no result within 0.5 s")
+
+
+# Versions
+
+
+def test_the_key_follows_the_files_of_a_program(task, tmp_path, monkeypatch):
+    (tmp_path / "weights").mkdir()
+    more = [str(tmp_path / "table.txt"), str(tmp_path / "weights")]
+    for place in ("table.txt", "weights/a", "weights/.cache", "beside.txt"):
+        (tmp_path / place).write_text("1")
+    method = program(tmp_path) | {"files": more, "warm_up": None}
+    method["command"].append(str(tmp_path / "table.txt"))
+    allow(monkeypatch, method)
+
+    def key():
+        forget()
+        return run(task, method, name="p", root=tmp_path / "runs").row["key"]
+
+    keys = [key()]
+    for place, changes in {
+        "beside.txt": False,
+        "weights/.cache": False,
+        "program.sh": True,
+        "table.txt": True,
+        "weights/a": True,
+        "weights/new": True,
+    }.items():
+        with (tmp_path / place).open("a") as file:
+            file.write("\n# more\n")
+        keys.append(key())
+        assert (keys[-1] != keys[-2]) == changes, place
+    rows = [read_row(folder) for folder in run_folders(tmp_path / "runs")]
+    assert len(rows) == len({row["env.version.code"] for row in rows}) == 5
+    assert len({row["method.hash"] for row in rows}) == 1
+
+
+def test_an_edit_of_a_program_during_a_sweep_ends_it(task, tmp_path, monkeypatch):
+    method = program(tmp_path)
+    allow(monkeypatch, method)
+    run(task, method, name="p", root=tmp_path / "runs")
+    program(tmp_path, COPYING + "# edited\n")
+    with pytest.raises(CodeChanged, match=r"program\.sh has changed since the command began"):
+        run(task, method, name="p", root=tmp_path / "runs", seed=1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"files": ["nowhere.txt"]}, "there is no file 'nowhere.txt'; relative paths begin at"),
+        ({"command": ["nowhere-to-be-found"]}, "there is no program 'nowhere-to-be-found'"),
+        ({"command": "sh a.sh"}, "is not a list of words"),
+    ],
+)
+def test_files_that_are_missing_are_told(task, here, changes, words):
+    with pytest.raises(InputError, match=words):
+        run(task, program(here) | changes, name="p", root=here / "runs")
+    assert not (here / "runs").exists()
+
+
+# The command line
+
+
+def test_a_sweep_over_commands_goes_on_after_a_failure(here):
+    program(here)
+    program(here, "echo no >&2; exit 1", name="failing.sh")
+    commands = "method.command=[sh,failing.sh],[sh,program.sh]"
+    ended = run_eval(here, "-m", "dataset=bumpy", "dataset.level=2", "method=external", commands, "label=p",
+                     "seed=0,1", *SETTINGS.split())  # fmt: skip
+    assert ended.returncode == 1, ended.stderr
+    assert "4 runs: 4 new (2 failed, 2 ok)" in ended.stdout
+    assert "the program ended with exit code 1; its last line was: no" in ended.stdout
+    assert " with a start-up of " in ended.stdout
+    rows = records(gather("single", [here / "out/runs/single"]))
+    assert sorted((row["seed"], row["status"]) for row in rows) == [
+        (0, "failed"),
+        (0, "ok"),
+        (1, "failed"),
+        (1, "ok"),
+    ]
+
+
+@pytest.mark.parametrize("fresh", few(["false", "true"], "true"))
+def test_ctrl_c_ends_the_program(tmp_path, fresh):
+    program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
+    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", f"run.fresh={fresh}"]
+    pids = tmp_path / "pids"
+    with start_eval(tmp_path, *overrides) as process:
+        wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and err.startswith("interrupted")
+    wait_for(lambda: not any(map(running, pids.read_text().split())))
+
+
+@pytest.mark.full
+def test_a_killed_command_takes_the_program_of_a_fresh_process_along(tmp_path):
+    program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
+    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", "run.fresh=true"]
+    pids = tmp_path / "pids"
+    with start_eval(tmp_path, *overrides) as process:
+        wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
+        sleep(0.1)
+        process.kill()
+        process.communicate(timeout=60)
+    wait_for(lambda: not alive(process.pid))
+    wait_for(lambda: not any(map(running, pids.read_text().split())))
+
+
+def test_bench_times_a_program(here, monkeypatch, task):
+    from eval.timing import turns
+    from eval.timing.quiet import Use
+
+    monkeypatch.setattr(turns, "between", lambda *_: Use(1.0, 1.0, 0.0, ""))
+    program(here)
+    write_mesh("rest.ply", task.mesh.V, task.mesh.F)
+    write_handles("pose.json", task.handles)
+    method = "p=external 'command=[sh,program.sh]' " + SETTINGS.replace("method.", "")
+    monkeypatch.setattr(turns, "SHORTEST", 1e-3)
+    case = "mesh mesh=rest.ply handles=pose.json"
+    assert call("bench", ["speed", "--methods", method, "--cases", case, "--rounds", "2"]) == 0
+    first = read_csv("out/timing/speed.csv")
+    assert len(first) == 2 and (first["seconds.startup"] > 0).all()
+    assert call("timings", ["speed"]) == 0
+    assert "startup" in Path("out/tables/speed.md").read_text()
+    program(here, COPYING + "# edited\n")
+    forget()
+    assert call("bench", ["speed", "--methods", method, "--cases", case, "--rounds", "1"]) == 0
+    assert set(read_csv("out/timing/speed.csv")["env.version.code"]) != set(first["env.version.code"])
+
+
+# Programs of other people
+
+
+@pytest.fixture
+def theirs(here):
+    """A folder of configurations, and programs that leave a file."""
+    forget()  # of another test's folder with the same names
+    program(here, "touch hacked; " + COPYING, name="evil.sh")
+    program(here, "touch called; " + COPYING, name="mine.sh")
+    (here / "link.sh").symlink_to("mine.sh")
+    (here / "configs/method").mkdir(parents=True)
+    return here
+
+
+def write_method(folder, **settings):
+    path = folder / "configs/method/theirs.yaml"
+    path.write_text(yaml.safe_dump({"defaults": ["external", "_self_"], **TEXTS, **settings}))
+
+
+COMMAND = "sshade-eval run -cd configs method=theirs dataset=hairpin"
+MINE = "'run.allow_programs=[\"sh mine.sh\"]'"
+
+
+def refused(command, *words):
+    attempt(Case(command, command, says=("runs the program", "not allowed", *words)))
+    assert not Path("hacked").exists() and not Path("called").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["sh", "evil.sh"],
+        ["sh", "./mine.sh"],
+        ["sh", "../x/mine.sh"],
+        ["sh", "link.sh"],
+        ["/bin/sh", "mine.sh"],
+        ["./sh", "mine.sh"],
+        ["sh", "mine.sh", "extra"],
+        ["sh", "-c", "touch hacked"],
+        ["sh", "-c", "touch hacked", "mine.sh"],
+        ["sh"],
+        ["mine.sh"],
+        ["sh mine.sh"],
+        ["env", "LD_PRELOAD=evil.so", "sh", "mine.sh"],
+        ["PYTHONPATH=.", "sh", "mine.sh"],
+        ["sh", "{mesh}mine.sh", "{handles}", "{output}"],
+        ["sh", "${oc.env:EVIL}"],
+        ["sh", "${method.files.0}"],
+    ],
+)
+def test_a_yaml_runs_nothing_but_the_allowed_command(theirs, monkeypatch, command):
+    monkeypatch.setenv("EVIL", "evil.sh")
+    write_method(theirs, command=command, files=["evil.sh"])
+    refused(f"{COMMAND} {MINE}")
+
+
+def test_the_allowed_command_runs_in_any_place_of_its_files(theirs):
+    write_method(theirs, command=["sh", "mine.sh", "{mesh}", "{handles}", "{output}"])
+    refused(COMMAND, "`sh mine.sh`", "run.allow_programs=['sh mine.sh']")
+    refused(f"{COMMAND} -m seed=0,1")
+    code_, _, err = run_command(f"{COMMAND} {MINE}")
+    assert code_ == 0 and Path("called").exists(), err
+    assert not Path("hacked").exists()
+
+
+def test_a_name_on_the_command_line_allows_that_command_alone(theirs):
+    write_method(theirs, command=["sh", "evil.sh"])
+    refused(f"{COMMAND} 'method.command=[sh,\"${{method.files.0}}\"]' method.files=[evil.sh]")
+    code_, _, err = run_command(f"{COMMAND} method.command=[sh,mine.sh]")
+    assert code_ == 0 and Path("called").exists(), err
+
+
+@pytest.mark.parametrize(
+    ("place", "content"),
+    [
+        ("experiment/e", {"run": {"allow_programs": ["sh evil.sh"]}}),
+        ("experiment/e", {"hydra": {"job": {"env_set": {ALLOWED: "sh evil.sh"}}}}),
+        ("experiment/e", {"method": {"command": ["sh", "evil.sh"]}}),
+    ],
+)
+def test_a_yaml_cannot_allow_itself(theirs, place, content):
+    write_method(theirs, command=["sh", "evil.sh"])
+    path = theirs / f"configs/{place}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"# @package _global_\n{yaml.safe_dump(content)}")
+    code_, out, err = run_command(f"{COMMAND} experiment=e {MINE}")
+    assert (code_, out) == (2, "") and ("not allowed" in err or "sets hydra's env_set" in err)
+    assert not Path("hacked").exists()
+
+
+EVIL = {
+    "_target_": "baselines.external.external",
+    "task": {"_target_": "sshade.io.handles.read_task", "mesh": "body.ply", "handles": "pose.json"},
+    "command": ["sh", "evil.sh"],
+    **TEXTS,
+}
+
+
+@pytest.fixture
+def body(theirs, task):
+    write_mesh("body.ply", task.mesh.V, task.mesh.F)
+    write_handles("pose.json", task.handles)
+    return theirs
+
+
+@pytest.mark.parametrize(
+    ("place", "content"),
+    [
+        ("dataset", EVIL),
+        ("method", EVIL),
+        ("hydra/callbacks", {"evil": EVIL}),
+    ],
+)
+def test_a_nested_call_is_no_way_around(body, place, content):
+    path = body / f"configs/{place}/evil.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content))
+    code_, _, err = run_command(f"sshade-eval run -cd configs {place}=evil {MINE}")
+    assert code_ != 0 and not Path("hacked").exists(), err
+    assert "not allowed" in err or "is not a list" in err  # a list of Hydra is none
+
+
+def test_nor_is_a_handler_of_a_log(body):
+    own = {name: value for name, value in EVIL.items() if name != "_target_"}
+    config = {"version": 1, "handlers": {"x": {"()": EVIL["_target_"], **own}}, "root": {"handlers": ["x"]}}
+    (body / "configs/hydra/job_logging").mkdir(parents=True)
+    (body / "configs/hydra/job_logging/evil.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(ValueError, match="Unable to configure handler 'x'"):
+        run_command(f"sshade-eval run -cd configs hydra/job_logging=evil dataset=hairpin {MINE}")
+    assert not Path("hacked").exists()
+
+
+def test_nor_is_a_method_inside_another(body):
+    inner = {"_partial_": True, **{name: value for name, value in EVIL.items() if name != "task"}}
+    (body / "configs/method/evil.yaml").write_text(yaml.safe_dump({"defaults": ["paper"], "coarse": inner}))
+    refused(f"sshade-eval run -cd configs method=evil dataset=hairpin {MINE}")
+
+
+def test_the_task_of_a_row_runs_nothing(body):
+    row = {"task.name": "t", "task.source": json.dumps(EVIL), "task.checksum": "", "task.vertices": 1}
+    with pytest.raises(InputError, match="the row of t runs the program `sh evil.sh`, which is not allowed"):
+        load_task(row)
+    assert not Path("hacked").exists()
+
+
+def test_the_method_itself_asks_again(task, tmp_path):
+    with pytest.raises(InputError, match="not allowed"):
+        from baselines.external import external
+
+        external(task, command=["touch", str(tmp_path / "hacked")])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_list_of_programs_must_be_one(theirs):
+    write_method(theirs, command=["sh", "mine.sh"])
+    assert main(["run", "run.allow_programs=sh", "method=identity", "dataset=hairpin"]) == 2
