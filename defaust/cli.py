@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade.cli.console import CommandParser, progress_bar, run_command
+from sshade.cli.limits import require_memory
 from sshade.cli.programs import add_completion, version_of
 from sshade.errors import InputError
-from sshade.memory import require_memory
 
 if TYPE_CHECKING:
     from defaust.build.options import BuildOptions

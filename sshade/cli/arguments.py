@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sshade.cli.console import say
+from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
 from sshade.io.files import check_output
-from sshade.memory import require_memory
 from sshade.options import NEAR, check_weld, described, help_text
 
 if TYPE_CHECKING:

@@ -55,12 +55,12 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
+from sshade.cli.limits import require_memory
 from sshade.cli.notes import announced_warnings, notes
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import naming
-from sshade.memory import require_memory
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 from sshade.threads import available_cpus
 

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sshade.memory import require_memory
+from sshade.cli.limits import require_memory
 
 
 def version_of(program: str) -> str:
@@ -124,7 +124,7 @@ class Program(NamedTuple):
         InputError
             On a mistake in the arguments or in a named file.
         MemoryError
-            See :func:`sshade.memory.require_memory`.
+            See :func:`sshade.cli.limits.require_memory`.
         """
         if name not in self.commands:
             from sshade.errors import InputError

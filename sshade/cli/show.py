@@ -28,12 +28,12 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import say
+from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
 from sshade.io.files import naming, replacing
-from sshade.memory import require_memory
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from sshade.cli.console import run_command
+from sshade.cli.limits import LIBRARIES, STACKS, require_memory
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
-from sshade.memory import LIBRARIES, STACKS, require_memory
 from sshade.threads import available_cpus
 from tests.shapes import bumpy, end_handles
 
