@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +15,6 @@ from typing import NamedTuple
 import psutil
 
 from sshade.errors import InputError
-from sshade.programs import kill_group
 
 #: Seconds between two readings of the memory. A reading takes at most a twentieth of the time between two.
 PERIOD = 0.02
@@ -45,6 +45,8 @@ def run_program(
     command: Sequence[str], *, variables: Mapping[str, str], errors: Path, limit: float | None = None
 ) -> Finished:
     """Run a program without a shell, in a process group of its own; kill the group in the end.
+
+    The group is also killed when this process ends first, even if this process is killed.
 
     Parameters
     ----------
@@ -79,13 +81,18 @@ def run_program(
         except (OSError, ValueError) as error:
             raise InputError(f"the program {command[0]} does not start ({error})") from error
     watch = _Watch(process.pid, None if limit is None else begin + limit)
+    guard = None
     try:
         watch.start()
+        guard = _guard(process.pid)
         code = process.wait()  # a wait with a time limit would look every 50 ms only
         seconds = perf_counter() - begin
     finally:
         watch.end()
         process.wait()
+        if guard is not None:
+            guard.kill()
+            guard.communicate()
     if watch.late:
         raise TimeoutError(f"no result within {limit:g} s{last_line(errors)}")
     if code:
@@ -101,6 +108,16 @@ def last_line(errors: Path) -> str:
     said = [" ".join("".join(c if c.isprintable() else " " for c in line).split()) for line in lines]
     last = next((line for line in reversed(said) if line), "")
     return f"; its last line was: {last[-LETTERS:]}" if last else "; it said nothing"
+
+
+def _guard(group: int) -> subprocess.Popen[bytes] | None:
+    """Start a process that kills a process group as soon as this process ends, however it ends."""
+    if os.name != "posix":
+        return None
+    # The system closes the pipe when this process ends, and the guard then reads the end of its input.
+    words = ["/bin/sh", "-c", 'read -r line; kill -s KILL -- "-$0"', str(group)]
+    silence = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True, **silence)
 
 
 def _ending(code: int) -> str:
@@ -150,7 +167,9 @@ class _Watch(Thread):
             self.peak = max(self.peak, sum(now for now, _ in used), *(most for _, most in used))
 
     def _kill(self) -> None:
-        kill_group(self._root.pid)
+        if os.name == "posix":
+            with suppress(ProcessLookupError, PermissionError):  # macOS refuses a group that has just ended
+                os.killpg(self._root.pid, signal.SIGKILL)
         for process in self._seen:
             with suppress(psutil.Error):  # psutil kills no other process that got the same number
                 process.kill()

@@ -6,11 +6,9 @@ import multiprocessing
 import os
 from threading import Thread
 
-from sshade.programs import kill_tree
-
 
 def end_with_parent() -> None:
-    """End this process and its child processes as soon as its parent process ends.
+    """End this process as soon as its parent process ends.
 
     A parent that is killed cannot stop its children, and they would go on working.
     """
@@ -19,7 +17,6 @@ def end_with_parent() -> None:
     def watch() -> None:
         if parent is not None:
             parent.join()
-            kill_tree(os.getpid(), root=False)
             os._exit(1)
 
     Thread(target=watch, daemon=True).start()

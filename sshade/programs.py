@@ -1,4 +1,4 @@
-"""Programs of other people: how a configuration names one, which ones may run, and how one is ended.
+"""Programs of other people: how a configuration names one, and which ones may run.
 
 A configuration, a row or a submission may come from a stranger, and a program can do anything. A program
 therefore runs only if the user has named its whole command: as ``method.command=[...]`` or in
@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import os
 import shlex
-import signal
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Any
 
 from sshade.errors import InputError
@@ -78,36 +76,6 @@ def allow(commands: Iterable[Any]) -> None:
     """Allow commands, each a text or a list of words, in this process and its child processes."""
     texts = [line if isinstance(line, str) else shlex.join(words_of(line)) for line in commands]
     os.environ[ALLOWED] = "\n".join([*os.environ.get(ALLOWED, "").splitlines(), *texts])
-
-
-def kill_tree(pid: int, *, root: bool = True) -> None:
-    """Kill a process and its descendants, with the process groups of the descendants.
-
-    Parameters
-    ----------
-    pid : int
-    root : bool
-        False spares the process itself.
-    """
-    import psutil
-
-    tree = []
-    with suppress(psutil.NoSuchProcess):
-        tree = psutil.Process(pid).children(recursive=True)
-        if root:
-            tree.insert(0, psutil.Process(pid))
-    for process in tree:
-        kill_group(process.pid)
-        with suppress(psutil.NoSuchProcess):
-            process.kill()
-
-
-def kill_group(pid: int) -> None:
-    """Kill the process group that a process leads; nothing for a process that leads none."""
-    if os.name == "posix":
-        with suppress(ProcessLookupError, PermissionError):
-            if os.getpgrp() != pid:
-                os.killpg(pid, signal.SIGKILL)
 
 
 def _is_word(word: Any) -> bool:

@@ -31,7 +31,7 @@ from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.cli.console import missing_library
 from sshade.processes import end_with_parent
-from sshade.programs import TIME_LIMIT, kill_tree
+from sshade.programs import TIME_LIMIT
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult
 
@@ -157,8 +157,7 @@ def attempt_fresh(
         return Attempt(NOTHING | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
-            if process.is_alive():
-                kill_tree(process.pid)
+            process.kill()
             process.join()
         ours.close()
 

@@ -6,7 +6,8 @@
 - ``rows.csv``: the rows that ``sshade-eval collect`` made from all runs;
 - ``runs``, optional: the run folders with their vertices, which are measured again.
 
-A submission is not trusted. No function that it names is called: tasks are loaded as the project's rows say.
+A submission is not trusted. No function or program that it names runs: tasks are loaded as the project's
+rows say.
 """
 
 from __future__ import annotations
@@ -148,7 +149,12 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
     """Require rows of one method, configuration and version, measured by the current metrics."""
     if not rows:
         raise InputError(f"{path}: holds no rows of runs")
-    for column, expected in {"method.name": name, "method.target": settings.get("_target_")}.items():
+    if "_target_" not in settings:
+        raise InputError(f"{path.with_name('method.yaml')}: has no _target_, the dotted name of the function")
+    same_as = {"method.name": name, "method.target": settings["_target_"]}
+    if "command" in settings:  # of an external program
+        same_as["method.command"] = str(settings["command"])
+    for column, expected in same_as.items():
         for found in {row.get(column) for row in rows} - {expected}:
             raise InputError(f"{path}: has rows of {found}, and the submission is of {expected}")
     same = {"method.hash": "configurations"}

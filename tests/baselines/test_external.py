@@ -7,7 +7,6 @@ import sys
 import venv
 from pathlib import Path
 from shutil import which
-from subprocess import Popen
 from time import monotonic, sleep
 
 import numpy as np
@@ -20,7 +19,7 @@ from baselines.external import external, measure_startup, tetrahedron
 from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
 from sshade.errors import InputError
-from sshade.programs import ALLOWED, TIME_LIMIT, kill_tree, words_of
+from sshade.programs import ALLOWED, TIME_LIMIT, words_of
 from tests.shapes import bumpy, end_handles
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
@@ -226,17 +225,6 @@ def test_a_child_that_leaves_the_group_is_killed_too(run, tmp_path, monkeypatch)
     with pytest.raises(TimeoutError):
         run(f"setsid sh -c 'echo $$ > {pids}; sleep 600; true' & wait")
     assert gone([int(pids.read_text())])
-
-
-def test_a_tree_is_killed_from_its_root(tmp_path):
-    pids = tmp_path / "pids"
-    program = Popen(
-        ["sh", "-c", f"sleep 600 & sleep 600 & echo $! > {pids}.part; mv {pids}.part {pids}; wait"]
-    )
-    while not pids.exists():
-        sleep(0.01)
-    kill_tree(program.pid)
-    assert program.wait(10) == -9 and gone([int(pids.read_text())])
 
 
 def test_memory_is_of_all_processes_of_the_program(run):

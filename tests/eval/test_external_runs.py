@@ -192,10 +192,10 @@ def test_ctrl_c_ends_the_program(tmp_path, fresh):
     wait_for(lambda: not any(map(running, pids.read_text().split())))
 
 
-@pytest.mark.full
-def test_a_killed_command_takes_the_program_of_a_fresh_process_along(tmp_path):
+@pytest.mark.parametrize("fresh", few(["false", "true"], "false"))
+def test_a_killed_command_takes_its_program_along(tmp_path, fresh):
     program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
-    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", "run.fresh=true"]
+    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", f"run.fresh={fresh}"]
     pids = tmp_path / "pids"
     with start_eval(tmp_path, *overrides) as process:
         wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)

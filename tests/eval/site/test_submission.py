@@ -1,5 +1,6 @@
 """Results that someone hands in: what is taken, and each way in which they are refused."""
 
+import json
 import shutil
 
 import pytest
@@ -157,6 +158,25 @@ def test_a_measure_that_is_not_that_of_the_vertices_is_refused(folder, published
 def test_the_name_of_a_method_of_the_project_is_refused(folder, published):
     with pytest.raises(InputError, match="choose another"):
         check(folder, TRACK, [*published, published[0] | {"method.name": "stretching"}])
+
+
+def test_a_program_is_named_by_its_rows_and_never_run(folder, published, here):
+    command = ["touch", str(here / "hacked")]
+    program = {"_target_": "baselines.external.external", "command": command}
+    source = {"_target_": "baselines.external.external", "task": None, "command": command}
+    facts = {"method.target": program["_target_"], "method.command": str(command)}
+    put_rows(folder, lambda row: row | facts | {"task.source": json.dumps(source)})
+    (folder / "method.yaml").write_text(yaml.safe_dump(program))
+    assert check(folder, TRACK, published).remeasured == 2
+    assert not (here / "hacked").exists()
+    (folder / "method.yaml").write_text(yaml.safe_dump(program | {"command": ["touch", "other"]}))
+    with pytest.raises(
+        InputError, match=r"has rows of \['touch', .*, and the submission is of \['touch', 'other"
+    ):
+        check(folder, TRACK, published)
+    (folder / "method.yaml").write_text(yaml.safe_dump({"defaults": ["external"], "command": command}))
+    with pytest.raises(InputError, match=r"method\.yaml: has no _target_"):
+        check(folder, TRACK, published)
 
 
 def test_the_command_checks_and_copies(folder, published, here, monkeypatch, capsys):
