@@ -82,6 +82,12 @@ def test_the_sweep_and_the_bench_of_the_page_name_the_same_program(clone, capsys
     assert [plain[f"{name}_format"] for name in ("mesh", "handles", "output")] == ["off", "txt", "npy"]
 
 
+def test_the_page_builds_the_data_of_the_track():
+    (words,) = commands("defaust build")
+    built = resolved("dataset", read_choice("defaust_25k root=data/defaust_25k"))["build"]
+    assert words == [*built.split(), "subjects=[5,6,7,8,9]"]
+
+
 def test_the_submission_and_the_handles_of_the_page_are_read(tmp_path):
     (text,) = re.findall(r"submission\.yaml <<END\n(.*?)END\n", PAGE, re.S)
     (tmp_path / "submission.yaml").write_text(text)
