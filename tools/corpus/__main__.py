@@ -46,13 +46,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.list:
         print("\n".join(case.name for case in chosen))
         return 0
+    files = sorted(p for p in options.own.rglob("*") if p.suffix.lower() in SUFFIXES) if options.own else []
+    if options.own and not files:
+        parser.error(f"{options.own} holds no mesh files ({', '.join(SUFFIXES)})")
     begin = perf_counter()
     with tempfile.TemporaryDirectory() as temporary:
         folder, keep = options.out or Path(temporary), options.out is not None
         folder.mkdir(parents=True, exist_ok=True)
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
             if options.own:
-                files = sorted(p for p in options.own.rglob("*") if p.suffix.lower() in SUFFIXES)
                 names = [(p.resolve(), str(p.relative_to(options.own))) for p in files]
                 jobs = [pool.submit(try_own, *n, options.methods, folder, keep=keep) for n in names]
             else:

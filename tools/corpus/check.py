@@ -61,17 +61,20 @@ def stated(messages: Sequence[str], *, start: str = "") -> list[float]:
 def _missed(
     handles: Made, result: Document, diagonal: float, messages: Sequence[str], within: float
 ) -> list[str]:
-    """Hard handles are on their targets, or a warning gives a true distance."""
+    """Hard handles are on their targets, or messages give the distance: warnings, or rounding costs."""
     gap = np.linalg.norm(result.V[handles.index] - handles.target, axis=1) / diagonal
-    rounding = 2 * result.step / diagonal
-    found = []
-    told = max(stated(messages, start="warning: "), default=0.0)
-    if gap.max() > min(within + rounding, max(COARSE, within)) and not gap.max() / 2 < told < 2 * gap.max():
-        found.append(f"a handle is {100 * gap.max():.2g} % of the diagonal from its target")
-        found[-1] += f", and the warning says {100 * told:.2g} %" if told else ", without a warning"
-    elif handles.complete and gap.mean() > 1.5 * max(stated(messages), default=0.0) + rounding + 1e-9:
-        found.append(f"handles are {100 * gap.mean():.2g} % off, which no message says")
-    return found
+    worst, rounding = float(gap.max()), 2 * result.step / diagonal
+    warned = max(stated(messages, start="warning: "), default=0.0)
+    told = max(stated(messages), default=0.0)
+    if worst > within + rounding and not worst / 2 < warned < 2 * worst:
+        text = f"a handle is {100 * worst:.2g} % of the diagonal from its target"
+        return [
+            f"{text}, and the warning says {100 * warned:.2g} %" if warned else f"{text}, without a warning"
+        ]
+    silent = worst > max(COARSE, within) and told < worst / 2
+    if silent or (handles.complete and gap.mean() > 1.5 * told + rounding + 1e-9):
+        return [f"handles are up to {100 * worst:.2g} % of the diagonal off, which no message says"]
+    return []
 
 
 def _torn(joints: Joints, rest: Document, result: Document) -> list[str]:

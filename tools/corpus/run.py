@@ -109,7 +109,7 @@ def _ended(
     own: bool,
 ) -> tuple[str, str]:
     """Return the verdict on a run and its reason."""
-    output = mesh.parent / f"{method}{case.output or mesh.suffix}"
+    output = mesh.parent / f"deformed_{method}{case.output or mesh.suffix}"
     before = _contents(mesh.parent)
     arguments = ["deform", str(mesh), str(file), "-o", str(output), "--method", method, *case.options]
     code, printed, lines = call(arguments)

@@ -158,7 +158,7 @@ NOT_MANIFOLD: Shapes = {
     "Moebius strip as a soup": lambda r: soup(twisted(40, 6, 1)),
     "Klein bottle": lambda r: klein(),
     "projective plane": lambda r: projective_plane(),
-    "Moebius strip beside a body": lambda r: beside(twisted(60, 8, 1), _moved(body(), 6)),
+    "Moebius strip beside a body": lambda r: beside(twisted(60, 8, 1), moved(body(), 6)),
     "three sheets": _fin,
     "solids that share an edge": lambda r: welded(cubes((0, 0, 0), (1, 0, 1))),
     "solids that share a face": lambda r: welded(cubes((0, 0, 0), (0, 0, 1))),
@@ -197,11 +197,11 @@ def _random_faces(random: Random, n: int, m: int) -> np.ndarray:
 
 def _junctions() -> Shape:
     """Two grids of different resolution along a common border, without common vertices there."""
-    fine = _moved(lattice(31, 16, lambda u, v: [2 * u, v, 0 * u]), 2)
+    fine = moved(lattice(31, 16, lambda u, v: [2 * u, v, 0 * u]), 2)
     return beside(lattice(16, 9, lambda u, v: [2 * u, v, 0 * u]), fine)
 
 
-def _moved(shape: Shape, *shift: float) -> Shape:
+def moved(shape: Shape, *shift: float) -> Shape:
     return shape[0] + np.pad(np.array(shift, dtype=float), (0, 3 - len(shift))), shape[1]
 
 
@@ -224,23 +224,21 @@ def _close(random: Random) -> Shape:
 
 
 COMPONENTS: Shapes = {
-    "two bodies": lambda r: beside(body(2), _moved(body(2), 4)),
-    "large and small": lambda r: beside(body(), _moved(scaled(body(1), (0.05,) * 3), 2)),
-    "forty spheres": lambda r: beside(*(_moved(of(shapes.icosphere(1)), 3.0 * k, k % 5) for k in range(40))),
+    "two bodies": lambda r: beside(body(2), moved(body(2), 4)),
+    "large and small": lambda r: beside(body(), moved(scaled(body(1), (0.05,) * 3), 2)),
+    "forty spheres": lambda r: beside(*(moved(of(shapes.icosphere(1)), 3.0 * k, k % 5) for k in range(40))),
     "touching in a point": _touching,
     "cubes that touch in a face": lambda r: cubes((0, 0, 0), (0, 0, 1)),
     "cubes that touch in an edge": lambda r: cubes((0, 0, 0), (1, 0, 1)),
     "ground plane": _ground,
     "nested shells": lambda r: beside(body(), scaled(body(2), (0.8,) * 3), scaled(body(2), (-0.5,) * 3)),
     "two sheets 1e-6 apart": _close,
-    "interpenetrating": lambda r: beside(body(2), _moved(body(2), 0.5)),
+    "interpenetrating": lambda r: beside(body(2), moved(body(2), 0.5)),
     "linked rings": lambda r: beside(
-        of(shapes.torus(30, 10, tube=0.2)), _moved(_upright(of(shapes.torus(30, 10, tube=0.2))), 1)
+        of(shapes.torus(30, 10, tube=0.2)), moved(_upright(of(shapes.torus(30, 10, tube=0.2))), 1)
     ),
-    "closed, open and one-sided": lambda r: beside(
-        body(2), _moved(sheet(), 3), _moved(twisted(40, 5, 1), 10)
-    ),
-    "triangles without connection": lambda r: soup(_moved((r.random((24, 3)), np.arange(24).reshape(-1, 3)))),
+    "closed, open and one-sided": lambda r: beside(body(2), moved(sheet(), 3), moved(twisted(40, 5, 1), 10)),
+    "triangles without connection": lambda r: soup(moved((r.random((24, 3)), np.arange(24).reshape(-1, 3)))),
 }
 
 
@@ -301,7 +299,38 @@ def _pinched() -> Shape:
     return np.column_stack([V[:, 0] * V[:, 2], V[:, 1], V[:, 2]]), F
 
 
+def _scan(random: Random) -> Shape:
+    """A noisy surface with holes, islands and vertices without a face."""
+    V, F = noisy(body(5), 5e-4, random)
+    center = V[F].mean(axis=1)
+    V, F = without((V, F), (np.abs(np.sin(5 * center[:, 2]) * np.sin(7 * center[:, 0])) > 0.97))
+    return np.concatenate([V, random.normal(size=(20, 3))]), F
+
+
+#: Parts as CAD programs export them: triangles without common vertices, in single precision.
+CAD: Shapes = {
+    "block with a bore": lambda r: bored(),
+    "turned block with a bore": lambda r: _rotated(bored(96), r),
+    "gear": _gear,
+    "turned gear": lambda r: _rotated(_gear(r), r),
+    "prism": lambda r: _rotated(prism(circle(128), 5.0), r),
+    "plate with holes": lambda r: _rotated(plate(5), r),
+    "assembly": lambda r: beside(
+        bored(), moved(prism(circle(40, 0.45), 4.0), 0, 0, -0.5), moved(_gear(r), 9)
+    ),
+    "thin bracket": lambda r: scaled(plate(3), (20, 20, 0.5)),
+}
+
+
+def _rotated(shape: Shape, random: Random) -> Shape:
+    Q, R = np.linalg.qr(random.normal(size=(3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return 30 * shape[0] @ (Q * np.linalg.det(Q)) + [100, 50, 20], shape[1]
+
+
 CASES = [
+    *surface_cases("cad", CAD, ".stl"),
+    *surface_cases("open", {"scan in single precision": _scan}, "f4.ply"),
     *surface_cases("closed", CLOSED),
     *surface_cases("open", OPEN),
     *surface_cases("not_manifold", NOT_MANIFOLD),
