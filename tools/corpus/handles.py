@@ -16,8 +16,10 @@ from tools.corpus.case import SEED
 from tools.corpus.document import Document
 from tools.corpus.joints import Joints
 
-#: Portion of the places of a component at each end, and how many there may be in all components.
-PORTION, MOST = 0.15, 2000
+#: Portions of the places of a component at each end: regions, or a few vertices. The name decides which.
+PORTIONS = (0.15, 0.005)
+#: Number of handles in all components together.
+MOST = 2000
 #: Motion of the moving end: its turn in degrees, and its way as a fraction of the component's extent.
 TURN, WAY = 20.0, 0.06
 
@@ -59,7 +61,8 @@ class Made:
 
 def made(mesh: Document, joints: Joints, name: str) -> Made:
     """Make handles; the same for the same mesh and name."""
-    random = np.random.default_rng([SEED, zlib.crc32(name.encode())])
+    number_of_name = zlib.crc32(name.encode())
+    random, portion = np.random.default_rng([SEED, number_of_name]), PORTIONS[number_of_name % len(PORTIONS)]
     place, component = joints.place, joints.component
     count = int(component.max(initial=-1)) + 1
     shared = _of_several_components(place, component)
@@ -73,7 +76,7 @@ def made(mesh: Document, joints: Joints, name: str) -> Made:
             continue
         axis = int(np.ptp(points, axis=0).argmax())
         order = np.argsort(points[:, axis], kind="stable")
-        size = max(1, min(round(PORTION * len(order)), MOST // (2 * count)))
+        size = max(1, min(round(portion * len(order)), MOST // (2 * count)))
         fixed, moved = order[:size], order[size:][-size:]
         R = Rotation.from_rotvec(np.radians(TURN) * _direction(random)).as_matrix()
         center = points[moved].mean(axis=0) if len(moved) else np.zeros(3)

@@ -54,12 +54,15 @@ class Joints:
     def shared(self) -> list[np.ndarray]:
         """Return the edges that k > 1 sides share without sharing vertex ids, an array (e, k, 2) for each k.
 
-        A side is a row of two vertices. Rows of one edge have copies of a vertex in the same column.
+        A side is a row of two vertices. Rows of one edge have copies of a vertex in the same column. Where
+        edges are shorter than the tolerance, their ends are no copies.
         """
         ids = np.sort(self.side, axis=1)
         ids = np.unique(ids[:, 0] * len(self.V) + ids[:, 1], return_inverse=True)[1].ravel()
         low, high = self.place[self.side].T
-        alone = np.flatnonzero((np.bincount(ids)[ids] == 1) & (low != high))
+        fine = np.zeros(len(self.V), dtype=bool)  # places of edges shorter than the tolerance
+        fine[low[low == high]] = True
+        alone = np.flatnonzero((np.bincount(ids)[ids] == 1) & ~fine[low] & ~fine[high])
         order = alone[np.argsort(self._edge[alone], kind="stable")]
         size = np.bincount(self._edge[order], minlength=len(self._edge))[self._edge[order]]
         return [self.side[order[size == k]].reshape(-1, k, 2) for k in np.unique(size) if k > 1]
