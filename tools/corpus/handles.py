@@ -38,6 +38,8 @@ class Made:
         The largest difference of the motions of two handles of a component, over their distance.
     complete : bool
         Whether the handle file holds no other handles.
+    few : bool
+        Whether the handles are a few vertices, and no regions.
     """
 
     index: np.ndarray
@@ -45,6 +47,7 @@ class Made:
     group: np.ndarray
     slope: np.ndarray
     complete: bool = True
+    few: bool = False
 
     def content(self, mesh: Document, file: Path) -> bytes:
         """Return the handle file. In glTF files, vertices have no ids; positions are given there."""
@@ -90,7 +93,8 @@ def made(mesh: Document, joints: Joints, name: str) -> Made:
             motion = (points[moved] - center) @ R.T + shift - points[moved]
             distance = cdist(points[fixed], points[moved]).min(axis=0)
             slope[number] = (np.linalg.norm(motion, axis=1) / distance).max()
-    return Made(np.concatenate(index), np.concatenate(target), np.concatenate(group), slope)
+    few = portion == min(PORTIONS)
+    return Made(np.concatenate(index), np.concatenate(target), np.concatenate(group), slope, few=few)
 
 
 def _of_several_components(place: np.ndarray, component: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tools.corpus.case import Case
 from tools.corpus.cases import cases
-from tools.corpus.check import STRETCH, faults
+from tools.corpus.check import STRETCH, STRETCH_OF_FEW, faults
 from tools.corpus.document import Document, read
 from tools.corpus.handles import Made, made
 from tools.corpus.joints import Joints
@@ -131,7 +131,8 @@ def _ended(
     rest, joints, handles = known
     if rest is None or joints is None or handles is None:
         return WRONG, f"was deformed, but the reader of the corpus says {unread}"
-    limits = {"within": case.within, "stretch": OWN_STRETCH if own else STRETCH}
+    stretch = OWN_STRETCH if own else STRETCH_OF_FEW if handles.few else STRETCH
+    limits = {"within": case.within, "stretch": stretch}
     found += faults(rest, read(output), joints, handles, lines, same_format=not case.output, **limits)
     return (WRONG, "; ".join(found)) if found else (DEFORMED, "")
 
