@@ -19,13 +19,7 @@ from tools.corpus.write import Gltf
 
 #: Kinds of which all cases are tried; of the others, every fourth case.
 WHOLE = ("bad", "handles", "ply", "obj", "off", "stl", "gltf")
-#: Kinds that have wrong results today.
-WRONG_TODAY = ("far",)
-SOME = [
-    case
-    for k, case in enumerate(cases())
-    if (case.name.startswith(WHOLE) or k % 4 == 0) and not case.name.startswith(WRONG_TODAY)
-]
+SOME = [case for k, case in enumerate(cases()) if case.name.startswith(WHOLE) or k % 4 == 0]
 
 
 @pytest.mark.parametrize("kind", sorted({case.name.partition("/")[0] for case in SOME}))

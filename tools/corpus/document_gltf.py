@@ -80,11 +80,29 @@ def _bytes(tree: dict[str, Any], buffers: list[bytes], image: dict[str, Any]) ->
 
 def _array(tree: dict[str, Any], buffers: list[bytes], number: int) -> np.ndarray:
     accessor = tree["accessors"][number]
+    values = _stored(tree, buffers, accessor)
+    if "sparse" in accessor:
+        sparse = accessor["sparse"]
+        parts = {
+            "count": sparse["count"],
+            "type": accessor["type"],
+            "componentType": accessor["componentType"],
+        }
+        rows = _stored(tree, buffers, {**parts, "type": "SCALAR", **sparse["indices"]})[:, 0]
+        values[rows] = _stored(tree, buffers, {**parts, **sparse["values"]})
+    if accessor.get("normalized"):
+        values = (values / np.iinfo(values.dtype).max).clip(-1, 1)
+    return values
+
+
+def _stored(tree: dict[str, Any], buffers: list[bytes], accessor: dict[str, Any]) -> np.ndarray:
+    """Return a copy of the numbers that a view holds; zeros without one."""
+    kind, shape = np.dtype(_KINDS[accessor["componentType"]]), (accessor["count"], _WIDTHS[accessor["type"]])
+    if "bufferView" not in accessor:
+        return np.zeros(shape, kind)
     view = tree["bufferViews"][accessor["bufferView"]]
-    kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
     begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    stride = view.get("byteStride", kind.itemsize * width)
-    shape = (accessor["count"], width)
+    stride = view.get("byteStride", kind.itemsize * shape[1])
     return np.ndarray(shape, kind, buffers[view["buffer"]], begin, (stride, kind.itemsize)).copy()
 
 
@@ -123,6 +141,8 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
 def _triangles(ids: np.ndarray, mode: int) -> np.ndarray:
     if mode == 4:
         return ids.reshape(-1, 3)
+    if mode < 4:  # points and lines
+        return np.zeros((0, 3), dtype=np.int64)
     if mode == 6:
         return np.array([(ids[0], b, c) for b, c in zip(ids[1:], ids[2:], strict=False)])
     F = np.array(

@@ -105,6 +105,43 @@ def _interleaved(gltf: Gltf) -> None:
         )
 
 
+def _sparse(gltf: Gltf) -> None:
+    """A quarter of the positions replaces others."""
+    rows = np.arange(0, len(V), 4)
+    flattened = np.where(np.arange(len(V))[:, None] % 4, V, 0.5 * V)
+    gltf.mesh(flattened, F)
+    ids, values = gltf.view(rows.astype("<u2").tobytes()), gltf.view(V[rows].astype("<f4").tobytes())
+    gltf.tree["accessors"][0]["sparse"] = {
+        "count": len(rows),
+        "indices": {"bufferView": ids, "componentType": 5123},
+        "values": {"bufferView": values},
+    }
+
+
+def _quantised(gltf: Gltf) -> None:
+    """Positions are whole numbers of two bytes, which the node scales."""
+    gltf.mesh(V, F, node={"scale": [3, 3, 3], "name": "body"})
+    values = np.pad(np.round(V / 3 * 32767), ((0, 0), (0, 1))).astype("<i2")
+    view = gltf.view(values.tobytes())
+    gltf.tree["bufferViews"][view]["byteStride"] = 8
+    gltf.tree["accessors"][0] = {
+        "bufferView": view,
+        "componentType": 5122,
+        "normalized": True,
+        "count": len(V),
+        "type": "VEC3",
+        "min": values[:, :3].min(0).tolist(),
+        "max": values[:, :3].max(0).tolist(),
+    }
+    gltf.tree |= {name: ["KHR_mesh_quantization"] for name in ("extensionsUsed", "extensionsRequired")}
+
+
+def _with_points(gltf: Gltf) -> None:
+    gltf.mesh(V, F)
+    gltf.mesh(V + 4, np.arange(9))
+    gltf.tree["meshes"][1]["primitives"][0]["mode"] = 0
+
+
 STRIP = [i * 2 + j for i in range(20) for j in (0, 1)]
 RIBBON = np.array([[0.3 * (k // 2), k % 2, 0.2 * np.sin(k)] for k in range(40)])
 CUBE = cubes((0, 0, 0), cells=2)
@@ -129,6 +166,9 @@ GLB: dict[str, Callable[[Gltf], Any]] = {
     "two primitives": _primitives,
     "instances": _instances,
     "interleaved": _interleaved,
+    "sparse positions": _sparse,
+    "quantised positions": _quantised,
+    "points beside triangles": _with_points,
 }
 
 
@@ -145,8 +185,7 @@ REFUSED_GLB: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         "morph targets",
     ),
     "compressed": (lambda t: t.update(extensionsUsed=["KHR_draco_mesh_compression"]), "compressed buffers"),
-    "points": (lambda t: t["meshes"][0]["primitives"][0].update(mode=0), "points"),
-    "sparse": (lambda t: t["accessors"][0].update(sparse={"count": 1}), "sparse"),
+    "points alone": (lambda t: t["meshes"][0]["primitives"][0].update(mode=0), "no triangles"),
 }
 
 

@@ -122,7 +122,7 @@ def _ended(
     if printed:
         return WRONG, f"printed on standard output: {printed[:80]!r}"
     if code != 0:
-        return _refused(case, code, lines, left, own)
+        return _refused(case, mesh, code, lines, left, own)
     if case.refused:
         return WRONG, f"was deformed, but must be refused with {' or '.join(map(repr, case.refused))}"
     if left != [str(output)]:
@@ -152,15 +152,17 @@ def call(arguments: Sequence[str]) -> tuple[int | str, str, list[str]]:
     return code, out.getvalue(), [line for line in lines if not line.startswith(ANNOUNCEMENTS)]
 
 
-def _refused(case: Case, code: int, lines: list[str], left: list[str], own: bool) -> tuple[str, str]:
+def _refused(
+    case: Case, mesh: Path, code: int, lines: list[str], left: list[str], own: bool
+) -> tuple[str, str]:
     """A refusal has exit code 2 and one sentence, leaves nothing, and is expected."""
     text = " ".join(lines)
     if code != 2 or len(lines) != 1 or not text.startswith("error: ") or len(text) > LONGEST:
         return WRONG, f"ended with exit code {code} and {len(lines)} lines: {text[:300]}"
     if left:
         return WRONG, f"was refused, but left {', '.join(left)}"
-    words = case.refused or case.may
-    if own or any(word in text for word in words):
+    words, reason = case.refused or case.may, text.replace(str(mesh.parent), "")
+    if own or any(word in reason for word in words):
         return REFUSED, text.removeprefix("error: ")
     return WRONG, f"{'refused for another reason' if words else 'refused'}: {text}"
 
