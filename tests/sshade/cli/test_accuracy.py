@@ -1,7 +1,6 @@
 """What `sshade deform` says about handles that miss their targets, and about rounded positions."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,9 +96,3 @@ def test_results_have_the_largest_error_of_hard_handles(method):
     assert result.extra["hard_handle_error"] == distance.max() / BODY.diagonal
     soft = DeformationTask("body", BODY, Handles(POSE.index, POSE.target, weight=1.0))
     assert deform(soft, method=method, vertices=60).extra["hard_handle_error"] == 0
-
-
-def test_the_folder_has_no_file_but_the_named_ones(here):
-    write_mesh("body.ply", BODY.V, BODY.F)
-    run("out.gltf")
-    assert sorted(path.name for path in Path().iterdir()) == ["body.ply", "out.gltf", "pose.json"]

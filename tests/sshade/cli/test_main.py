@@ -50,17 +50,10 @@ def assert_refused(capsys, arguments: list[str], *words: str) -> None:
     assert {p: p.read_bytes() for p in Path().rglob("*") if p.is_file()} == before
 
 
-def test_deform_writes_the_inputs_vertices_moved_in_their_order(folder, capsys):
+def test_deform_says_what_it_wrote(folder, capsys):
     assert main([*DEFORM, "--vertices", "60"]) == 0
-    V, F = read_arrays("out.ply")
-    assert np.array_equal(F, BODY.F) and V.shape == BODY.V.shape
-    gap = np.linalg.norm(V[POSE.index] - POSE.target, axis=1)
-    assert gap.max() < 0.02 * BODY.diagonal
-    assert np.abs(V - BODY.V).max() > 0.1
-    out, err = capsys.readouterr()
-    assert out == ""
+    err = capsys.readouterr().err
     assert f"out.ply: {BODY.n} vertices, {len(POSE)} handles" in err and "a proxy of" in err
-    assert sorted(p.name for p in folder.iterdir()) == ["body.ply", "out.ply", "pose.json"]
 
 
 @pytest.mark.parametrize("method", ["paper", "fast", "fine"])
@@ -194,9 +187,21 @@ def test_an_output_that_cannot_be_written_is_refused_before_any_work(folder, cap
         ([*DEFORM, "--method", "fsat"], "did you mean 'fast'"),
         (["deform", "body.ply", "pose.json"], "-o/--output; see `sshade deform --help`"),
         (["remesh", "body.ply", "-o", "a.ply", "--map", "m.npz", "--vertices", "many"], "--vertices"),
+        (
+            ["show", "body.ply", "--deformed", "less.ply", "-o", "a.png"],
+            "less.ply has 3 vertices and body.ply",
+        ),
+        (["reconstruct", "body.ply", "less.ply", "-o", "a.ply"], "they must correspond"),
+        (["reconstruct", "body.ply", "nan.ply", "-o", "a.ply"], "NaN or infinite"),
+        (
+            ["transfer-pose", "body.ply", "body.ply", "less.ply", "-o", "a.ply"],
+            "less.ply has 3 vertices and body.ply has 162; they must correspond",
+        ),
     ],
 )
 def test_a_mistake_in_the_arguments_is_one_sentence(folder, capsys, arguments, words):
+    write_mesh("less.ply", BODY.V[:3], [[0, 1, 2]])
+    write_mesh("nan.ply", np.where(np.arange(BODY.n)[:, None] == 4, np.nan, BODY.V), BODY.F)
     assert_refused(capsys, arguments, words)
 
 
@@ -291,12 +296,6 @@ def test_no_command_overwrites_an_input_unasked(folder, capsys, line, output, gi
     Path("map.npz").touch()
     Path("link.ply").hardlink_to("body.ply")
     assert_refused(capsys, line.format(output).split(), f"{output}: is the input {given}", "--overwrite")
-
-
-def test_an_input_is_replaced_if_asked(folder):
-    assert main(["deform", "body.ply", "pose.json", "-o", "body.ply", "--overwrite", "--vertices", "60"]) == 0
-    assert np.array_equal(read_arrays("body.ply")[1], BODY.F)
-    assert not np.array_equal(read_arrays("body.ply")[0], BODY.V)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")

@@ -52,7 +52,13 @@ LIGHT = {
     "deform body.ply weight.json -o a.ply": 'entry 0: "weight" must be a number above 0',
     "deform body.ply box.json -o a.ply": 'entry 0: "boxes" must be a list of pairs',
     "deform body.ply parts.yaml -o a.ply": "no such file: parts/gone.txt",
+    "deform body.ply pose.txt -o a.ply": "unknown format '.txt'",
     "deform body.ply pose.json -o no/a.ply": "the folder no does not exist",
+    "deform body.ply pose.json -o pose.json/a.ply": "pose.json/a.ply: the folder pose.json does not exist",
+    "deform body.ply pose.json -o a.fbx": "unknown format '.fbx'",
+    "deform body.ply pose.json -o a": "unknown format ''",
+    f"deform body.ply pose.json -o {300 * 'x'}.ply": "File name too long",
+    "deform body.ply pose.json -o a.ply --seed -1": "seed must be a whole number in [0, inf)",
     "deform body.ply pose.json -o a.ply --method quick": "there is no method 'quick'",
     "deform body.ply pose.json -o a.ply --vertices 0": "vertices must be",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
@@ -63,23 +69,29 @@ LIGHT = {
     "carry body.ply map.npz gone.ply -o a.ply": "gone.ply: no such file",
     "remesh gone.ply -o a.ply --map m.npz": "gone.ply: no such file",
     "remesh body.ply -o a.ply --map m.npz --vertices 0": "vertices must be",
+    "remesh body.ply -o a.ply --map no/m.npz": "no/m.npz: the folder no does not exist",
+    "remesh body.ply -o a.ply --map m.txt": "m.txt: unknown format",
     "edit gone.ply": "gone.ply: no such file",
     "edit body.ply target.json": "entry 0: 2 handles have 1 targets",
     "edit body.ply --handles-out a.ply": "unknown format '.ply'",
     "show gone.ply -o a.png": "gone.ply: no such file",
     "show body.ply --deformed gone.ply -o a.png": "gone.ply: no such file",
+    "show body.ply -o a.exr": "'.exr'",
+    "show body.ply -o no/a.png": "no does not exist",
 }
 #: Mistakes whose check imports more.
 HEAVIER = {
     "deform damaged.ply pose.json -o a.ply": "damaged.ply: not a readable PLY file",
     "edit body.ply --method paper_plain": "there is no method 'paper_plain' here",
     "transfer-pose body.ply body.ply damaged.ply -o a.ply": "damaged.ply: not a readable PLY file",
+    "remesh damaged.ply -o a.ply --map m.npz": "damaged.ply: not a readable PLY file",
 }
 
 
 def refused(lines: dict[str, str], *flags: str) -> None:
-    """Assert that the commands are refused in one sentence each, and import and compile nothing."""
+    """Assert that the commands are refused in one sentence each; nothing is written, imported or compiled."""
     Path("lines.json").write_text(json.dumps(list(lines)))
+    before = {path: path.is_dir() or path.read_bytes() for path in Path().rglob("*")}
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "SSHADE_KERNELS": os.path.abspath("kernels")}
     command = [sys.executable, "-c", CODE, *flags]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
@@ -88,10 +100,12 @@ def refused(lines: dict[str, str], *flags: str) -> None:
     for (code, error, compiled), (line, words) in zip(found, lines.items(), strict=True):
         assert code == 2 and words in error and error.count("\n") == 1, (line, error)
         assert not compiled, line
+    assert {path: path.is_dir() or path.read_bytes() for path in Path().rglob("*")} == before
 
 
 def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
     write_mesh("body.ply", BODY.V, BODY.F)
+    Path("pose.txt").write_bytes(b"")
     Path("damaged.ply").write_text("ply\n")
     Path("map.npz").write_bytes(b"")
     for name, content in {**HANDLES, "pose.json": {"vertices": [1]}}.items():

@@ -461,22 +461,40 @@ def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_bod
     assert np.max(gap) < 0.75 * np.linalg.norm(shift) / experiment.scale
 
 
+def _static(part: str) -> str:
+    return f"handles: {{static: {{positions: [{part}]}}}}"
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            "handles: {statc: {positions: [foot]}}",
-            '`handles`: .*"statc"; did you mean "static"',
-        ),
+        ("handles: {statc: {positions: [foot]}}", '`handles`: .*"statc"; did you mean "static"'),
         ("handles: {static: {position: [foot]}}", '`handles.static`: .*"position"; did you mean "positions"'),
         ("handles: {moving: {positions: [hand], transforms: [a]}}", '"transforms"; did you mean "transform"'),
+        (bytes(range(128, 256)).decode("latin-1"), "not readable as YAML"),
+        ("- 1\n- 2\n", "`handles`"),
+        (10_000 * "[", "not readable as YAML"),
+        ("handles: !!python/object/apply:os.system ['touch hacked']\n", "not readable as YAML"),
+        ("handles: {static: {}, moving: {}}", "there are no handles"),
+        ("handles: {static: {positions: 3}}", "list of names"),
+        (_static("head"), "head.txt"),
+        (_static("../secret"), "'../secret' leads out of"),
+        (_static("/etc/passwd"), "leads out of"),
+        ("handles: {moving: {positions: [hand]}}", "1 moving parts have 0 transforms"),
+        (_static("words"), "three numbers"),
+        (_static("other"), "is this the mesh they were made for?"),
     ],
 )
-def test_unknown_keys_of_implicit_arap_are_refused(tmp_path, far_body, content, message):
-    path = Experiment(tmp_path / "x", far_body, AXES[0]).path
+def test_a_wrong_file_of_implicit_arap_is_refused_in_one_sentence(here, far_body, content, message):
+    experiment = Experiment(here / "x", far_body, AXES[0])
+    path = experiment.path
+    (path.parent / "parts" / "words.txt").write_text("a b c\n")
+    experiment.put("parts", "other", [[0.1, 5, 5], [0.2, 5, 5], [0.1, 6, 5], [0.4, 7, 5]])
+    (here / "secret.txt").write_text('"password"')
     path.write_text(content)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as refused:
         read_handles(path, far_body)
+    assert "\n" not in str(refused.value) and not list(here.rglob("hacked"))
     path.write_text("mesh: hand.ply\n" + POSE)
     assert len(read_handles(path, far_body))
 

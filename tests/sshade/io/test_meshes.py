@@ -74,3 +74,5 @@ def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
     assert mesh.F.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert vertex.tolist() == [-1, 0, 1, 2, 0, 3]
     assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])
+    with pytest.raises(InputError, match=r"face 3 .*the ids go from 0 to 5"):
+        surface(V, np.array([[1, 2, 3], [1, 2, 2], [4, 2, 3], [1, 999, 3]]), repair=True)

@@ -147,7 +147,3 @@ def test_weights_are_written_and_read(tmp_path):
     entry = {"source": BODY.V[HIGH].tolist(), "target": (BODY.V[HIGH] + 0.1).tolist(), "weight": 3}
     path.write_text(json.dumps({"handles": [entry]}))
     assert np.array_equal(read_handles(path, BODY).weight, np.full(20, 3.0))
-    for weight in (0, -1, "heavy", True, float("nan")):
-        path.write_text(json.dumps({"handles": [{**entry, "weight": weight}]}))
-        with pytest.raises(InputError, match='entry 0: "weight" must be a number above 0'):
-            read_handles(path, BODY)
