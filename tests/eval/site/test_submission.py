@@ -155,6 +155,23 @@ def test_a_measure_that_is_not_that_of_the_vertices_is_refused(folder, published
         check(folder, TRACK, published)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "reported", "same"),
+    [
+        ("distortion_max", 16731.5, 16786.9, True),
+        ("distortion_max", 14000.0, 16786.9, False),
+        ("distortion_95", 0.5, 0.501, False),
+        ("edge", 16731.5, 16786.9, False),
+        ("flips", 10, 12, True),
+        ("flips", 10, 13, False),
+        ("edge", None, 0.0, False),
+        ("volume", None, None, True),
+    ],
+)
+def test_measures_agree_as_far_as_single_precision_goes(name, value, reported, same):
+    assert module._agree(name, value, reported) == same
+
+
 def test_the_name_of_a_method_of_the_project_is_refused(folder, published):
     with pytest.raises(InputError, match="choose another"):
         check(folder, TRACK, [*published, published[0] | {"method.name": "stretching"}])
