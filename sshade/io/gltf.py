@@ -24,6 +24,7 @@ from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.gltf_own import with_own_numbers
 from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
 from sshade.io.normals import vertex_turns
+from sshade.io.text import decoded
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
 
@@ -129,7 +130,10 @@ def _parsed(path: Path) -> _Gltf:
             binary = chunks[1][1]
         rest = chunks[1 if binary is None else 2 :]
         further = b"".join(_chunk(kind, content) for kind, content in rest)
-    tree = json.loads(text)
+    try:
+        tree = json.loads(decoded(text))
+    except InputError as error:
+        raise ValueError(str(error)) from error
     if not isinstance(tree, dict) or str(tree.get("asset", {}).get("version", "")).split(".")[0] != "2":
         raise ValueError("it names no version 2 of glTF")
     buffers = [

@@ -85,10 +85,10 @@ def _parsed(data: bytes) -> _Ply:
     numbers, at, words = data, body, None
     notes: tuple[str, ...] = ()
     if order == "":
-        text = Text(data[body:])
+        text = Text(data[body:], above=data[:body].count(b"\n"))
         declared: np.ndarray | slice = slice(None)
         if len(text.first) == sum(element.size for element in elements if element.properties):
-            declared, notes = declared_words(text, elements, data[:body].count(b"\n"))
+            declared, notes = declared_words(text, elements)
         words = text.numbers(declared)
         numbers, at = words.value.astype("<f8").tobytes(), 0
     for element in elements:

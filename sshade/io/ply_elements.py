@@ -142,7 +142,7 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     return groups, at
 
 
-def declared_words(text: Text, elements: list[Element], above: int) -> tuple[np.ndarray, tuple[str, ...]]:
+def declared_words(text: Text, elements: list[Element]) -> tuple[np.ndarray, tuple[str, ...]]:
     """Select the words that the header declares, of a text with one row on each line.
 
     Parameters
@@ -150,8 +150,6 @@ def declared_words(text: Text, elements: list[Element], above: int) -> tuple[np.
     text : Text
         The rows of the elements.
     elements : list of Element
-    above : int
-        Number of lines of the header.
 
     Returns
     -------
@@ -177,14 +175,14 @@ def declared_words(text: Text, elements: list[Element], above: int) -> tuple[np.
         begin = lines.stop
     short = np.flatnonzero(text.size < declared)
     if len(short):
-        line, number = short[0], above + text.line_number(short[0])
+        line, number = short[0], text.line_number(short[0])
         raise ValueError(f"line {number} has {text.size[line]} values; its header declares {declared[line]}")
     within = np.arange(len(text.begin)) - np.repeat(text.first, text.size)
     words = np.flatnonzero(within < np.repeat(declared, text.size))
     longer = np.flatnonzero(text.size > declared)
     if not len(longer):
         return words, ()
-    count, number = len(longer), above + text.line_number(longer[0])
+    count, number = len(longer), text.line_number(longer[0])
     return words, (
         f"further values than the header declares stay as they are: {count} lines, from line {number}",
     )

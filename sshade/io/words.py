@@ -46,6 +46,12 @@ class Text:
 
     A byte-order mark at the beginning belongs to no word. Raises ValueError for a text in UTF-16.
 
+    Parameters
+    ----------
+    data : bytes
+    above : int
+        Number of lines before the text in its file, for messages.
+
     Attributes
     ----------
     data : bytes
@@ -55,10 +61,10 @@ class Text:
         Number of the first word of each line, and how many words the line has.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, *, above: int = 0) -> None:
         if data.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise ValueError("it is a text in UTF-16; save it as UTF-8")
-        self.data = data
+        self.data, self._above = data, above
         self._bytes = np.frombuffer(data, np.uint8)
         space = np.ones(len(data) + 2, dtype=bool)
         # 9 to 13 are tab, line ends and form feed; smaller numbers wrap around.
@@ -89,8 +95,12 @@ class Text:
 
     def line_number(self, line: int) -> int:
         """Return the number of a line for messages, counted from 1."""
-        before = self.data[: self.begin[self.first[line]]]
-        return max(before.count(b"\n"), before.count(b"\r")) + 1
+        return self._line_number(self.begin[self.first[line]])
+
+    def _line_number(self, place: int) -> int:
+        """Return the number of the line with a byte."""
+        before = self.data[:place]
+        return self._above + max(before.count(b"\n"), before.count(b"\r")) + 1
 
     def line_ends(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the bytes where some lines begin, and the bytes where their next lines begin."""
@@ -116,11 +126,20 @@ class Text:
         """Read some words, in ascending order, as float64. Raise ValueError if a word is no number."""
         begin, end = self.begin[words], self.end[words]
         value = self._parsed(begin, end, np.float64)
-        if value is None:  # Python also reads 1_000, and its error names the word
-            parts = self._slices(begin, end)
-            value = np.array([np.nan if _NAN.fullmatch(word) else float(word) for word in parts])
-            value = value.reshape(begin.shape)
+        if value is None:  # Python also reads 1_000
+            parts = zip(begin.ravel().tolist(), self._slices(begin, end), strict=True)
+            value = np.array([self._number(*part) for part in parts]).reshape(begin.shape)
         return Numbers(begin, end, value)
+
+    def _number(self, place: int, word: bytes) -> float:
+        """Read a word that begins at a byte; raise ValueError with its line if it is no number."""
+        if _NAN.fullmatch(word):
+            return np.nan
+        try:
+            return float(word)
+        except ValueError:
+            shown = word.decode("latin-1")[:60]
+            raise ValueError(f"line {self._line_number(place)}: {shown!r} is no number") from None
 
     def integers(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Read parts of the text, in ascending order, as int64.

@@ -33,7 +33,7 @@ def test_numbers_are_written_as_by_repr():
 
 @pytest.mark.parametrize("word", [".", "e5", "1e+", "1.2.3", "1-2", "--1", "0x10", "1f", "nan(1)", "1\0"])
 def test_words_that_are_no_numbers_are_refused(word):
-    with pytest.raises(ValueError, match="could not convert"):
+    with pytest.raises(ValueError, match="is no number"):
         Text(f"7 {word} 8".encode()).numbers(slice(None))
 
 
