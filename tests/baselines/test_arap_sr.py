@@ -11,6 +11,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationTask, Handles
 from tests.shapes import bumpy, held_ends, jittered, strip, tube
+from tests.sshade.naive import svd_rotations
 
 
 def dense_weights(mesh: Mesh, *, clamp: bool) -> np.ndarray:
@@ -39,9 +40,7 @@ def reference(task, *, alpha, clamp, iterations, start) -> np.ndarray:
             S = alpha * mesh.area / len(stars[i]) * R[stars[i]].sum(axis=0).T
             for j in stars[i]:
                 S += w[i, j] * np.outer(mesh.V[i] - mesh.V[j], q[i] - q[j])
-            U, _, Vt = np.linalg.svd(S)
-            U[:, 2] *= np.linalg.det(U @ Vt)
-            R[i] = (U @ Vt).T
+            R[i] = svd_rotations(S[None])[0]
         b = np.zeros((mesh.n, 3))
         for i in range(mesh.n):
             for j in stars[i]:

@@ -1,13 +1,17 @@
 """Rigid motions, collapsed faces, soft handles and wrong options: the same promises of several baselines."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from baselines.ablations import paper_with
 from baselines.accelerated import accelerated_arap, accelerated_elastic
 from baselines.arap import arap, elastic, libigl_arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_fields import deformation_field
 from baselines.deformation_graph.deformation_graph import deformation_graph
+from baselines.identity import identity
 from baselines.implicit_arap import implicit_arap
 from baselines.open3d_arap import open3d_arap
 from baselines.smooth_arap import smooth_arap
@@ -98,7 +102,13 @@ def test_a_triangle_without_area_is_refused(method):
         method(DeformationTask("flat", Mesh(V, task.mesh.F), task.handles))
 
 
-@pytest.mark.parametrize("method", [implicit_arap, *{method: None for method, *_ in WRONG}])
+@pytest.mark.parametrize(
+    "method",
+    [
+        *(arap, identity, implicit_arap, partial(paper_with, handle_mode="nearest", vertices=20)),
+        *{method: None for method, *_ in WRONG},
+    ],
+)
 def test_soft_handles_are_refused(method):
     task = held_ends(bumpy(1))
     soft = Handles(task.handles.index, task.handles.target, weight=1.0)

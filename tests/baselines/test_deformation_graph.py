@@ -12,6 +12,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.task import DeformationTask, Handles
 from tests.shapes import family, held_ends, jittered, strip
+from tests.sshade.naive import svd_rotations
 
 
 def sampled(mesh, nodes, first=(0,)):
@@ -115,10 +116,7 @@ def reference(task, *, nodes, iterations):
         L[i, i], L[i, s] = len(s), -1
 
     def rotations(q):
-        S = np.stack([(P[i] - P[s]).T @ (q[i] - q[s]) for i, s in enumerate(star)])
-        U, _, Vt = np.linalg.svd(S)
-        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-        return (U @ Vt).transpose(0, 2, 1)
+        return svd_rotations(np.stack([(P[i] - P[s]).T @ (q[i] - q[s]) for i, s in enumerate(star)]))
 
     q = P.copy()
     q[:h] = task.handles.target

@@ -42,6 +42,15 @@ def svd_rotations(S: np.ndarray) -> np.ndarray:
     return (V * sign[:, None]) @ Ut
 
 
+def vertex_areas(mesh: Mesh) -> np.ndarray:
+    """(n,) a third of the area of the faces at each vertex."""
+    area = np.zeros(mesh.n)
+    for face in mesh.F:
+        a, b, c = mesh.V[face]
+        area[face] += np.linalg.norm(np.cross(b - a, c - a)) / 6
+    return area
+
+
 class Naive:
     """Plain local/global straight from the definitions."""
 

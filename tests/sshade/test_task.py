@@ -97,13 +97,6 @@ def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
         Handles.from_positions(mesh, source, target, raw=True)
 
 
-def test_two_groups_on_one_vertex_must_agree():
-    mesh = tetrahedron()
-    source = np.array([[1.0, 0, 0], [1, 0, 0]])
-    with pytest.raises(InputError, match="vertex 1 has contradictory targets"):
-        Handles.from_positions(mesh, source, [[2, 0, 0], [3, 0, 0]], group=[0, 1])
-
-
 def test_tasks_refuse_shapes_that_do_not_correspond():
     mesh, handles = tetrahedron(), Handles([0], [[0, 0, 0]])
     with pytest.raises(InputError, match=r"guess has shape \(3, 3\)"):

@@ -8,6 +8,7 @@ from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.truth import chamfer, hausdorff
 from sshade.task import DeformationTask, Handles, TransferTask
 from tests.shapes import bumpy
+from tests.sshade.carry.test_projection import nearest_in_triangle
 
 OF_TRUTH = {name for name, metric in METRICS.items() if "truth" in metric.needs}
 OF_HANDLES = {"handle", "spike"}
@@ -17,23 +18,8 @@ def transfer_task(mesh, truth):
     return TransferTask("t", mesh, mesh, truth, truth=truth)
 
 
-def point_triangle(p, a, b, c):
-    """Distance by definition: the nearest of the plane's point, if inside, and of the sides' points."""
-    candidates = []
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal)
-    q = p - normal * (normal @ (p - a))
-    sides = [(a, b), (b, c), (c, a)]
-    if all(normal @ np.cross(v - u, q - u) >= 0 for u, v in sides):
-        candidates.append(np.linalg.norm(p - q))
-    for u, v in sides:
-        t = np.clip((p - u) @ (v - u) / ((v - u) @ (v - u)), 0, 1)
-        candidates.append(np.linalg.norm(p - u - t * (v - u)))
-    return min(candidates)
-
-
 def brute_force(P, V, F):
-    return np.array([min(point_triangle(p, *V[face]) for face in F) for p in P])
+    return np.array([min(nearest_in_triangle(p, V[face]) for face in F) for p in P])
 
 
 def test_against_brute_force():

@@ -36,11 +36,6 @@ def example(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("program", ["sshade.cli.main", "defaust.cli", "eval.main"])
-def test_help_needs_no_extra(program):
-    assert run(program, "--help").returncode == 0
-
-
 def test_deforming_needs_no_extra_in_any_format(example):
     outputs = [str(example / f"posed.{suffix}") for suffix in ("ply", "obj", "off", "stl", "glb", "gltf")]
     files = str(example / "rest.ply"), str(example / "pose_6.json")

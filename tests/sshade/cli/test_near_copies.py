@@ -13,6 +13,7 @@ from sshade.cli.main import main
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.io.objects import opened
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
+from tools.corpus.plain import content
 
 SHAPES = {
     "sphere": bumpy(2),
@@ -51,22 +52,16 @@ def noisy(mesh: Mesh, *, soup: bool, single: bool, rng) -> tuple[np.ndarray, np.
     return np.asarray(V, dtype=np.float64), F, place
 
 
-def write_float_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
-    names = "".join(f"property float {name}\n" for name in "xyz")
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(V)}\n{names}"
-    header += f"element face {len(F)}\nproperty list uchar int vertex_indices\nend_header\n"
-    faces = np.empty(len(F), dtype=[("n", "u1"), ("ids", "<i4", 3)])
-    faces["n"], faces["ids"] = 3, F
-    path.write_bytes(header.encode() + V.astype("<f4").tobytes() + faces.tobytes())
-
-
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_split_and_noisy_vertices_stay_together(here, shape, name):
     mesh, single = SHAPES[shape], name in ("soup.stl", "float.ply", "mesh.glb")
     rng = np.random.default_rng(sum(map(ord, shape + name)))
     V, F, origin = noisy(mesh, soup=name.endswith(".stl"), single=single, rng=rng)
-    (write_float_ply if name == "float.ply" else write_mesh)(Path(name), V, F)
+    if name == "float.ply":
+        Path(name).write_bytes(content((V, F), "f4.ply"))
+    else:
+        write_mesh(name, V, F)
     low, high = mesh.V.min(axis=0) - 0.01 * mesh.diagonal, mesh.V.max(axis=0) + 0.01 * mesh.diagonal
     third, up = (high[1] - low[1]) / 3, {"kind": "dynamic", "rotation": np.eye(3).tolist()}
     down = {"kind": "static", "boxes": [[low.tolist(), [high[0], low[1] + third, high[2]]]]}

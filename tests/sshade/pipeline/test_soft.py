@@ -1,17 +1,11 @@
 """Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
 
 import json
-from functools import partial
 
 import numpy as np
 import pytest
 
-from baselines.ablations import paper_with
-from baselines.arap import arap
-from baselines.arap_sr.arap_sr import arap_sr
-from baselines.deformation_graph.deformation_graph import deformation_graph
-from baselines.identity import identity
-from sshade import DeformationTask, Handles, InputError, deform
+from sshade import DeformationTask, Handles, deform
 from sshade.io.handles import read_handles, write_handles
 from sshade.solver.local_global import local_global
 from tests.shapes import beside, bumpy, shifted
@@ -126,15 +120,6 @@ def test_components_share_a_group_and_keep_its_stiffness():
     joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
     alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
     assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
-
-
-@pytest.mark.parametrize(
-    "method",
-    [arap, arap_sr, deformation_graph, identity, partial(paper_with, handle_mode="nearest", vertices=99)],
-)
-def test_methods_that_hold_handles_refuse_soft_ones(method):
-    with pytest.raises(InputError, match="takes no soft handles"):
-        method(task_of(1.0))
 
 
 def test_weights_are_written_and_read(tmp_path):

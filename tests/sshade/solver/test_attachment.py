@@ -13,6 +13,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.solver.attachment import LINK, RADIUS, REACH, Attachment
 from sshade.solver.local_global import local_global
 from tests.shapes import rotation, subdivided, tube
+from tests.sshade.naive import vertex_areas
 
 BAR = tube(24, 90, length=9.0)
 TURN = rotation(3)
@@ -48,10 +49,7 @@ def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_group():
     handles, weight = two_patches(BAR), 0.3
     pulled = attached(BAR, handles, weight)
     r = RADIUS * np.sqrt(BAR.area)
-    V, area = BAR.V, np.zeros(BAR.n)
-    for face in BAR.F:
-        a, b, c = V[face]
-        area[face] += np.linalg.norm(np.cross(b - a, c - a)) / 6
+    V, area = BAR.V, vertex_areas(BAR)
     expected = {}
     distances = []
     for group in (0, 1):

@@ -6,7 +6,7 @@ import pytest
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, rotation, strip
-from tests.sshade.naive import Naive
+from tests.sshade.naive import Naive, vertex_areas
 
 BODY = bumpy(2)
 #: Far below what is measured here.
@@ -29,10 +29,7 @@ def energy(task: DeformationTask, P: np.ndarray, *, kind: str) -> float:
     """The energy of the definition, each edge counted once, and the pulls of soft handles."""
     naive, handles = Naive(task, kind), task.handles
     total = naive.energy(P, naive.rotations(P)) / (2 if kind == "spokes" else 3)
-    area = np.zeros(task.mesh.n)
-    for face in task.mesh.F:
-        a, b, c = task.mesh.V[face]
-        area[face] += np.linalg.norm(np.cross(b - a, c - a)) / 6
+    area = vertex_areas(task.mesh)
     for group in np.unique(handles.group[np.isfinite(handles.weight)]):
         own = handles.group == group
         at, w = handles.index[own], handles.weight[own]
