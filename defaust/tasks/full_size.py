@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from defaust.build.upsample import subdivide
+from defaust.sources.noisy import POSES_SHA256, bone_rotations, pose_names
 from defaust.sources.skinning import apply_motions
 from defaust.sources.synthetic import SHA256, load_bodies
 from defaust.tasks.loop import loop_matrix
@@ -38,12 +39,15 @@ class Registered(NamedTuple):
         Registered rest mesh and target pose.
     steps : int
         Number of subdivisions between `low` and `rest`.
+    noisy : bool
+        The registered target pose has noise and is no ground truth.
     """
 
     rest: Mesh
     low: Mesh
     posed: Mesh
     steps: int
+    noisy: bool = False
 
 
 def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
@@ -62,7 +66,7 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
     InputError
         When the subdivisions do not correspond, or the rest mesh does not lie on the subdivided rest mesh.
     """
-    if meshes.rest is meshes.low:
+    if meshes.rest is meshes.low and not meshes.noisy:
         return meshes.posed.V, "registration"
     if skin is not None:
         return skin(meshes.rest.V), "skinning"
@@ -110,16 +114,34 @@ def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, po
             f"({SHA256[:12]}); build it again"
         )
     bodies = load_bodies()
-    known = 0 <= subject < len(bodies.rest) and pose in bodies.pose_names
-    if not known or not np.array_equal(meshes.low.F, bodies.faces):
+    found = _bone_rotations(source, subject, pose) if 0 <= subject < len(bodies.rest) else None
+    if found is None or not np.array_equal(meshes.low.F, bodies.faces):
         raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
-    k = bodies.pose_names.index(pose)
-    motions = bodies.motions(subject, rotations=bodies.rotations[subject, k])
+    rotations, shift = found
+    motions = bodies.motions(subject, rotations=rotations)
     if meshes.rest is not meshes.low:
         # Blending is linear, so subdividing the motions is the same as subdividing the weights.
         fine, interpolate = _on_subdivided(meshes)
         motions = interpolate @ (loop_matrix(meshes.low, fine, steps=meshes.steps) @ motions)
-    return lambda V: apply_motions(motions, V) + bodies.shifts[subject, k]
+    return lambda V: apply_motions(motions, V) + shift
+
+
+def _bone_rotations(
+    source: Mapping[str, Any], subject: int, pose: str
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rotations (b, 3) of the bones and shift (3,) of a body in a pose; None if the pose is unknown."""
+    bodies, asset = load_bodies(), source.get("poses_sha256")
+    if asset is None:
+        if pose not in bodies.pose_names:
+            return None
+        k = bodies.pose_names.index(pose)
+        return bodies.rotations[subject, k], bodies.shifts[subject, k]
+    if asset != POSES_SHA256:
+        raise InputError(
+            f"the dataset was made from other poses (asset {asset[:12]}) than the poses of this version "
+            f"({POSES_SHA256[:12]}); build it again"
+        )
+    return bone_rotations(subject, pose) if pose in pose_names(subject) else None
 
 
 def _on_subdivided(meshes: Registered) -> tuple[Mesh, csr_array]:

@@ -82,8 +82,9 @@ def load_task(
     resolution : str
         ``high``: the remeshed rest mesh, with handles snapped to its vertices. The ground truth is computed,
         which takes a second or two for 170,000 vertices. ``low``: the registered rest mesh; its ground truth
-        is the registered target pose. Both are the same in a dataset built with target_vertices=null. Scans
-        have no ground truth; generated shapes have one at both resolutions, if it is known.
+        is the registered target pose, or the pose without noise if that registration has noise. Both are the
+        same in a dataset built with target_vertices=null. Scans have no ground truth; generated shapes have
+        one at both resolutions, if it is known.
     raw : bool
         Keep the stored targets of handles whose vertex is at another position.
     source : str, optional
@@ -163,7 +164,13 @@ def load_task(
         is_low = resolution == "low" or document["build"]["target_vertices"] is None
         low = mesh if is_low else _mesh(root, f"{folder}/{REST_LOW}", document=document)
         posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
-        meshes = Registered(mesh, low, posed, record["high"]["ls3_steps"])
+        meshes = Registered(
+            mesh,
+            low,
+            posed,
+            steps=record["high"]["ls3_steps"],
+            noisy=document["source"].get("noise_mm", 0) > 0,
+        )
         if edit is not None:
             return _transfer(meshes, document["source"], name=name, edit=edit, facts=facts)
         try:

@@ -4,8 +4,10 @@ import gzip
 
 import numpy as np
 
+from defaust.sources.noisy import bone_rotations, pose_names
 from defaust.sources.source import read_asset
-from defaust.sources.synthetic import SHA256
+from defaust.sources.synthetic import SHA256, load_bodies
+from tools.bake import noisy
 from tools.bake.__main__ import add_poses, without_reaches
 from tools.bake.morphs import AGES, BONES, BaseMesh, Shape, morph, read_base
 
@@ -56,3 +58,13 @@ def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
     for name in ("rotations", "shifts"):
         np.testing.assert_array_equal(again[name][:, :4], first[name][:, :4])
         np.testing.assert_allclose(again[name], first[name], atol=1e-4)
+
+
+def test_a_pose_of_the_noisy_bodies_can_be_baked_again():
+    name = pose_names(5)[0]
+    rotations, shift = noisy.make_pose(
+        load_bodies(), subject=5, pose=noisy.POSES["held_out"][name], seed=[noisy.SEED, 5, 0]
+    )
+    for found, shipped in zip((rotations, shift), bone_rotations(5, name), strict=True):
+        np.testing.assert_allclose(found, shipped, atol=1e-3)
+    assert [list(poses) for poses in noisy.POSES.values()] == [pose_names(0), pose_names(9)]

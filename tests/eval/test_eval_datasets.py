@@ -19,6 +19,7 @@ from tests.shapes import bumpy
 BUILT = {
     "defaust": ("defaust-synthetic/subject_00/pose_1", 10),
     "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 10),
+    "noisy_25k": ("defaust-noisy_2mm/subject_00/pose_1", 5),
     "faust": ("defaust-faust/subject_00/pose_1", 4),
     "tosca": ("defaust-tosca/subject_00/pose_1", 3),
     "sequence": ("defaust-sequence/subject_00/pose_1", 1),

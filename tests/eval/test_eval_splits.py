@@ -14,8 +14,8 @@ from sshade.cli.configuration import CONFIGURATION
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 
 #: Subjects and poses that the default build of a source has.
-SUBJECTS = {"synthetic": range(10), "shapes": range(4), "scans": range(3)}
-POSES = {"synthetic": range(1, 11), "shapes": [1], "scans": range(1, 4)}
+SUBJECTS = {"synthetic": range(10), "noisy": range(10), "shapes": range(4), "scans": range(3)}
+POSES = {"synthetic": range(1, 11), "noisy": range(1, 6), "shapes": [1], "scans": range(1, 4)}
 
 
 def cases(config):
@@ -28,6 +28,8 @@ def cases(config):
     known = {"subject": list(subjects), "pose": list(POSES[source])}
     taken = {name: swept(name, config.hydra.sweeper.params[name], numbers) for name, numbers in known.items()}
     assert all(set(taken[name]) <= set(known[name]) for name in known)
+    noise = re.search(r"source.noise=(\d+)", config.dataset.build)
+    source += f"_{noise[1]}mm" if noise else ""
     return [f"defaust-{source}/subject_{s:02d}/pose_{p}" for s in taken["subject"] for p in taken["pose"]]
 
 

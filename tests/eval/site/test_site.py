@@ -70,7 +70,7 @@ def test_the_projects_own_leaderboard(tmp_path, capsys):
     assert main(["site", "-o", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     for name, track in read_tracks().items():
-        assert (f"left out: {name}, of which no rows are published\n" in told) != is_published(track)
+        assert (f"left out: {name}, which has no published rows\n" in told) != is_published(track)
         if not is_published(track):
             assert not (tmp_path / "out" / f"{name}.html").exists()
             continue

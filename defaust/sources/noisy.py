@@ -1,0 +1,147 @@
+"""The ten synthetic adults as registrations are: with noise, bent wrists and ankles, and hands on the body.
+
+The bodies are those of :mod:`defaust.sources.synthetic`. The poses are others: subjects 0 to 4 have five
+poses for tuning, subjects 5 to 9 have five held-out poses, so no pose and no subject is in both halves.
+:mod:`tools.bake.noisy` made the poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from defaust.sources.choices import OneTemplate
+from defaust.sources.source import SourcePose, provenance_texts, read_asset
+from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
+from sshade import InputError, Mesh
+
+#: Units of the stored integers: rotations in radians, shifts in metres.
+ANGLE, LENGTH = np.radians(0.01), 1e-4
+#: Checksum of the asset of the poses; a new bake changes it.
+POSES_SHA256 = "571fc05a34963b728bd5ba6e5a9162ab31f973b599c3822e93c0153a947de500"
+#: Length over which the noise is correlated, in metres: at this distance the correlation is 0.61.
+CORRELATION = 0.015
+#: Number of waves that the noise is the sum of.
+WAVES = 400
+
+
+@cache
+def _poses() -> dict[str, np.ndarray]:
+    """Read the poses of the installed package; raise InputError when they are damaged."""
+    return read_asset("poses", sha256=POSES_SHA256)
+
+
+def pose_names(subject: int) -> list[str]:
+    """Names of the poses of a subject, in order."""
+    return _poses()["names"][subject].tolist()
+
+
+def bone_rotations(subject: int, pose: str) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vectors (b, 3) of a subject's bones in a pose, in radians, and shift (3,) in metres."""
+    k = pose_names(subject).index(pose)
+    return ANGLE * _poses()["rotations"][subject, k], LENGTH * _poses()["shifts"][subject, k]
+
+
+def correlated_noise(points: np.ndarray, *, rms: float, seed: list[int]) -> np.ndarray:
+    """Displace points as errors of a registration do: alike nearby, independent farther away.
+
+    The noise is a Gaussian random field, whose correlation at a distance d is exp(-d²/2l²) with l =
+    :data:`CORRELATION`. A third of its variance moves points along the normal, two thirds along the surface.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    rms : float
+        Root mean square length of the displacements, in the unit of the points.
+    seed : list of int
+
+    Returns
+    -------
+    (n, 3) float64
+    """
+    rng = np.random.default_rng(seed)
+    wave = rng.normal(size=(3, WAVES)) / CORRELATION
+    phase = rng.uniform(0.0, 2.0 * np.pi, size=WAVES)
+    field = np.cos(points @ wave + phase) @ rng.normal(size=(WAVES, 3))
+    return field * (rms / np.sqrt((field**2).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True)
+class NoisyBodies(OneTemplate):
+    """Source of the ten synthetic adults as registrations.
+
+    Every pose has noise: its registered mesh, and with it the targets of the handles, are displaced. The rest
+    mesh is exact, because a task begins at the rest mesh whatever its errors are. The noise of a pose
+    stands for the difference of the errors of both registrations.
+
+    Parameters
+    ----------
+    noise : float
+        Root mean square displacement of the vertices of a pose, in millimetres; 0 leaves the poses exact.
+    seed : int
+        Seed of the noise.
+
+    Raises
+    ------
+    InputError
+        When the noise is negative or above 10 mm, or the seed is negative.
+    """
+
+    noise: float = 2.0
+    seed: int = 0
+
+    subjects = SyntheticBodies.subjects
+    base_landmarks = SyntheticBodies.base_landmarks
+    more_landmarks = SyntheticBodies.more_landmarks
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.noise <= 10:
+            raise InputError(f"source.noise is {self.noise}; give millimetres from 0 to 10")
+        if self.seed < 0:
+            raise InputError(f"source.seed is {self.seed}; it must be at least 0")
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """``noisy_2mm`` for a noise of 2 mm: levels of noise never share the name of a task."""
+        return f"noisy_{self.noise:g}mm"
+
+    @property
+    def provenance(self) -> Mapping[str, object]:
+        """Facts for the dataset card."""
+        texts = provenance_texts("noisy")
+        facts = {"noise": f"{self.noise:g}", "correlation": f"{1000 * CORRELATION:g}"}
+        return {
+            **texts,
+            "title": texts["title"].format(**facts),
+            "limits": [limit.format(**facts) for limit in texts["limits"]],
+            "asset_sha256": SHA256,
+            "poses_sha256": POSES_SHA256,
+            "noise_mm": float(self.noise),
+            "noise_seed": self.seed,
+        }
+
+    @property
+    def landmarks(self) -> Mapping[str, int]:
+        """Vertex of each landmark of the asset."""
+        return load_bodies().landmarks
+
+    def poses(self, subject: int) -> tuple[SourcePose, ...]:
+        """Target poses of the subject's half."""
+        return self._poses((name, True) for name in pose_names(subject))
+
+    def rest(self, subject: int) -> Mesh:
+        """Rest mesh, without noise."""
+        return SyntheticBodies().rest(subject)
+
+    def posed(self, subject: int, pose: SourcePose) -> Mesh:
+        """Posed mesh with noise."""
+        bodies = load_bodies()
+        rotations, shift = bone_rotations(subject, pose.name)
+        V = bodies.pose(subject, rotations=rotations, shift=shift)
+        if self.noise > 0:
+            seed = [self.seed, subject, pose_names(subject).index(pose.name)]
+            V = V + correlated_noise(bodies.rest[subject], rms=self.noise / 1000, seed=seed)
+        return Mesh(V, bodies.faces)

@@ -1,0 +1,146 @@
+"""The synthetic bodies as registrations: noise, poses, ground truth, and the halves."""
+
+import shutil
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
+from defaust.build.verify import verify
+from defaust.sources.noisy import NoisyBodies, bone_rotations, correlated_noise, pose_names
+from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.tasks import load_task
+from eval.rows.splits import HELD_OUT, TUNING, split_of
+from sshade import InputError
+from sshade.mesh.rigid import rigid_motion
+from tests.defaust.registrations import contents
+from tests.defaust.toy import change
+
+EXACT = NoisyBodies(noise=0.0)
+
+
+def displaced(source, subject, k):
+    """Displacement (n, 3) of the vertices of a pose by its noise, in metres."""
+    pose = source.poses(subject)[k]
+    return source.posed(subject, pose).V - EXACT.posed(subject, pose).V
+
+
+@pytest.mark.parametrize("millimetres", [1.0, 2.0, 4.0])
+def test_the_noise_has_the_asked_size(millimetres):
+    moved = 1000 * displaced(NoisyBodies(noise=millimetres), 3, 1)
+    assert np.sqrt((moved**2).sum(axis=1).mean()) == pytest.approx(millimetres)
+    assert np.abs(moved.mean(axis=0)).max() < 0.1 * millimetres  # no shift of the body as a whole
+
+
+def test_no_noise_leaves_the_skinned_pose_and_the_rest_mesh_never_has_noise():
+    bodies, pose = load_bodies(), EXACT.poses(7)[2]
+    rotations, shift = bone_rotations(7, pose.name)
+    skinned = bodies.pose(7, rotations=rotations, shift=shift)
+    np.testing.assert_array_equal(EXACT.posed(7, pose).V, skinned)
+    np.testing.assert_array_equal(NoisyBodies(noise=4.0).rest(7).V, SyntheticBodies().rest(7).V)
+
+
+def test_the_noise_is_alike_nearby_and_independent_farther_away():
+    V = load_bodies().rest[0]
+    noise = np.stack([correlated_noise(V, rms=1.0, seed=[k]) for k in range(8)], axis=1)
+    pairs = cKDTree(V).query_pairs(0.06, output_type="ndarray")
+    distance = np.linalg.norm(V[pairs[:, 0]] - V[pairs[:, 1]], axis=1)
+    product = (noise[pairs[:, 0]] * noise[pairs[:, 1]]).sum(axis=2).mean(axis=1)
+    for low, high, least, most in ((0, 0.006, 0.9, 1.1), (0.013, 0.017, 0.5, 0.7), (0.05, 0.06, -0.05, 0.05)):
+        assert least < product[(distance >= low) & (distance < high)].mean() < most
+
+
+def test_noise_depends_on_seed_subject_and_pose():
+    first = displaced(NoisyBodies(), 0, 0)
+    np.testing.assert_array_equal(first, displaced(NoisyBodies(), 0, 0))
+    for other in (NoisyBodies(seed=1), 0, 0), (NoisyBodies(), 1, 0), (NoisyBodies(), 0, 1):
+        assert np.abs(displaced(*other) - first).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"noise": -1.0}, r"source.noise is -1.0; give millimetres from 0 to 10"),
+        ({"noise": float("nan")}, "source.noise is nan"),
+        ({"seed": -1}, "source.seed is -1; it must be at least 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        NoisyBodies(**options)
+
+
+@pytest.mark.parametrize("subject", range(10))
+def test_poses_differ_from_rest_and_from_each_other_and_are_sound(subject):
+    rest = EXACT.rest(subject)
+    posed = [EXACT.posed(subject, pose) for pose in EXACT.poses(subject)]
+    for k, mesh in enumerate(posed):
+        R, t = rigid_motion(rest.V, mesh.V)
+        assert np.linalg.norm(rest.V @ R.T + t - mesh.V, axis=1).max() > 0.08
+        assert all(np.linalg.norm(mesh.V - other.V, axis=1).max() > 0.1 for other in posed[:k])
+        assert mesh.is_closed and mesh.is_manifold and mesh.is_oriented
+        assert abs(mesh.volume / rest.volume - 1) < 0.08
+        assert mesh.V[:, 1].min() == pytest.approx(0.0, abs=2e-4)
+
+
+def test_every_case_is_in_one_half_and_no_pose_is_in_both():
+    of_half = {TUNING: set(), HELD_OUT: set()}
+    for subject in NoisyBodies.subjects:
+        for k, name in enumerate(pose_names(subject), start=1):
+            halves = {
+                split_of(f"defaust-{NoisyBodies(noise=mm).name}/subject_{subject:02d}/pose_{k}")
+                for mm in (1.0, 2.0, 4.0)
+            }
+            (half,) = halves
+            of_half[half].add(name)
+    assert len(of_half[TUNING]) == len(of_half[HELD_OUT]) == 5
+    assert not of_half[TUNING] & of_half[HELD_OUT]
+
+
+OPTIONS = BuildOptions(subjects=(5,), target_vertices=8000)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A noisy body, remeshed."""
+    out = tmp_path_factory.mktemp("noisy") / "body"
+    build(NoisyBodies(noise=4.0), out, options=OPTIONS, workers=1)
+    return out
+
+
+def test_a_build_is_sound_and_the_same_again(folder, tmp_path):
+    assert verify(folder) == []
+    document = build(NoisyBodies(noise=4.0), tmp_path / "again", options=OPTIONS, workers=1)
+    assert contents(tmp_path / "again") == contents(folder)
+    assert document["name"] == "defaust-noisy_4mm" and document["source"]["noise_mm"] == 4.0
+    assert len(contents(folder)) == 2 + 2 + 2 * 5
+
+
+def test_the_truth_is_exact_and_the_handles_have_the_noise(folder):
+    source = NoisyBodies(noise=4.0)
+    pose = source.poses(5)[0]
+    low = load_task(folder, subject=5, pose=1, resolution="low")
+    np.testing.assert_allclose(low.truth, EXACT.posed(5, pose).V, atol=1e-12)
+    assert low.meta["posed_by"] == "skinning"
+    moved = low.handles.dynamic
+    missed = low.handles.target[moved] - low.truth[low.handles.index[moved]]
+    own = displaced(source, 5, 0)[low.handles.index[moved]]
+    np.testing.assert_allclose(missed, own, atol=1e-12)
+    assert 0.002 < np.sqrt((missed**2).sum(axis=1).mean()) < 0.006
+
+    high = load_task(folder, subject=5, pose=1)
+    assert high.meta["posed_by"] == "skinning" and high.mesh.n != low.mesh.n
+    near = cKDTree(low.mesh.V).query(high.mesh.V)[1]
+    same = np.linalg.norm(low.mesh.V[near] - high.mesh.V, axis=1) < 1e-3
+    gap = np.linalg.norm(high.truth[same] - low.truth[near[same]], axis=1)
+    assert same.sum() > 100 and gap.max() < 4e-3  # without the noise, whose largest value is above 8 mm
+    assert np.linalg.norm(displaced(source, 5, 0), axis=1).max() > 8e-3
+
+
+def test_poses_of_another_version_have_no_truth(folder, tmp_path):
+    other = shutil.copytree(folder, tmp_path / "other")
+    change(other, lambda document: document["source"].update(poses_sha256="0" * 64))
+    task = load_task(other, subject=5, pose=1)
+    assert task.truth is None and "made from other poses (asset 000000000000)" in task.meta["no_truth"]
