@@ -7,6 +7,7 @@ from baselines.smooth_arap import smooth_arap
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, held_ends
+from tests.sshade.naive import vertex_areas
 
 
 def ends(level=2):
@@ -25,10 +26,7 @@ def energy_of(mesh, P, R, smoothness):
     """The energy of the module's docstring, edge by edge and vertex by vertex."""
     edges, w = edge_weights(mesh, half_cotangents(mesh))
     L = laplacian_matrix(mesh.n, edges, w).toarray()
-    area = np.zeros(mesh.n)
-    for face, own in zip(mesh.F, mesh.face_areas, strict=True):
-        area[face] += own / 3
-    a = area / area.mean()
+    a = vertex_areas(mesh) / vertex_areas(mesh).mean()
     total, b = 0.0, np.zeros((mesh.n, 3))
     for (i, j), weight in zip(edges, w, strict=True):
         rest, now = mesh.V[i] - mesh.V[j], P[i] - P[j]

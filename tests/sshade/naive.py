@@ -1,7 +1,5 @@
 """Bent bars and sheets, and local/global iterations straight from the definitions."""
 
-import math
-
 import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
@@ -43,7 +41,7 @@ def svd_rotations(S: np.ndarray) -> np.ndarray:
 
 
 def vertex_areas(mesh: Mesh) -> np.ndarray:
-    """(n,) a third of the area of the faces at each vertex."""
+    """(n,) a third of the area of the faces around each vertex."""
     area = np.zeros(mesh.n)
     for face in mesh.F:
         a, b, c = mesh.V[face]
@@ -56,22 +54,21 @@ class Naive:
 
     def __init__(self, task: DeformationTask, energy: str) -> None:
         self.V, self.index, self.targets = task.mesh.V, task.handles.index, task.handles.target
-        self.terms = []  # (k, j, h_kj, the vertices whose cells hold this term)
-        for face in task.mesh.F.tolist():
-            for c in range(3):
-                k, j, opposite = face[c], face[(c + 1) % 3], face[(c + 2) % 3]
-                a, b = self.V[k] - self.V[opposite], self.V[j] - self.V[opposite]
-                angle = math.atan2(np.linalg.norm(np.cross(a, b)), a @ b)
-                self.terms.append(
-                    (k, j, 0.5 / math.tan(angle), (k, j) if energy == "spokes" else tuple(face))
-                )
+        F = task.mesh.F
+        self.k, self.j, opposite = (np.roll(F, -c, axis=1).ravel() for c in range(3))
+        a, b = self.V[self.k] - self.V[opposite], self.V[self.j] - self.V[opposite]
+        self.h = 0.5 * (a * b).sum(axis=1) / np.linalg.norm(np.cross(a, b), axis=1)
+        self.rest = self.V[self.k] - self.V[self.j]
+        # The vertices whose cells hold the term of k, j and h.
+        spokes = np.stack([self.k, self.j], axis=1)
+        self.cells = spokes if energy == "spokes" else np.repeat(F, 3, axis=0)
         n = len(self.V)
-        L = np.zeros((n, n))
-        for k, j, h, _ in self.terms:
-            L[[k, j, k, j], [k, j, j, k]] += h * np.array([1, 1, -1, -1])
+        weights = csc_matrix((self.h, (self.k, self.j)), shape=(n, n)).toarray()
+        weights += weights.T
+        self.L = np.diag(weights.sum(axis=1)) - weights
         self.free = np.setdiff1d(np.arange(n), self.index)
-        self.to_handles = L[self.free][:, self.index]
-        self.laplacian = L[self.free][:, self.free]
+        self.to_handles = self.L[self.free][:, self.index]
+        self.laplacian = self.L[self.free][:, self.free]
         self.lu = splu(csc_matrix(self.laplacian))
 
     def rotations(self, U: np.ndarray) -> np.ndarray:
@@ -79,18 +76,15 @@ class Naive:
 
     def covariances(self, U: np.ndarray) -> np.ndarray:
         S = np.zeros((len(U), 3, 3))
-        for k, j, h, cells in self.terms:
-            for i in cells:
-                S[i] += h * np.outer(self.V[k] - self.V[j], U[k] - U[j])
+        terms = self.h[:, None, None] * self.rest[:, :, None] * (U[self.k] - U[self.j])[:, None]
+        np.add.at(S, self.cells, terms[:, None])
         return S
 
     def energy(self, U: np.ndarray, R: np.ndarray) -> float:
-        total = 0.0
-        for k, j, h, cells in self.terms:
-            for i in cells:
-                # Spokes: every edge belongs to its two end points' cells, as here.
-                total += h * (((U[k] - U[j]) - R[i] @ (self.V[k] - self.V[j])) ** 2).sum()
-        return total
+        # Spokes: every edge belongs to its two end points' cells, as here.
+        turned = np.einsum("tcxy,ty->tcx", R[self.cells], self.rest)
+        squares = ((U[self.k] - U[self.j])[:, None] - turned) ** 2
+        return float((self.h * squares.sum(axis=(1, 2))).sum())
 
     def iterate(self, U: np.ndarray) -> np.ndarray:
         U = U.copy()
@@ -107,8 +101,7 @@ class Naive:
 
     def right_hand_side(self, R: np.ndarray) -> np.ndarray:
         b = np.zeros_like(self.V)
-        for k, j, h, cells in self.terms:
-            force = h * np.mean([R[i] for i in cells], axis=0) @ (self.V[k] - self.V[j])
-            b[k] += force
-            b[j] -= force
+        force = self.h[:, None] * np.einsum("txy,ty->tx", R[self.cells].mean(axis=1), self.rest)
+        np.add.at(b, self.k, force)
+        np.subtract.at(b, self.j, force)
         return b

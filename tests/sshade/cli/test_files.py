@@ -54,19 +54,6 @@ def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
     assert "loses the" not in capsys.readouterr().err
 
 
-def test_a_soup_is_deformed_as_the_surface_it_is(folder, capsys):
-    write_mesh("soup.stl", BODY.V.astype("f4"), BODY.F)
-    source = BODY.V[POSE.index].tolist()
-    entry = {"source": source, "target": POSE.target.tolist()}
-    Path("pose.json").write_text(json.dumps({"handles": [entry]}))
-    assert main(["deform", "soup.stl", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
-    moved = read_arrays("out.stl")[0]
-    _, first, inverse = np.unique(
-        BODY.V[BODY.F].reshape(-1, 3), axis=0, return_index=True, return_inverse=True
-    )
-    assert len(first) == BODY.n and np.array_equal(moved, moved[first[inverse.ravel()]])
-
-
 def test_remesh_carry_and_transfers_keep_the_file_too(folder, capsys):
     own, faces = V[1:], F - 1  # these commands refuse vertices of no face
     Path("seam.obj").write_text(as_obj(own, faces))

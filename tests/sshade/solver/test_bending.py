@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import bumpy, held_ends, jittered, strip
-from tests.sshade.naive import TASKS, Naive
+from tests.sshade.naive import TASKS, Naive, vertex_areas
 from tests.sshade.pipeline.test_degenerate import split
 
 LENGTH = 0.05
@@ -20,20 +20,14 @@ class NaiveBending(Naive):
     def __init__(self, task: DeformationTask, energy: str, bending: float) -> None:
         super().__init__(task, energy)
         mesh, n = task.mesh, task.mesh.n
-        L = np.zeros((n, n))
-        for k, j, h, _ in self.terms:
-            L[[k, j, k, j], [k, j, j, k]] += h * np.array([1, 1, -1, -1])
-        area = np.zeros(n)
-        for face, of_face in zip(mesh.F, mesh.face_areas, strict=True):
-            area[face] += of_face / 3
-        self.share = bending**2 * mesh.area / area
+        self.share = bending**2 * mesh.area / vertex_areas(mesh)
         held = np.isin(np.arange(n), self.index)
         for i in range(n):
             around = np.append(mesh.edges[(mesh.edges == i).any(axis=1)].ravel(), i)
             if held[around].all() or i in mesh.boundary_edges:
                 self.share[i] = 0.0
-        self.L, self.weight = L, {"spokes": 2, "spokes_and_rims": 3}[energy]
-        whole = L + L @ np.diag(self.share) @ L
+        self.weight = {"spokes": 2, "spokes_and_rims": 3}[energy]
+        whole = self.L + self.L @ np.diag(self.share) @ self.L
         self.to_handles = whole[self.free][:, self.index]
         self.lu = splu(csc_matrix(whole[self.free][:, self.free]))
 
