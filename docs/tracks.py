@@ -62,14 +62,16 @@ def write(folder: Path, *, data: list[Path], subjects: list[int]) -> None:
 
 
 def _fits(task: Any, measured: dict[str, Any]) -> list[dict[str, Any]]:
-    """Measures of each group of handles; ``off`` is the error in degrees of the rotation fitted to it."""
+    """Measures of each group that moves; ``off`` is the error in degrees of the rotation fitted to it."""
     from scipy.spatial.transform import Rotation
 
     from sshade.mesh.rigid import rigid_motion
 
     found, names = [], list(measured)
     for number, name in enumerate(names):
-        own = task.handles.group == number
+        own = (task.handles.group == number) & task.handles.dynamic
+        if not own.any():  # static handles stay at rest, without noise
+            continue
         rest, noisy = task.mesh.V[task.handles.index[own]], task.handles.target[own]
         R, S = (rigid_motion(rest, P)[0] for P in (noisy, task.truth[task.handles.index[own]]))
         off = np.degrees(Rotation.from_matrix(R @ S.T).magnitude())
@@ -135,18 +137,18 @@ def table(folder: Path) -> None:
     pd.DataFrame(rows).to_csv(ROWS, index=False, float_format="%.4f", lineterminator="\n")
 
 
-_SPREAD = {"min": np.min, "mean": np.mean, "max": np.max}
+_SPREAD = {"mean": np.mean, "max": np.max}
 
 
-def page() -> None:
-    """Fill the tables of the page from tracks.csv."""
+def tables() -> dict[str, str]:
+    """Return the tables of the page by the names of their blocks, from tracks.csv."""
     import pandas as pd
 
-    from docs.blocks import fill, markdown
+    from docs.blocks import markdown
 
     rows = pd.read_csv(ROWS)
     rows["noise"] = rows["task"].str.extract(r"noisy_(\w+)/")[0]
-    tables = {}
+    found = {}
     for block, column in (("noise", "noise"), ("poses", "pose")):
         lines = []
         for value, own in rows.groupby(column, sort=block == "noise"):
@@ -154,7 +156,7 @@ def page() -> None:
             lines.append(
                 {
                     column: str(value),
-                    "cases": len(own),
+                    "cases": f"{len(own)}",
                     "hands turned (°)": f"{own['hands_turned'].mean():.1f}",
                     "fits off (°)": f"{own['off_mean'].mean():.1f} (to {own['off_max'].max():.1f})",
                     "residual (%)": f"{own['residual_mean'].mean():.1f} (to {own['residual_max'].max():.1f})",
@@ -164,8 +166,8 @@ def page() -> None:
                     "`fast` farther": f"{farther}/{len(own)}",
                 }
             )
-        tables[block] = markdown(list(lines[0]), [list(line.values()) for line in lines])
-    fill(PAGE, tables)
+        found[block] = markdown(list(lines[0]), [list(line.values()) for line in lines])
+    return found
 
 
 def picture() -> None:
@@ -211,7 +213,9 @@ def main() -> None:
     else:
         if args.step == "table":
             table(args.folder)
-        page()
+        from docs.blocks import fill
+
+        fill(PAGE, tables())
 
 
 if __name__ == "__main__":
