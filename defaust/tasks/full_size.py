@@ -2,8 +2,9 @@
 
 A dataset stores target poses at the resolution of the registered meshes only. For a finer rest mesh they are
 computed when a task is loaded. The registered mesh is subdivided as in the build, so every vertex of the rest
-mesh lies on a triangle of the subdivided mesh. Synthetic bodies are skinned: the skinning weights are
-subdivided and interpolated on that triangle. For other meshes the subdivided registered pose is interpolated.
+mesh lies on a triangle of the subdivided mesh. Synthetic bodies and animals are skinned: the skinning weights
+are subdivided and interpolated on that triangle. For other meshes the subdivided registered pose is
+interpolated.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from defaust.build.upsample import subdivide
+from defaust.sources import animals, synthetic
 from defaust.sources.noisy import POSES_SHA256, bone_rotations, pose_names
 from defaust.sources.skinning import apply_motions
-from defaust.sources.synthetic import SHA256, load_bodies
 from defaust.tasks.loop import loop_matrix
 from sshade import InputError, Mesh
 
@@ -80,7 +81,7 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
 
 
 def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, pose: str) -> Skin | None:
-    """Dual quaternion skinning of a synthetic body into a pose, at the vertices of the rest mesh.
+    """Dual quaternion skinning of a synthetic body or animal into a pose, at the vertices of the rest mesh.
 
     The weights are subdivided by Loop's rules. Linear interpolation on the registered triangles would
     crease weights and posed surface along edges.
@@ -108,17 +109,12 @@ def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, po
     asset = source.get("asset_sha256")
     if asset is None:
         return None
-    if asset != SHA256:
-        raise InputError(
-            f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies of this version "
-            f"({SHA256[:12]}); build it again"
-        )
-    bodies = load_bodies()
-    found = _bone_rotations(source, subject, pose) if 0 <= subject < len(bodies.rest) else None
+    bodies, body = _skinned(asset, subject)
+    found = _bone_rotations(bodies, source, body, pose) if 0 <= body < len(bodies.rest) else None
     if found is None or not np.array_equal(meshes.low.F, bodies.faces):
         raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
     rotations, shift = found
-    motions = bodies.motions(subject, rotations=rotations)
+    motions = bodies.motions(body, rotations=rotations)
     if meshes.rest is not meshes.low:
         # Blending is linear, so subdividing the motions is the same as subdividing the weights.
         fine, interpolate = _on_subdivided(meshes)
@@ -127,10 +123,10 @@ def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, po
 
 
 def _bone_rotations(
-    source: Mapping[str, Any], subject: int, pose: str
+    bodies: synthetic.Bodies, source: Mapping[str, Any], subject: int, pose: str
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Rotations (b, 3) of the bones and shift (3,) of a body in a pose; None if the pose is unknown."""
-    bodies, asset = load_bodies(), source.get("poses_sha256")
+    asset = source.get("poses_sha256")
     if asset is None:
         if pose not in bodies.pose_names:
             return None
@@ -142,6 +138,18 @@ def _bone_rotations(
             f"({POSES_SHA256[:12]}); build it again"
         )
     return bone_rotations(subject, pose) if pose in pose_names(subject) else None
+
+
+def _skinned(asset: str, subject: int) -> tuple[synthetic.Bodies, int]:
+    """Bodies that contain a subject of the asset with this checksum, and the number of its body there."""
+    if asset == animals.SHA256 and 0 <= subject < len(animals.SPECIES):
+        return animals.load_animal(animals.SPECIES[subject]), 0
+    if asset not in (synthetic.SHA256, animals.SHA256):
+        raise InputError(
+            f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies and animals of "
+            f"this version ({synthetic.SHA256[:12]}, {animals.SHA256[:12]}); build it again"
+        )
+    return synthetic.load_bodies(), subject
 
 
 def _on_subdivided(meshes: Registered) -> tuple[Mesh, csr_array]:

@@ -49,7 +49,7 @@ def test_static_handles_stay_at_their_vertices(finished):
 def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):
     bodies = load_bodies()
     still = replace(bodies, rotations=np.zeros_like(bodies.rotations), shifts=np.zeros_like(bodies.shifts))
-    monkeypatch.setattr(full_size, "load_bodies", lambda: still)
+    monkeypatch.setattr(full_size.synthetic, "load_bodies", lambda: still)
     task = load_task(body, subject=4, pose=1)
     np.testing.assert_allclose(task.truth, task.mesh.V, atol=1e-12)
 

@@ -27,7 +27,7 @@ def names(group):
 
 
 #: Experiments that make their own data.
-MAKING_DATA = ("resolution", "ablation_touching", "peers_shapes", "peers_scans")
+MAKING_DATA = ("resolution", "ablation_touching", "peers_shapes", "peers_scans", "animals_25k")
 METHODS = methods("", "peer", "transfer")
 
 

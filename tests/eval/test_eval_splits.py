@@ -14,8 +14,20 @@ from sshade.cli.configuration import CONFIGURATION
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 
 #: Subjects and poses that the default build of a source has.
-SUBJECTS = {"synthetic": range(10), "noisy": range(10), "shapes": range(4), "scans": range(3)}
-POSES = {"synthetic": range(1, 11), "noisy": range(1, 6), "shapes": [1], "scans": range(1, 4)}
+SUBJECTS = {
+    "synthetic": range(10),
+    "noisy": range(10),
+    "shapes": range(4),
+    "scans": range(3),
+    "animals": range(4),
+}
+POSES = {
+    "synthetic": range(1, 11),
+    "noisy": range(1, 6),
+    "shapes": [1],
+    "scans": range(1, 4),
+    "animals": range(1, 5),
+}
 
 
 def cases(config):

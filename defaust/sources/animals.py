@@ -1,0 +1,100 @@
+"""Four animals in vertex correspondence with their poses: a cat, a horse, an elephant and a lizard.
+
+Each species has its own mesh, a rest pose and four target poses. The unit is the metre; y points up, the
+animals face +z, and their feet stand on y = 0. :mod:`tools.bake.animals` made the asset from formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from defaust.sources.scans import unpack
+from defaust.sources.source import Source, SourcePose, provenance_texts, read_asset
+from defaust.sources.synthetic import Bodies
+from sshade import Mesh
+
+#: Species, in the order of the subjects.
+SPECIES = ("cat", "horse", "elephant", "lizard")
+#: Checksum of the asset; a new bake changes it.
+SHA256 = "c4ba8dc0ff6394605e1eba19f0aae21eaabfd9ef67c9b5123b8af6a4c6395d1a"
+
+#: Landmarks with handles in every pose, and additional ones where the whole animal is turned.
+BASE = ("nose", "ear_l", "ear_r", "forefoot_l", "forefoot_r", "hindfoot_l", "hindfoot_r", "tail_tip")
+MORE = ("shoulder_l", "shoulder_r", "hip_l", "hip_r", "back")
+
+
+def decode(arrays: Mapping[str, np.ndarray]) -> Bodies:
+    """Decode the arrays of a species as bodies with one subject."""
+    V, F = unpack(arrays)
+    return Bodies(
+        rest=V[None],
+        faces=F,
+        joints=arrays["joints"].astype(np.float64)[None],
+        parents=arrays["parents"].astype(np.int64),
+        bone=arrays["bone"].astype(np.int64),
+        weight=arrays["weight"] / 255.0,
+        rotations=arrays["rotations"].astype(np.float64)[None],
+        shifts=arrays["shifts"].astype(np.float64)[None],
+        pose_names=tuple(arrays["pose_names"].tolist()),
+        landmarks=dict(zip(arrays["landmark_names"].tolist(), arrays["landmarks"].tolist(), strict=True)),
+    )
+
+
+@cache
+def _asset() -> dict[str, np.ndarray]:
+    return read_asset("animals", sha256=SHA256)
+
+
+def arrays_of(species: str) -> dict[str, np.ndarray]:
+    """Read the arrays of a species of the installed package; raise InputError when the asset is damaged."""
+    start = f"{species}."
+    return {name.removeprefix(start): a for name, a in _asset().items() if name.startswith(start)}
+
+
+@cache
+def load_animal(species: str) -> Bodies:
+    """Read and decode a species of the installed package; raise InputError when the asset is damaged."""
+    return decode(arrays_of(species))
+
+
+@dataclass(frozen=True)
+class Animals(Source):
+    """Source of the four animals; it has no parameters."""
+
+    name = "animals"
+    subjects = tuple(range(len(SPECIES)))
+    landmark_names = (*BASE, *MORE)
+
+    @property
+    def provenance(self) -> Mapping[str, object]:
+        """Facts for the dataset card."""
+        return {**provenance_texts("animals"), "classes": list(SPECIES), "asset_sha256": SHA256}
+
+    def poses(self, subject: int) -> tuple[SourcePose, ...]:
+        """The four poses of a species."""
+        turned = arrays_of(SPECIES[subject])["turned"]
+        return tuple(
+            SourcePose(name, self.landmark_names if whole else BASE, aligned=not whole)
+            for name, whole in zip(load_animal(SPECIES[subject]).pose_names, turned.tolist(), strict=True)
+        )
+
+    def landmark_vertices(self, subject: int) -> Mapping[str, int]:
+        """Vertices of a species."""
+        landmarks = load_animal(SPECIES[subject]).landmarks
+        return {name: landmarks[name] for name in self.landmark_names}
+
+    def rest(self, subject: int) -> Mesh:
+        """Rest mesh."""
+        animal = load_animal(SPECIES[subject])
+        return Mesh(animal.rest[0], animal.faces)
+
+    def posed(self, subject: int, pose: SourcePose) -> Mesh:
+        """Posed mesh, by dual quaternion skinning."""
+        animal = load_animal(SPECIES[subject])
+        k = animal.pose_names.index(pose.name)
+        V = animal.pose(0, rotations=animal.rotations[0, k], shift=animal.shifts[0, k])
+        return Mesh(V, animal.faces)

@@ -1,0 +1,145 @@
+"""The asset of the animals, the tool that baked it, its source, and tasks made of it."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from defaust.build.dataset import build
+from defaust.build.options import BuildOptions
+from defaust.build.upsample import self_intersecting
+from defaust.sources.animals import SPECIES, Animals, arrays_of, load_animal
+from defaust.sources.skinning import apply_motions
+from defaust.tasks import load_task
+from sshade.mesh.adjacency import edge_graph
+from tests.defaust.toy import change
+from tools.bake.animals import bake_animal, bone_weights, find_landmarks, make_poses, read_table
+from tools.bake.capsules import make_rig
+from tools.bake.template import quantise_weights
+
+SUBJECTS = range(len(SPECIES))
+#: Bones of each leg, without its side.
+LEGS = {
+    "fore": {"shoulder", "forearm", "forepaw", "forefoot", "cannon", "hoof"},
+    "hind": {"thigh", "shank", "foot", "hindfoot", "pastern", "hindhoof"},
+}
+
+
+def normals(V, F):
+    """Doubled areas times normals."""
+    return np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_animals_are_closed_without_handles_or_intersections_at_rest(subject):
+    rest = Animals().rest(subject)
+    assert rest.is_closed and rest.is_manifold and rest.is_oriented and rest.volume > 0
+    assert rest.topology == (2, 1, 0)
+    assert not self_intersecting(rest).any()
+    assert rest.n == pytest.approx(read_table()[SPECIES[subject]]["vertices"], rel=0.05)
+    assert rest.V[:, 1].min() == pytest.approx(0.0, abs=0.01 * rest.diagonal)
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_poses_move_far_and_do_not_collapse_or_turn_faces_over(subject):
+    source, rest = Animals(), Animals().rest(subject)
+    animal = load_animal(SPECIES[subject])
+    poses = source.poses(subject)
+    assert len(poses) == 4 and len({pose.name for pose in poses}) == 4
+    before = np.linalg.norm(normals(rest.V, rest.F), axis=1)
+    for k, pose in enumerate(poses):
+        posed = source.posed(subject, pose)
+        np.testing.assert_array_equal(posed.F, rest.F)
+        assert np.linalg.norm(posed.V - rest.V, axis=1).max() > 0.1 * rest.diagonal
+        assert abs(posed.volume / rest.volume - 1) < 0.07
+        assert self_intersecting(posed).mean() < 0.03
+        area = np.linalg.norm(normals(posed.V, rest.F), axis=1) / before
+        assert np.quantile(area, 0.01) > 0.5 and np.quantile(area, 0.99) < 2.1
+        assert np.quantile(area, 0.001) > 0.15 and np.quantile(area, 0.999) < 3.5
+        # A face is inverted if it faces away from the direction that its bones turn it to.
+        motions = animal.motions(0, rotations=animal.rotations[0, k])
+        corner = motions[rest.F[:, 0]]
+        ends = [apply_motions(corner, rest.V[rest.F[:, i]]) for i in range(3)]
+        rotated = np.cross(ends[1] - ends[0], ends[2] - ends[0])
+        assert (np.einsum("mc,mc->m", rotated, normals(posed.V, rest.F)) > 0).mean() > 0.998
+
+
+@pytest.mark.parametrize("species", SPECIES)
+def test_weights_are_local_and_no_leg_moves_another(species):
+    animal, bones = load_animal(species), arrays_of(species)["bones"].tolist()
+    np.testing.assert_allclose(animal.weight.sum(axis=1), 1.0, atol=1e-12)
+    W = np.zeros((len(animal.weight), len(bones)))
+    np.add.at(W, (np.arange(len(W))[:, None], animal.bone), animal.weight)
+    legs = {
+        (leg, side): np.array([bone.endswith(side) and bone[:-2] in names for bone in bones])
+        for leg, names in LEGS.items()
+        for side in ("_l", "_r")
+    }
+    for leg, chosen in legs.items():
+        main = W[:, chosen].sum(axis=1) > 0.5
+        assert main.sum() > 200
+        others = np.any([other for name, other in legs.items() if name != leg], axis=0)
+        assert W[np.ix_(main, others)].max() == 0.0
+        # Turning the leg moves no vertex of another leg.
+        rotations = np.zeros((len(bones), 3))
+        rotations[chosen] = [0.5, 0.2, 0.1]
+        moved = animal.pose(0, rotations=rotations, shift=np.zeros(3)) - animal.rest[0]
+        still = W[:, others].sum(axis=1) > 0.5
+        assert np.abs(moved[still]).max() < 1e-12 and np.abs(moved[main]).max() > 1e-3
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_landmarks_are_apart_and_on_their_side(subject):
+    source, rest = Animals(), Animals().rest(subject)
+    found = source.landmark_vertices(subject)
+    assert tuple(found) == source.landmark_names and len(set(found.values())) == len(found)
+    for name, vertex in found.items():
+        x = rest.V[vertex, 0]
+        assert (
+            (x > 0)
+            if name.endswith("_l")
+            else (x < 0)
+            if name.endswith("_r")
+            else abs(x) < 0.02 * rest.diagonal
+        )
+    z = {name: rest.V[vertex, 2] for name, vertex in found.items()}
+    assert z["nose"] > z["forefoot_l"] > z["back"] > z["hindfoot_l"] > z["tail_tip"]
+
+
+@pytest.mark.parametrize("species", SPECIES)
+def test_weights_poses_and_landmarks_of_the_asset_can_be_baked_again(species):
+    arrays, animal, table = arrays_of(species), load_animal(species), read_table()[species]
+    rig = make_rig(table)
+    V, F = animal.rest[0], animal.faces
+    assert np.abs(rig.level(V)).max() < 0.01 * np.linalg.norm(
+        np.ptp(V, axis=0)
+    )  # the surface of the formulas
+    bone, weight = quantise_weights(bone_weights(rig, V, F), keep=arrays["bone"].shape[1])
+    assert np.abs(weight.astype(int) - arrays["weight"]).max() <= 1
+    rotations, shifts = make_poses(rig, table["poses"])
+    np.testing.assert_allclose(rotations, arrays["rotations"], atol=1e-6)
+    np.testing.assert_allclose(shifts, arrays["shifts"], atol=1e-6)
+    assert find_landmarks(V, table["landmarks"]) == dict(animal.landmarks)
+
+
+def test_baking_twice_gives_the_same_bytes():
+    table = read_table()["cat"] | {"vertices": 3000}
+    first, second = bake_animal(table), bake_animal(table)
+    assert first.keys() == second.keys() == arrays_of("cat").keys()
+    assert all(first[name].tobytes() == second[name].tobytes() for name in first)
+
+
+def test_a_task_has_its_true_pose_at_high_resolution(tmp_path):
+    out = tmp_path / "animals"
+    build(Animals(), out, options=BuildOptions(subjects=(1,), target_vertices=16_000, ls3_steps=1), workers=1)
+    for pose in (1, 2, 3, 4):
+        high = load_task(out, subject=1, pose=pose)
+        low = load_task(out, subject=1, pose=pose, resolution="low")
+        assert high.meta["posed_by"] == "skinning" and low.meta["posed_by"] == "registration"
+        assert high.meta["n_dynamic"] >= 30
+        # Both meshes go to the same pose: nearest vertices at rest stay near each other.
+        gap, nearest = cKDTree(high.mesh.V).query(low.mesh.V)
+        there = np.linalg.norm(high.truth[nearest] - low.truth, axis=1)
+        longest = edge_graph(high.mesh).matrix.data.max()
+        assert gap.max() < longest and there.mean() < 2.0 * gap.mean() + 1e-4 * low.mesh.diagonal
+    change(out, lambda document: document["source"].update(asset_sha256="0" * 64))
+    assert "build it again" in load_task(out, subject=1, pose=1).meta["no_truth"]
