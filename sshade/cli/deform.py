@@ -130,10 +130,9 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     reach, error = reached(stored, whole, handles)
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
-    say(
-        f"{options.output}: {len(V)} vertices, {reach}, {proxies} of "
-        f"{result.extra['proxy_vertices']:.0f} vertices, {seconds:.2f} s"
-    )
+    size = result.extra["proxy_vertices"]
+    proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
+    say(f"{options.output}: {len(V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
     exact = options.method not in PAPER
     for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
         say(f"warning: {warning}")

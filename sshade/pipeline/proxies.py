@@ -82,7 +82,9 @@ def shared_vertices(asked: int, area: np.ndarray, least: np.ndarray, most: np.nd
             break
         share[fixed] = np.clip(share, least, most)[fixed]
         free &= ~fixed
-    return np.round(share).astype(np.int64)
+    return np.round(np.clip(share, least, most)).astype(
+        np.int64
+    )  # components without area have their smallest
 
 
 class Proxies:
@@ -180,7 +182,7 @@ def bind(
     begin = perf_counter()
     count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)
     if first is None and mesh.connectivity.components > 1:
-        sampling = _sampled_by_component(mesh, count, seed)
+        sampling = sample_components(mesh, count, seed=seed)
     else:
         sampling = sample_proxy(mesh, count, first=first, seed=seed, graph=graph)
     seconds = {"remesh": perf_counter() - begin}
@@ -188,12 +190,28 @@ def bind(
     return replace(binding, seconds={**seconds, **binding.seconds})
 
 
-def _sampled_by_component(mesh: Mesh, vertices: int, seed: int | tuple[int, ...]) -> Sampling:
-    """Sample each component of an oriented manifold; `vertices` are distributed by area."""
+def sample_components(
+    mesh: Mesh, vertices: int, *, first: np.ndarray | None = None, seed: int | tuple[int, ...] = 0
+) -> Sampling:
+    """Sample each component of an oriented manifold.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Oriented and manifold.
+    vertices : int
+        Total number of samples, distributed over components by area.
+    first : (h,) int, optional
+        Vertices that must be samples. Each component gets its own, and a few samples more.
+    seed : int or tuple of int
+        See :func:`sshade.sampling.proxy.sample_proxy`.
+    """
     count, of_face = mesh.connectivity.components, mesh.component[mesh.F[:, 0]]
     size, area = np.bincount(mesh.component), np.bincount(of_face, mesh.face_areas)
-    share = shared_vertices(vertices, area, np.minimum(size, SPARE), size)
-    parts, first = [], 0
+    first = np.empty(0, dtype=np.int64) if first is None else first
+    least = np.minimum(size, np.bincount(mesh.component[first], minlength=count) + SPARE)
+    share = shared_vertices(vertices, area, least, size)
+    parts, taken = [], 0
     cell, distance = np.empty(mesh.n, dtype=np.int32), np.empty(mesh.n)
     for number, (vertex, faces) in enumerate(
         zip(members(mesh.component, count), members(of_face, count), strict=True)
@@ -202,10 +220,11 @@ def _sampled_by_component(mesh: Mesh, vertices: int, seed: int | tuple[int, ...]
         if part.diagonal == 0 or share[number] == part.n:  # the component itself is the proxy
             sampling = Sampling(np.arange(part.n), part.F, np.arange(part.n), np.zeros(part.n))
         else:
-            sampling = sample_proxy(part, int(share[number]), seed=seed)
-        cell[vertex], distance[vertex] = sampling.cell + first, sampling.distance
-        parts.append((vertex[sampling.samples], sampling.faces + first))
-        first += len(sampling.samples)
+            own = np.searchsorted(vertex, first[mesh.component[first] == number])
+            sampling = sample_proxy(part, int(share[number]), first=own, seed=seed)
+        cell[vertex], distance[vertex] = sampling.cell + taken, sampling.distance
+        parts.append((vertex[sampling.samples], sampling.faces + taken))
+        taken += len(sampling.samples)
     samples, triangles = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Sampling(samples, triangles, cell, distance)
 

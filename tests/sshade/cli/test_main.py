@@ -56,6 +56,14 @@ def test_deform_says_what_it_wrote(folder, capsys):
     assert f"out.ply: {BODY.n} vertices, {len(POSE)} handles" in err and "a proxy of" in err
 
 
+def test_deform_names_no_proxy_where_components_move_rigidly(folder, capsys):
+    two = beside(BODY, shifted(BODY, 9))
+    write_mesh("body.ply", two.V, two.F)
+    put_handles({"vertices": [0, BODY.n], "translation": [1, 0, 0]})
+    assert main(DEFORM) == 0
+    assert ", no proxy, " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("method", ["paper", "fast", "fine"])
 def test_all_options_reach_the_method(folder, method):
     """Also those that say how handles are taken."""

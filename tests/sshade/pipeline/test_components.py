@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
+from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.options import Options
 from sshade.pipeline.components import by_components
@@ -147,22 +148,60 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     assert shares == [(162, 16, 30), (162, 16, 20)]
 
 
-def test_a_fin_follows_what_it_stands_on():
-    mesh = t_fin(4)
-    base = strip(10, 4)
-    corners = np.array([0, 4, 50, 54])
-    own = Handles(corners, base.V[corners] + np.outer([0, 0, 1, 1], [-2.0, 0, 3]), dynamic=[0, 0, 1, 1])
-    result = deformed(mesh, own, METHOD, vertices=60)
-    alone = METHOD(DeformationTask("base", base, own), vertices=base.n // 4, seed=0)
-    assert np.array_equal(result.vertices[: base.n], alone.vertices)
-    assert result.extra["components"] == 2 and result.extra["copies"] == 11
-    # The fin still stands on its line, about as high as before, and was bent along.
-    fin = result.vertices[base.n :].reshape(4, 11, 3)
-    seam = result.vertices[5 * np.arange(11) + 2]
-    steps = np.linalg.norm(np.diff(np.concatenate([seam[None], fin]), axis=0), axis=2)
-    assert steps.min() > 0.6 and steps.max() < 1.6
-    assert np.abs(fin[-1] - mesh.V[base.n :].reshape(4, 11, 3)[-1]).max() > 1
-    assert result.extra["gap"] * mesh.diagonal < 0.15
+def pages(*angles: float, width: int = 8) -> tuple[Mesh, np.ndarray]:
+    """Sheets that meet at a line under angles in degrees, and the numbers of each sheet's vertices."""
+    sheet = strip(width, 2 * width)
+    line, n = 2 * width + 1, sheet.n
+    number = np.arange(n) + (np.arange(n) >= line) * np.arange(len(angles))[:, None] * (n - line)
+    V = np.empty((number.max() + 1, 3))
+    for ids, angle in zip(number, np.radians(angles), strict=True):
+        x, y, _ = sheet.V.T
+        V[ids] = np.stack([x * np.cos(angle), y, x * np.sin(angle)], axis=1)
+    F = [ids[sheet.F if angle < 180 else sheet.F[:, ::-1]] for ids, angle in zip(number, angles, strict=True)]
+    return Mesh(V, np.concatenate(F)), number.reshape(len(angles), width + 1, -1)
+
+
+@pytest.mark.parametrize("angles", [(0, 180, 90), (0, 90, 180, 270)])
+@pytest.mark.parametrize("sheets", ["one", "two", "all"])
+def test_sheets_that_meet_at_an_edge_stretch_little_more_than_in_one_solve(angles, sheets):
+    """The reference is libigl's solve of all sheets at once, which needs no manifold. The gap is zero."""
+    mesh, number = pages(*angles)
+    if sheets == "one":
+        still, moved, shift = number[0, 5:, :2].ravel(), number[0, 5:, -2:].ravel(), [0, 2.8, 2.8]
+    else:
+        last = 1 if sheets == "two" else len(number) - 1
+        still, moved, a = number[:last, -1].ravel(), number[-1, -1], np.radians(angles[-1])
+        shift = 2.4 * np.array([np.cos(a), 0, np.sin(a)]) + 3.2 * np.array([-np.sin(a), 0, np.cos(a)])
+    target = np.concatenate([mesh.V[still], mesh.V[moved] + shift])
+    own = Handles(np.concatenate([still, moved]), target, group=np.repeat([0, 1], [len(still), len(moved)]))
+    reference = stretch(mesh, elastic(DeformationTask("m", mesh, own), start="rigid").vertices)
+    for method in (fast, fine):
+        result = deformed(mesh, own, method)
+        assert stretch(mesh, result.vertices).max() < 1.2 * reference.max()
+        assert result.extra["gap"] == 0 and result.extra["copies"] == 17
+        assert np.array_equal(result.vertices[own.index], own.target)
+
+
+def test_a_component_beside_joined_ones_is_as_alone():
+    joined, own = t_fin(4), ends(BODY)
+    pulled = Handles(np.array([0, 4, 50, 54]), joined.V[[0, 4, 50, 54]] + np.outer([0, 0, 1, 1], [-2, 0, 3]))
+    result = deformed(beside(BODY, joined), of_all((own, 0), (pulled, BODY.n)), fast)
+    alone, sheets = deformed(BODY, own, fast), deformed(joined, pulled, fast)
+    assert np.array_equal(result.vertices[: BODY.n], alone.vertices)
+    assert np.array_equal(result.vertices[BODY.n :], sheets.vertices)
+    assert result.seconds["junctions"] > 0 and "junctions" not in alone.seconds
+
+
+def test_junctions_are_placed_with_many_small_components_and_with_one_that_has_handles_alone():
+    """200 triangles on 60 vertices, all joined."""
+    rng = np.random.default_rng(0)
+    F = np.array([rng.permutation(60)[:3] for _ in range(200)])
+    mesh = Mesh(rng.random((60, 3)), F)
+    R = rotation(3)
+    for handles in (F[0], np.arange(50)):
+        own = Handles(handles, mesh.V[handles] @ R.T + [1, 2, 3])
+        result = deformed(mesh, own, fast)
+        assert np.abs(result.vertices - mesh.V @ R.T - [1, 2, 3]).max() < 1e-3 and result.extra["gap"] < 1e-6
 
 
 def test_soft_handles_on_a_seam_leave_no_gap():
@@ -208,30 +247,18 @@ def with_copies(
     return by_components(task, moved, Options(vertices=20), progress=silent), tasks
 
 
-def test_copies_within_a_component_are_joined_at_their_mean():
+@pytest.mark.parametrize("weight", [np.inf, 2.0])
+def test_copies_within_a_component_are_fixed_at_one_place(weight):
     mesh = bowtie()
-    result, tasks = with_copies(mesh, [lambda i: 0.1 * (i == mesh.n)])
-    assert len(tasks) == 1 and tasks[0].mesh.n == mesh.n + 1
-    assert np.allclose(result.vertices - mesh.V, np.outer(np.arange(mesh.n) == 0, [0.05, 0, 0]))
-    assert result.extra["gap"] == pytest.approx(0.05 / mesh.diagonal) and result.extra["copies"] == 1
-    assert result.converged is None and result.iterations == 3
-
-
-def test_distant_copies_within_a_component_become_handles_at_their_mean():
-    mesh = bowtie()
-    result, (first, again) = with_copies(mesh, [lambda i: 2.0 * (i == mesh.n), lambda i: 1.0 * (i % 54 == 0)])
-    assert np.array_equal(np.sort(again.handles.index), [0, 2, 7, mesh.n]) and len(first.handles) == 2
-    assert np.allclose(again.handles.target[2:], mesh.V[0] + [1, 0, 0])
-    assert np.allclose(again.guess[[0, mesh.n]], mesh.V[0] + [1, 0, 0])
-    assert np.allclose(result.vertices[0], mesh.V[0] + [1, 0, 0]) and result.extra["gap"] < 1e-12
-    assert result.iterations == 6 and result.seconds["solve"] == 2
-
-
-def test_distant_copies_of_a_soft_handle_become_hard_handles():
-    mesh, moves = bowtie(), [lambda i: 2.0 * (i == 54), lambda i: 1.0 * (i % 54 == 0)]
-    result, (_, again) = with_copies(mesh, moves, (0, 7), weight=[2.0, np.inf])
-    assert again.handles.hard.all() and np.array_equal(np.sort(again.handles.index), [0, 7, mesh.n])
-    assert np.allclose(result.vertices[0], mesh.V[0] + [1, 0, 0])
+    result, (task,) = with_copies(mesh, [lambda i: 0.1 * (i == mesh.n)], (2, 0), weight=[np.inf, weight])
+    own = task.handles
+    assert own.hard.all() and np.array_equal(np.sort(own.index), [0, 2, mesh.n])
+    place = own.target[own.index == 0][0]
+    assert np.array_equal(own.target[own.index == mesh.n][0], place)
+    assert np.array_equal(place, 1.1 * mesh.V[0]) == np.isinf(weight)
+    assert (task.guess is None) if np.isinf(weight) else np.allclose(task.guess[[0, mesh.n]], place)
+    assert np.allclose(result.vertices[0], place + np.isinf(weight) * np.array([0.05, 0, 0]), atol=1e-12)
+    assert result.extra["copies"] == 1 and result.converged is None and result.iterations == 3
 
 
 def rolled(length: int = 48, width: int = 8) -> Mesh:

@@ -40,6 +40,7 @@ def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handle
         (1000, [1, 3, 6], [40, 70, 250]),
         (5, [1, 3, 6], [2, 10, 4]),
         (100, [0, 0, 1], [2, 10, 88]),
+        (100, [1, 0, 0], [40, 10, 4]),
     ],
 )
 def test_components_share_by_area_what_they_can_use(asked, area, shares):
