@@ -136,9 +136,7 @@ def test_edges_of_three_faces_and_several_components_are_taken():
     V, F = both.V, both.F
     for name in METHODS:
         b = np.concatenate([np.arange(0, fin.n, 9), fin.n + B])
-        options = {"method": name, "vertices": 100}
-        if name == "paper":  # whose start is the rest shape: far from this turn
-            options["coarse"] = partial(local_global, start="rigid")
+        options = {"method": name, "vertices": 100, "start": "rigid"}
         U = deform(V, F, b, V[b] @ R.T + shift, **options)
         assert np.abs(U - (V @ R.T + shift)).max() < 1e-7 * both.diagonal
         b = np.arange(0, fin.n, 9)
