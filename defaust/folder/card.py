@@ -27,9 +27,10 @@ def render_card(document: dict[str, Any]) -> str:
         "landmarks": ", ".join(document["landmarks"] if regions else everywhere),
         "more_landmarks": f" Poses that are turned as a whole add {', '.join(others)}." if others else "",
     }
-    texts = {
-        key: text.format(**facts) for key, text in phrases["regions" if regions else "landmarks"].items()
-    }
+    chosen = phrases["regions" if regions else "landmarks"]
+    if source.get("noise_mm", 0) > 0:
+        chosen = chosen | phrases["noisy"]
+    texts = {key: text.format(**facts) for key, text in chosen.items()}
     resolution = "registered" if not upsampled else "generated" if "formulas" in source else "upsampled"
     rows = [
         {"subject": subject["subject"], "pose": pose["pose"], "name": pose["name"]}

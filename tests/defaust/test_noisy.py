@@ -118,6 +118,9 @@ def test_a_build_is_sound_and_the_same_again(folder, tmp_path):
     assert contents(tmp_path / "again") == contents(folder)
     assert document["name"] == "defaust-noisy_4mm" and document["source"]["noise_mm"] == 4.0
     assert len(contents(folder)) == 2 + 2 + 2 * 5
+    card = (folder / "README.md").read_text(encoding="utf-8")
+    assert "4 mm of noise" in card and "registered target poses with noise" in card
+    assert "as ground truth" not in card
 
 
 def test_the_truth_is_exact_and_the_handles_have_the_noise(folder):
