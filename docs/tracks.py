@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +25,12 @@ ROWS = PAGE.with_suffix(".csv")
 PICTURE = PAGE.parent / "figures" / "tracks_poses.png"
 #: Subjects of the picture, one of each half.
 DRAWN = (1, 6)
-#: Methods: name in this version; module and function in old versions; vertices of the proxy; whether handles
+#: Methods: name in this version; function in old versions; vertices of the proxy; whether handles
 #: attach the surface around them.
 METHODS = {
-    "paper": ("paper", "sshade.pipeline.paper", "sshade", 1500, True),
-    "fast": ("fast", "sshade.pipeline.fast", "sshade_fast", 3000, True),
-    "fast_unattached": ("fast", "sshade.pipeline.fast", "sshade_fast", 3000, False),
+    "paper": ("paper", "sshade", 1500, True),
+    "fast": ("fast", "sshade_fast", 3000, True),
+    "fast_unattached": ("fast", "sshade_fast", 3000, False),
 }
 
 
@@ -102,8 +101,8 @@ def _deformed(task: Any, method: str) -> np.ndarray:
     """Vertices deformed by a method, which has another name in old versions."""
     import sshade
 
-    name, module, function, vertices, attached = METHODS[method]
-    old = getattr(import_module(module), function, None)
+    name, function, vertices, attached = METHODS[method]
+    old = getattr(sshade, function, None)
     if old is not None:
         return old(task, vertices=vertices, **({} if attached else {"parts": 0.0})).vertices
     options = {} if attached else {"attachment": 0.0}
