@@ -54,6 +54,8 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
     for path in (tmp_path / "nowhere" / "a.txt", tmp_path / "file" / "a.txt", Path("/dev/null/a.txt")):
         with pytest.raises(InputError, match=r"a\.txt: cannot be written \("), replacing(path) as temporary:
             temporary.write_text("new")
+    with pytest.raises(InputError, match=r"file.a\.txt: the folder .* does not exist"):
+        check_output(tmp_path / "file" / "a.txt", (".txt",))
     assert (tmp_path / "file").read_text() == "old"
 
 
