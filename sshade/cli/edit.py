@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from sshade.edit.server import Server
 
 
+#: Largest time in seconds for a computation to end before the command does.
+PATIENCE = 10.0
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     output = "deformed mesh to write (default: MESH's name, _deformed)"
@@ -82,6 +86,7 @@ def _edit(options: argparse.Namespace) -> int:
     finally:  # also when a signal ends the program
         if session.is_unsaved:
             say("note: the handles were not saved")
+        session.end(PATIENCE)
     return 0
 
 

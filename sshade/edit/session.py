@@ -153,6 +153,13 @@ class Session:
         Thread(target=prepare, daemon=True).start()
         return number
 
+    def end(self, patience: float) -> None:
+        """Wait for the current computation, up to some seconds, and let no further computation begin.
+
+        A thread that returns from compiled code while the interpreter ends would abort the process.
+        """
+        self._following.acquire(timeout=patience)
+
     def remove(self, number: int) -> None:
         """Remove a group; its vertices become unconstrained."""
         with self._lock:
