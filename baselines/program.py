@@ -67,29 +67,30 @@ def run_program(
     ProgramFailed
         On an exit code other than 0.
     """
+    guard = _guard()
     begin = perf_counter()
-    with errors.open("wb") as stream:
-        try:
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=stream,
-                env={**os.environ, **variables},
-                start_new_session=True,
-            )
-        except (OSError, ValueError) as error:
-            raise InputError(f"the program {command[0]} does not start ({error})") from error
-    watch = _Watch(process.pid, None if limit is None else begin + limit)
-    guard = None
     try:
-        watch.start()
-        guard = _guard(process.pid)
-        code = process.wait()  # a wait with a time limit would look every 50 ms only
-        seconds = perf_counter() - begin
+        with errors.open("wb") as stream:
+            try:
+                process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=stream,
+                    env={**os.environ, **variables},
+                    process_group=None if guard is None else guard.pid,
+                )
+            except (OSError, ValueError) as error:
+                raise InputError(f"the program {command[0]} does not start ({error})") from error
+        watch = _Watch(process.pid, guard, None if limit is None else begin + limit)
+        try:
+            watch.start()
+            code = process.wait()  # a wait with a time limit would look every 50 ms only
+            seconds = perf_counter() - begin
+        finally:
+            watch.end()
+            process.wait()
     finally:
-        watch.end()
-        process.wait()
         if guard is not None:
             guard.kill()
             guard.communicate()
@@ -110,14 +111,17 @@ def last_line(errors: Path) -> str:
     return f"; its last line was: {last[-LETTERS:]}" if last else "; it said nothing"
 
 
-def _guard(group: int) -> subprocess.Popen[bytes] | None:
-    """Start a process that kills a process group as soon as this process ends, however it ends."""
+def _guard() -> subprocess.Popen[bytes] | None:
+    """Start a process with a process group, and have it kill the group as soon as this process ends.
+
+    A program that is started in the group cannot outlive this process, whenever and however it ends.
+    """
     if os.name != "posix":
         return None
     # The system closes the pipe when this process ends, and the guard then reads the end of its input.
-    words = ["/bin/sh", "-c", 'read -r line; kill -s KILL -- "-$0"', str(group)]
+    words = ["/bin/sh", "-c", 'read -r line; kill -s KILL -- "-$$"']
     silence = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True, **silence)
+    return subprocess.Popen(words, stdin=subprocess.PIPE, process_group=0, **silence)
 
 
 def _ending(code: int) -> str:
@@ -130,10 +134,10 @@ def _ending(code: int) -> str:
 class _Watch(Thread):
     """Reads the memory of a process and its descendants, and kills all of them at a deadline."""
 
-    def __init__(self, pid: int, deadline: float | None) -> None:
+    def __init__(self, pid: int, guard: subprocess.Popen[bytes] | None, deadline: float | None) -> None:
         super().__init__(daemon=True)
         self.peak, self.late = 0, False
-        self._root, self._deadline = psutil.Process(pid), deadline
+        self._root, self._guard, self._deadline = psutil.Process(pid), guard, deadline
         self._seen: set[psutil.Process] = set()
         self._over = Event()
 
@@ -167,9 +171,9 @@ class _Watch(Thread):
             self.peak = max(self.peak, sum(now for now, _ in used), *(most for _, most in used))
 
     def _kill(self) -> None:
-        if os.name == "posix":
+        if self._guard is not None:
             with suppress(ProcessLookupError, PermissionError):  # macOS refuses a group that has just ended
-                os.killpg(self._root.pid, signal.SIGKILL)
+                os.killpg(self._guard.pid, signal.SIGKILL)
         for process in self._seen:
             with suppress(psutil.Error):  # psutil kills no other process that got the same number
                 process.kill()
