@@ -117,8 +117,8 @@ def load_task(
     Raises
     ------
     InputError
-        When the folder is not a dataset, has another source, or lacks the subject or pose; or when a file is
-        missing or differs from the dataset's list.
+        When the folder is not a dataset, has another source, or lacks the subject or pose; when no handle of
+        a deformation moves; or when a file is missing or differs from the dataset's list.
     """
     root = Path(root)
     if resolution not in RESOLUTIONS:
@@ -185,6 +185,11 @@ def load_task(
         )
     # The groups of the handles are the numbers of the entries, which are the ids of the landmarks.
     loaded = read_handles(root / pose_name, mesh, raw=raw)
+    if not loaded.dynamic.any():  # only builds of an earlier version have such poses
+        raise InputError(
+            f"{name}: nothing moves, so every method would return the rest shape; choose another pose, or "
+            "build the dataset again"
+        )
     loaded = of_kind(mesh, loaded, handles, are_regions=any("boxes" in h for h in content["handles"]))
     return DeformationTask(
         name=name if handles == "stored" else f"{name}/{handles}",

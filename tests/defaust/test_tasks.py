@@ -87,3 +87,13 @@ def test_unlisted_files_are_refused(dataset):
     change(dataset, lambda d: d["files"].pop("subject_02/rest.ply"))
     with pytest.raises(InputError, match="lists no subject_02/rest.ply"):
         load_task(dataset, subject=2, pose=1)
+
+
+def test_a_pose_in_which_nothing_moves_is_no_task(dataset):
+    def still(content):
+        for handle in content["handles"]:
+            handle["kind"] = "static" if handle["kind"] == "dynamic" else handle["kind"]
+
+    change_handles(dataset, "subject_00/pose_1.json", still)
+    with pytest.raises(InputError, match="balls/subject_00/pose_1: nothing moves, so"):
+        load_task(dataset, subject=0, pose=1)
