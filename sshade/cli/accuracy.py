@@ -8,8 +8,8 @@ import numpy as np
 
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.meshes import read_file
-from sshade.mesh.surface import Surface, is_single, single_steps
+from sshade.io.meshes import SINGLE, read_file
+from sshade.mesh.surface import Surface, as_single, is_single, single_steps
 
 #: Distance of a hard handle from its target that is a warning, as a fraction of the bounding-box diagonal.
 MISSED = 1e-4
@@ -17,16 +17,12 @@ MISSED = 1e-4
 COARSE = 1e-6
 
 
-def stored_positions(path: Path, V: np.ndarray) -> np.ndarray:
-    """Return the positions (n, 3) that a file which was written with positions V (n, 3) holds."""
+def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
+    """Return the positions that `path` holds after V (n, 3) were written to it: V itself, or rounded."""
     suffix = path.suffix.lower()
-    if suffix in (".obj", ".off"):
-        return V  # as decimals that read back as the same numbers
-    if suffix != ".stl":
-        return read_file(path).V
-    stored = read_file(path).V
-    # An STL file made from another format repeats a vertex for each of its faces.
-    return stored if len(stored) == len(V) else V.astype(np.float32).astype(np.float64)
+    if suffix not in file.suffixes:  # a file of the mesh alone
+        return as_single(V) if suffix in SINGLE else V
+    return read_file(path).V if file.stored is None else file.stored(V)
 
 
 def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, float]:

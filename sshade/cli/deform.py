@@ -125,8 +125,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     seconds = perf_counter() - begin
     placed = whole.placed(V, result.vertices)
     write_file(options.output, file, placed)
-    stored = stored_positions(options.output, placed)
-    rounding = float(np.linalg.norm(stored - placed, axis=1).max())
+    stored = stored_positions(options.output, file, placed)
+    rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
     reach, error = reached(stored, whole, handles)
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"

@@ -27,6 +27,11 @@ def check_input(path: Path, suffixes: Collection[str]) -> None:
         )
 
 
+def unchanged(V: np.ndarray) -> np.ndarray:
+    """Return positions (n, 3) as decimals or float64 hold them."""
+    return V
+
+
 @dataclass(frozen=True, eq=False)
 class MeshFile:
     """Contents of a mesh file.
@@ -48,6 +53,9 @@ class MeshFile:
     notes : tuple of str
         Oddities of the file, such as values that its header does not declare: one clause each, to be
         printed behind the name of the file.
+    stored : callable, optional
+        ``stored(V)`` returns positions V (n, 3) as the numbers of the file hold them; by default unchanged.
+        None if only reading the file again tells.
     rounding : (3,) float64, optional
         Rounding steps of the coordinates. None if the numbers of the file tell: see
         :func:`sshade.mesh.surface.surface`.
@@ -60,6 +68,7 @@ class MeshFile:
     content: Callable[[np.ndarray, Path], bytes | bytearray]
     notes: tuple[str, ...] = ()
     rounding: np.ndarray | None = None
+    stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them

@@ -107,7 +107,8 @@ def read_gltf(path: Path) -> MeshFile:
         raise InputError(f"{path}: the file holds no triangles")
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
-    return MeshFile(rest, triangles, _holds(gltf.tree), (".glb", ".gltf"), content, notes, rounding)
+    holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
+    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, stored=None)
 
 
 def _parsed(path: Path) -> _Gltf:

@@ -19,6 +19,8 @@ from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import NEAR, Surface, surface
 
+#: Suffixes of the formats in which :func:`write_mesh` stores positions as float32.
+SINGLE = (".stl", ".glb", ".gltf")
 _READERS = dict(zip(SUFFIXES, (read_ply, read_obj, read_off, read_stl, read_gltf, read_gltf), strict=True))
 
 

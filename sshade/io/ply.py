@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io.document import MeshFile, moved_reference, present
+from sshade.io.document import MeshFile, moved_reference, present, unchanged
 from sshade.io.normals import turned, turns, vertex_turns
 from sshade.io.ply_elements import Element, declared_words, read_header, take
 from sshade.io.triangles import fanned, strip_triangles
@@ -77,7 +77,18 @@ def read_ply(path: Path) -> MeshFile:
     single = len(V) and all(p.kind == np.float32 for p in vertices.properties if p.name in ("x", "y", "z"))
     content, rounding = partial(_content, ply, V, F, face, path), single_steps(V) if single else None
     holds = _holds(ply, int((face >= 0).sum()))
-    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding)
+    kinds = [vertices.properties[number].kind for number in vertices.numbers("x y z")]
+    stored = unchanged if ply.words else partial(_stored, kinds)
+    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored)
+
+
+def _stored(kinds: list[np.dtype], V: np.ndarray) -> np.ndarray:
+    """Return positions V (n, 3) as a binary file with these kinds of coordinates holds them."""
+    if all(kind == np.float64 for kind in kinds):
+        return V
+    with np.errstate(over="ignore"):
+        columns = [x.astype(kind) for x, kind in zip(V.T, kinds, strict=True)]
+    return np.column_stack(columns).astype(np.float64)
 
 
 def _parsed(data: bytes) -> _Ply:

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, present
+from sshade.io.document import MeshFile, present, unchanged
 from sshade.io.normals import turned, turns
 from sshade.io.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
+from sshade.mesh.surface import as_single
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -28,7 +29,7 @@ def read_stl(path: Path) -> MeshFile:
     InputError
         When there are no triangles.
     """
-    data = path.read_bytes()
+    data, stored = path.read_bytes(), unchanged
     notes: tuple[str, ...] = ()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if len(data) == 84 + _FACET.itemsize * count:
@@ -41,7 +42,7 @@ def read_stl(path: Path) -> MeshFile:
             changed["corners"] = posed.reshape(-1, 3, 3)
             return data[:84] + changed.tobytes()
 
-        holds = present(facet_attributes=facets["attribute"].any())
+        stored, holds = as_single, present(facet_attributes=facets["attribute"].any())
     elif data.removeprefix(BOM).lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         normals, corners, solids, notes = _solids(Text(data))
         V, holds = corners.value, present(solids=solids > 1)
@@ -55,7 +56,8 @@ def read_stl(path: Path) -> MeshFile:
         )
     if len(V) == 0:
         raise InputError(f"{path}: the file holds no triangles")
-    return MeshFile(V, np.arange(len(V)).reshape(-1, 3), holds, (".stl",), content, notes)
+    F = np.arange(len(V)).reshape(-1, 3)
+    return MeshFile(V, F, holds, (".stl",), content, notes, stored=stored)
 
 
 def write_stl(path: Path, V: np.ndarray, F: np.ndarray) -> None:

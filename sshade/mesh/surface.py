@@ -15,6 +15,8 @@ from sshade.options import NEAR, check_weld
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
 #: positions are stored as float32.
 STEPS = 2
+#: Number of vertices that nearly always show whether positions are float32 numbers.
+HEAD = 64
 
 
 class Surface(NamedTuple):
@@ -43,8 +45,9 @@ class Surface(NamedTuple):
     @property
     def original(self) -> np.ndarray:
         """(k,) int64: the first of the original vertices of each vertex of the mesh."""
-        used = np.flatnonzero(self.vertex >= 0)
-        return used[np.unique(self.vertex[used], return_index=True)[1]]
+        used, first = np.flatnonzero(self.vertex >= 0), np.empty(self.mesh.n, dtype=np.int64)
+        first[self.vertex[used[::-1]]] = used[::-1]  # of several numbers, the last one stays
+        return first
 
     def merged(self, first: np.ndarray) -> Surface:
         """Merge each vertex of the mesh with the vertex `first` (k,) of its group; facts stay."""
@@ -131,10 +134,15 @@ def single_steps(V: np.ndarray) -> np.ndarray:
     return np.spacing(largest.astype(np.float32)).astype(np.float64)
 
 
+def as_single(V: np.ndarray) -> np.ndarray:
+    """Return V (n, 3) float64 as float32 holds it."""
+    with np.errstate(over="ignore"):
+        return V.astype(np.float32).astype(np.float64)
+
+
 def is_single(V: np.ndarray) -> bool:
     """Whether all coordinates are float32 numbers."""
-    with np.errstate(over="ignore"):
-        return bool((V.astype(np.float32) == V).all())
+    return all((as_single(part) == part).all() for part in (V[:HEAD], V[HEAD:]))
 
 
 def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
@@ -171,9 +179,9 @@ def cut_surface(mesh: Mesh) -> Cut:
 
 def mean_of_copies(cut: Cut, V: np.ndarray) -> np.ndarray:
     """Return the mean (n, 3) of the positions V (k, 3) of all copies of each original vertex."""
-    if len(np.unique(cut.origin)) == len(V):
-        return V
     count = np.bincount(cut.origin)
+    if len(count) == len(V):
+        return V
     return np.stack([np.bincount(cut.origin, x) / count for x in V.T], axis=1)
 
 
