@@ -6,7 +6,8 @@ import numpy as np
 
 #: Largest distance of a point from its target under a common motion, as a fraction of the points' extent.
 ROUNDING = 1e-6
-#: Least ratio of the second to the first singular value of points that determine a rotation.
+#: Least ratio of the second to the first singular value of points that determine a rotation. Points nearly in
+#: a line have a smaller ratio and leave the rotation about the line open.
 SPREAD = 0.1
 
 

@@ -82,9 +82,8 @@ def shared_vertices(asked: int, area: np.ndarray, least: np.ndarray, most: np.nd
             break
         share[fixed] = np.clip(share, least, most)[fixed]
         free &= ~fixed
-    return np.round(np.clip(share, least, most)).astype(
-        np.int64
-    )  # components without area have their smallest
+    # Components without area have their smallest number.
+    return np.round(np.clip(share, least, most)).astype(np.int64)
 
 
 class Proxies:

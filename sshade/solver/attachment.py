@@ -28,6 +28,7 @@ from scipy.sparse.csgraph import connected_components
 from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph, edge_graph
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import SPREAD
 from sshade.sampling.fronts import Fronts
 
 #: r, as a fraction of the square root of the mesh's area. On a body this is the radius of head and neck.
@@ -36,9 +37,6 @@ RADIUS = 0.22
 LINK = 0.25
 #: Largest distance d_i of an attached vertex, as a multiple of r.
 REACH = 2.0
-#: Least ratio of the second to the first singular value of a group's points. Points nearly in a line have a
-#: smaller ratio and leave the rotation about the line undetermined.
-SPREAD = 0.1
 #: Deviations from a rigid motion, relative to the group's size, at which the pull begins to fade and ends.
 RIGID, LOOSE = 0.2, 0.4
 
