@@ -1,8 +1,9 @@
 """Measure a case of the benchmark: what its handles ask for, beside the true pose.
 
 A benchmark is sound only if its handles agree with the pose that they were taken from. Three measures show
-where they do not: how far the true pose moves static handles, how much the rotation of a landmark's handles
-differs from that of the surface around it, and which static landmarks contradict a dynamic landmark nearby.
+where they disagree. The first is the distance by which the true pose moves static handles. The second is the
+angle between the rotation of a landmark's handles and the rotation of the surface around the landmark. The
+third is the list of static landmarks that contradict a dynamic landmark nearby.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from defaust.build.handles import DYNAMIC, STATIC
 from sshade import Mesh
 from sshade.io.regions import rigidly_moved, vertices_in
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import VertexGraph, edge_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.sampling.fronts import Fronts
 
@@ -30,7 +31,20 @@ CONTRADICTION = 0.02
 
 
 class _Group(NamedTuple):
-    """Handles of a landmark: vertices (k,), positions (k, 3) at rest and in the pose, best rigid motion."""
+    """Handles of a landmark.
+
+    Attributes
+    ----------
+    landmark, kind : str
+    index : (k,) int64
+        Vertices of the registered rest mesh.
+    source, target : (k, 3) float64
+        Positions at rest and in the pose.
+    motion : (3, 3) and (3,) float64
+        Rotation and translation that fit best.
+    distance : (n,) float64
+        Distance of each vertex of the mesh from the handles, along the edges.
+    """
 
     landmark: str
     kind: str
@@ -38,6 +52,7 @@ class _Group(NamedTuple):
     source: np.ndarray
     target: np.ndarray
     motion: tuple[np.ndarray, np.ndarray]
+    distance: np.ndarray
 
 
 def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -63,7 +78,8 @@ def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, An
         rotation of the surroundings, or None without a true pose. ``contradictions``: see
         :func:`_contradictions`.
     """
-    groups = [_group(rest, posed, entry) for entry in handles if entry["kind"] in (STATIC, DYNAMIC)]
+    graph = edge_graph(rest)
+    groups = [_group(rest, posed, graph, entry) for entry in handles if entry["kind"] in (STATIC, DYNAMIC)]
     moved = [
         np.linalg.norm(group.target - group.source, axis=1).max() for group in groups if group.kind == STATIC
     ]
@@ -78,11 +94,11 @@ def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, An
             }
             for group in groups
         ],
-        "contradictions": _contradictions(rest, groups),
+        "contradictions": _contradictions(groups, rest.diagonal),
     }
 
 
-def _contradictions(rest: Mesh, groups: Sequence[_Group]) -> list[dict[str, Any]]:
+def _contradictions(groups: Sequence[_Group], diagonal: float) -> list[dict[str, Any]]:
     """List static landmarks that contradict a dynamic landmark nearby.
 
     The rigid motion of the dynamic landmark's handles says where the surface around it goes. If it takes a
@@ -98,20 +114,19 @@ def _contradictions(rest: Mesh, groups: Sequence[_Group]) -> list[dict[str, Any]
     """
     found = []
     fixed = [group for group in groups if group.kind == STATIC]
-    for moving in (group for group in groups if group.kind == DYNAMIC and fixed):
-        from_moving = Fronts(edge_graph(rest), moving.index).distance / rest.diagonal
+    for moving in (group for group in groups if group.kind == DYNAMIC):
         R, t = moving.motion
         for group in fixed:
-            apart = float(from_moving[group.index].min())
+            apart = float(moving.distance[group.index].min()) / diagonal
             taken = group.source @ R.T + t
-            distance = float(np.linalg.norm(taken - group.source, axis=1).mean()) / rest.diagonal
+            distance = float(np.linalg.norm(taken - group.source, axis=1).mean()) / diagonal
             if apart <= NEARBY and distance > CONTRADICTION:
                 pair = {"static": group.landmark, "dynamic": moving.landmark}
                 found.append(pair | {"apart": apart, "distance": distance})
     return found
 
 
-def _group(rest: Mesh, posed: Mesh | None, entry: Mapping[str, Any]) -> _Group:
+def _group(rest: Mesh, posed: Mesh | None, graph: VertexGraph, entry: Mapping[str, Any]) -> _Group:
     """Return the handles of an entry; the targets of a region are true positions where they are known."""
     from scipy.spatial import cKDTree
 
@@ -123,7 +138,8 @@ def _group(rest: Mesh, posed: Mesh | None, entry: Mapping[str, Any]) -> _Group:
     else:
         source, target = np.array(entry["source"]), np.array(entry["target"])
         index = cKDTree(rest.V).query(source)[1]
-    return _Group(entry["landmark"], entry["kind"], index, source, target, rigid_motion(source, target))
+    motion, distance = rigid_motion(source, target), Fronts(graph, index).distance
+    return _Group(entry["landmark"], entry["kind"], index, source, target, motion, distance)
 
 
 def _residual(group: _Group) -> float:
@@ -138,6 +154,6 @@ def _turned(rest: Mesh, posed: Mesh, group: _Group) -> float:
     """Return the angle in degrees between the rotations of a group and of its surroundings."""
     from scipy.spatial.transform import Rotation
 
-    near = Fronts(edge_graph(rest), group.index).distance <= SURROUNDINGS * np.sqrt(rest.area)
+    near = group.distance <= SURROUNDINGS * np.sqrt(rest.area)
     R, _ = rigid_motion(rest.V[near], posed.V[near], weights=rest.vertex_areas[near])
     return float(np.degrees(Rotation.from_matrix(group.motion[0] @ R.T).magnitude()))

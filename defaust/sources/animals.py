@@ -30,18 +30,8 @@ MORE = ("shoulder_l", "shoulder_r", "hip_l", "hip_r", "back")
 def decode(arrays: Mapping[str, np.ndarray]) -> Bodies:
     """Decode the arrays of a species as bodies with one subject."""
     V, F = unpack(arrays)
-    return Bodies(
-        rest=V[None],
-        faces=F,
-        joints=arrays["joints"].astype(np.float64)[None],
-        parents=arrays["parents"].astype(np.int64),
-        bone=arrays["bone"].astype(np.int64),
-        weight=arrays["weight"] / 255.0,
-        rotations=arrays["rotations"].astype(np.float64)[None],
-        shifts=arrays["shifts"].astype(np.float64)[None],
-        pose_names=tuple(arrays["pose_names"].tolist()),
-        landmarks=dict(zip(arrays["landmark_names"].tolist(), arrays["landmarks"].tolist(), strict=True)),
-    )
+    of_subject = {name: arrays[name][None] for name in ("joints", "rotations", "shifts")}
+    return Bodies.rigged(V[None], F, {**arrays, **of_subject})
 
 
 @cache

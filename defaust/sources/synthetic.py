@@ -65,9 +65,15 @@ class Bodies:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Bodies:
         """Decode the arrays of the asset."""
+        rest = QUANTUM * (arrays["mean"].astype(np.int64) + arrays["offset"])
+        return cls.rigged(rest, arrays["faces"].astype(np.int64), arrays)
+
+    @classmethod
+    def rigged(cls, rest: np.ndarray, faces: np.ndarray, arrays: Mapping[str, np.ndarray]) -> Bodies:
+        """Decode the arrays of the rig, the poses and the landmarks of some shapes (s, n, 3)."""
         return cls(
-            rest=QUANTUM * (arrays["mean"].astype(np.int64) + arrays["offset"]),
-            faces=arrays["faces"].astype(np.int64),
+            rest=rest,
+            faces=faces,
             joints=arrays["joints"].astype(np.float64),
             parents=arrays["parents"].astype(np.int64),
             bone=arrays["bone"].astype(np.int64),
