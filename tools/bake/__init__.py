@@ -11,14 +11,32 @@ To bake only the poses in which parts touch, from the bodies of the package::
     python -m tools.bake --out defaust/data/bodies.npz
 """
 
+import argparse
 import hashlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from sshade.cli.console import run_command
 from sshade.io.files import replacing
+
+
+def bake_command(
+    program: str, text: str | None, bake: Callable[[], Mapping[str, np.ndarray]], argv: Sequence[str] | None
+) -> int:
+    """Run a command with the option ``--out`` alone: bake the arrays of an asset, and write it."""
+    parser = argparse.ArgumentParser(prog=program, description=text)
+    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
+    args = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+
+    def work() -> int:
+        write_asset(args.out, bake())
+        return 0
+
+    return run_command(work)
 
 
 def write_asset(path: Path, arrays: Mapping[str, np.ndarray]) -> None:

@@ -7,7 +7,6 @@ Run this only to change the animals, after an edit of tools/bake/animals.yaml::
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 from pathlib import Path
@@ -23,8 +22,7 @@ from defaust.build.upsample import remesh, self_intersecting
 from defaust.sources.scans import unpack
 from defaust.sources.skinning import apply_motions, bone_motions
 from sshade import InputError, Mesh
-from sshade.cli.console import run_command
-from tools.bake import write_asset
+from tools.bake import bake_command
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.scans import pack
 from tools.bake.template import neighbour_average, quantise_weights
@@ -166,23 +164,19 @@ def find_landmarks(V: np.ndarray, points: dict[str, list[float]]) -> dict[str, i
     return found
 
 
+def bake() -> dict[str, np.ndarray]:
+    """Bake every species; return the arrays of the asset."""
+    arrays = {}
+    for name, species in read_table().items():
+        baked = bake_animal(species)
+        log.info("%s: %d vertices", name, len(baked["bone"]))
+        arrays |= {f"{name}.{key}": value for key, value in baked.items()}
+    return arrays
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Parse the command line, bake every species, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bake.animals", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-
-    def work() -> int:
-        arrays = {}
-        for name, species in read_table().items():
-            baked = bake_animal(species)
-            log.info("%s: %d vertices", name, len(baked["bone"]))
-            arrays |= {f"{name}.{key}": value for key, value in baked.items()}
-        write_asset(args.out, arrays)
-        return 0
-
-    return run_command(work)
+    """Parse the command line, and write the asset."""
+    return bake_command("python -m tools.bake.animals", __doc__, bake, argv)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ subject. The result is committed, because it depends on the optimiser; run this 
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 from collections.abc import Mapping
@@ -22,8 +21,7 @@ from scipy.optimize import least_squares
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import Bodies, load_bodies
-from sshade.cli.console import run_command
-from tools.bake import write_asset
+from tools.bake import bake_command
 from tools.bake.morphs import BONES
 from tools.bake.poses import JITTER, _both_sides
 
@@ -168,16 +166,7 @@ def bake() -> dict[str, np.ndarray]:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the command line, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bake.noisy", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-
-    def work() -> int:
-        write_asset(args.out, bake())
-        return 0
-
-    return run_command(work)
+    return bake_command("python -m tools.bake.noisy", __doc__, bake, argv)
 
 
 if __name__ == "__main__":
