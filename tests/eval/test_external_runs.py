@@ -3,8 +3,8 @@
 import json
 import os
 import signal
+from contextlib import contextmanager
 from pathlib import Path
-from time import sleep
 
 import numpy as np
 import pytest
@@ -179,31 +179,32 @@ def test_a_sweep_over_commands_goes_on_after_a_failure(here):
     ]
 
 
+@contextmanager
+def sleeping(folder, fresh):
+    """Yield a run whose program sleeps with a child process; then wait until both have ended."""
+    program(folder, "sleep 99 & echo $! $$ > pids; wait")
+    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", f"run.fresh={fresh}"]
+    pids = folder / "pids"
+    with start_eval(folder, *overrides) as process:
+        wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
+        yield process
+    wait_for(lambda: not any(map(running, pids.read_text().split())))
+
+
 @pytest.mark.parametrize("fresh", few(["false", "true"], "true"))
 def test_ctrl_c_ends_the_program(tmp_path, fresh):
-    program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
-    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", f"run.fresh={fresh}"]
-    pids = tmp_path / "pids"
-    with start_eval(tmp_path, *overrides) as process:
-        wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
+    with sleeping(tmp_path, fresh) as process:
         os.killpg(process.pid, signal.SIGINT)
         _, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and err.startswith("interrupted")
-    wait_for(lambda: not any(map(running, pids.read_text().split())))
+        assert process.returncode == 130 and err.startswith("interrupted")
 
 
 @pytest.mark.parametrize("fresh", few(["false", "true"], "false"))
 def test_a_killed_command_takes_its_program_along(tmp_path, fresh):
-    program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
-    overrides = ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]", f"run.fresh={fresh}"]
-    pids = tmp_path / "pids"
-    with start_eval(tmp_path, *overrides) as process:
-        wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
-        sleep(0.1)
+    with sleeping(tmp_path, fresh) as process:
         process.kill()
         process.communicate(timeout=60)
-    wait_for(lambda: not alive(process.pid))
-    wait_for(lambda: not any(map(running, pids.read_text().split())))
+        wait_for(lambda: not alive(process.pid))
 
 
 def test_bench_times_a_program(here, monkeypatch, task):
