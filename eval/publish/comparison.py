@@ -2,9 +2,9 @@
 
 A case is a task. A method has a case if all begun runs of the method on the task have a result; its value is
 the mean over the seeds. Means are over common cases only: otherwise a method that failed on the hardest cases
-would look better. Methods with the fewest cases are left out until at least half of all cases are common to
-the rest, so that a method with few results does not remove cases of the others. Differences between methods
-are over subjects: the value of a subject is the mean over its common cases.
+would look better. Methods with the fewest cases are left out until the remaining methods have at least half
+of all cases in common. A method with few results therefore removes no cases of other methods. Differences
+between methods are over subjects: the value of a subject is the mean over its common cases.
 """
 
 from __future__ import annotations
