@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.deformer import Deformer
     from sshade.pipeline.proxies import bind
     from sshade.pipeline.transfer import transfer_pose
+    from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
 
     __version__: str
@@ -33,6 +34,7 @@ __all__ = [
     "InputError",
     "Mesh",
     "Method",
+    "Slide",
     "TransferTask",
     "bind",
     "deform",
@@ -54,6 +56,7 @@ _MODULES = {
     "pipeline.deformer": ["Deformer"],
     "pipeline.proxies": ["bind"],
     "pipeline.transfer": ["transfer_pose"],
+    "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

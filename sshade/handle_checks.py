@@ -74,9 +74,10 @@ def first_of_each(
     target: np.ndarray,
     weight: np.ndarray,
     rotation: np.ndarray | None,
+    slide: np.ndarray | None,
     extent: float | None,
 ) -> np.ndarray:
-    """Return where each id first occurs, in input order; its targets, weights and rotations must agree."""
+    """Return where each id first occurs, in input order; its other values must agree."""
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
         earlier = first[inverse]
@@ -94,4 +95,7 @@ def first_of_each(
             if (gap > ROTATION).any():
                 bad = int(np.argmax(gap))
                 raise InputError(f"vertex {index[bad]} has two rotations; give each handle vertex one")
+        if slide is not None and (slide != slide[earlier]).any():
+            bad = int(np.argmax(slide != slide[earlier]))
+            raise InputError(f"vertex {index[bad]} has two slides, or a slide and a target; give it one")
     return np.sort(first)

@@ -1,10 +1,11 @@
-"""Handles: vertices with prescribed positions, met exactly (hard) or approximately (soft)."""
+"""Handles: vertices that are fixed, pulled or sliding, hard (exactly) or soft (approximately)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import InitVar, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from sshade.handle_checks import (
     per_handle,
 )
 from sshade.mesh.mesh import Mesh
+from sshade.slides import Slide, checked_slides, nearest
 from sshade.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
@@ -56,6 +58,10 @@ class Handles:
         Prescribed rotations of the surface at the handles; NaN, the default, leaves a rotation free. The
         local step of the solver uses a prescribed rotation in place of R_i. Positions already determine how a
         hard handle region turns; there, prescribed rotations affect the surface beside the border.
+    slide : Slide or (k,) sequence of Slide or None, optional
+        Set on which each handle slides, by default None: the handle has its target as its position. A hard
+        sliding handle ends on its set exactly. A soft one adds w times the mean squared distance from the set
+        to the energy. See :class:`sshade.Slide`.
     merged : int
         Number of handles dropped because another handle of their group has the same vertex.
     merge_distance : float
@@ -68,7 +74,8 @@ class Handles:
     ------
     InputError
         On wrong shapes, no handles, negative ids, targets that are not finite, weights that are not
-        positive, matrices that are not rotations, or one vertex with different targets, weights or rotations.
+        positive, matrices that are not rotations, or one vertex with different targets, weights,
+        rotations or slides.
     """
 
     index: np.ndarray
@@ -80,6 +87,7 @@ class Handles:
     weight: np.ndarray = None  # type: ignore[assignment]
     portion: np.ndarray | None = None
     rotation: np.ndarray | None = None
+    slide: Any = None  # a (k,) object array, or None, once the object is made
     merged: int = 0
     merge_distance: float = 0.0
     extent: InitVar[float | None] = None
@@ -103,8 +111,10 @@ class Handles:
             "weight": checked_weight(self.weight, k),
             "portion": per_handle(self.portion, None, np.float64, k, "portion"),
             "rotation": checked_rotation(self.rotation, k),
+            "slide": checked_slides(self.slide, k),
         }
-        first = first_of_each(index, target, fields["weight"], fields["rotation"], extent)
+        kinds = fields["weight"], fields["rotation"], fields["slide"]
+        first = first_of_each(index, target, *kinds, extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -118,17 +128,45 @@ class Handles:
 
     @property
     def hard(self) -> np.ndarray:
-        """(k,) bool: handles that the deformation meets exactly."""
+        """(k,) bool: handles at whose targets the deformation ends exactly."""
+        return np.isinf(self.weight) & ~self.slides
+
+    @property
+    def slides(self) -> np.ndarray:
+        """(k,) bool: handles that slide, on a set or anywhere."""
+        if self.slide is None:
+            return np.zeros(len(self), dtype=bool)
+        return np.array([slide is not None for slide in self.slide])
+
+    @property
+    def exact(self) -> np.ndarray:
+        """(k,) bool: hard handles, at their targets or on the sets on which they slide."""
         return np.isinf(self.weight)
+
+    def goals(self, V: np.ndarray) -> np.ndarray:
+        """Return the targets (k, 3), and for handles that slide the nearest allowed positions to V (n, 3)."""
+        if self.slide is None:
+            return self.target
+        goal, own = self.target.copy(), self.slides
+        goal[own] = nearest(self.slide[own], V[self.index[own]], self.target[own]).position
+        return goal
+
+    def on_slides(self, V: np.ndarray) -> np.ndarray:
+        """Return V (n, 3) with all hard handles that slide on their sets."""
+        own = self.slides & self.exact
+        if own.any():
+            V = V.copy()
+            V[self.index[own]] = self.goals(V)[own]
+        return V
 
     @property
     def stiffness(self) -> np.ndarray:
         """(k,) float64: weight times portion, the factor of each squared distance; inf for hard handles."""
-        if self.hard.all():
+        if self.exact.all():
             return self.weight
         if self.portion is None:
             raise InputError("soft handles need their portions of area; make a task of them and the mesh")
-        return np.where(self.hard, np.inf, self.weight * self.portion)
+        return np.where(self.exact, np.inf, self.weight * self.portion)
 
     @property
     def has_rotation(self) -> np.ndarray:
@@ -150,7 +188,7 @@ class Handles:
 
         Existing portions are kept.
         """
-        soft = np.flatnonzero(~self.hard)
+        soft = np.flatnonzero(~self.exact)
         if self.portion is not None or len(soft) == 0:
             return self
         area = mesh.vertex_areas[self.index[soft]]
@@ -195,7 +233,9 @@ class Handles:
         return Handles(**{**some, "index": index, "portion": portion})
 
     def require_hard(self, method: str) -> None:
-        """Raise InputError if a handle is soft or has a prescribed rotation, which `method` cannot use."""
+        """Raise InputError if a handle is soft, slides or has a rotation, which `method` cannot use."""
+        if self.slides.any():
+            raise InputError(f"{method} takes no sliding handles: use method fast, fine or paper")
         if not self.hard.all():
             raise InputError(f"{method} takes no soft handles: leave their weights out, or use method fast")
         if self.prescribed_rotations:
@@ -205,10 +245,10 @@ class Handles:
         """Return the portions (s,) of the remaining handles with those of the handles left out."""
         from scipy.spatial import cKDTree
 
-        gathered, soft = portion[number], ~self.hard
+        gathered, soft = portion[number], ~self.exact
         for group in np.unique(self.group[soft]):
             members = np.flatnonzero(soft & (self.group == group))
-            kept = np.flatnonzero(~self.hard[number] & (self.group[number] == group))
+            kept = np.flatnonzero(soft[number] & (self.group[number] == group))
             _, nearest = cKDTree(V[self.index[number[kept]]]).query(V[self.index[members]])
             # Sums of stiffness, because handles of one group may differ in weight.
             stiffness = np.bincount(nearest, self.weight[members] * portion[members], minlength=len(kept))
@@ -226,6 +266,7 @@ class Handles:
         group: np.ndarray | None = None,
         weight: np.ndarray | float | None = None,
         rotation: np.ndarray | None = None,
+        slide: Slide | Sequence[Slide | None] | None = None,
         raw: bool = False,
         strict: bool = True,
     ) -> Handles:
@@ -235,7 +276,7 @@ class Handles:
         vertex p_i. A dynamic handle goes to ``t_i + R (p_i - s_i)``, where s_i and t_i are its stored
         positions. R is its prescribed rotation; without one, R is the rotation that best maps the sources of
         its group to their targets (Kabsch). Handles of a group with the same vertex are merged: they get the
-        mean of their targets, the largest of their weights, and the first rotation.
+        mean of their targets, the largest of their weights, and the first rotation and slide.
 
         Parameters
         ----------
@@ -245,7 +286,7 @@ class Handles:
             Positions at rest and prescribed positions, in the mesh's coordinates.
         dynamic : (k,) bool or bool
             False for fixed handles.
-        group, weight, rotation
+        group, weight, rotation, slide
             As for :class:`Handles`.
         raw : bool
             Keep the stored targets without correction.
@@ -272,7 +313,7 @@ class Handles:
         dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
         group = per_handle(group, 0, np.int64, k, "group")
         weight = checked_weight(weight, k)
-        rotation = checked_rotation(rotation, k)
+        rotation, slides = checked_rotation(rotation, k), checked_slides(slide, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
         moved = target
@@ -293,6 +334,7 @@ class Handles:
             snap_distance=largest,
             weight=one.largest(weight),
             rotation=None if rotation is None else rotation[one.first],
+            slide=None if slides is None else slides[one.first],
             merged=k - len(one.first),
             merge_distance=float(one.distance.max()),
             extent=mesh.diagonal,

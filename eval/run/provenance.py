@@ -48,6 +48,8 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
             arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)
+        if handles.slide is not None:
+            arrays += [array for one in handles.slide for array in (one.arrays if one else [np.zeros(0)])]
         if task.carry_unconstrained:
             arrays.append(np.ones(1))
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))

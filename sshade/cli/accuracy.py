@@ -30,9 +30,10 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
 
     Errors are fractions of the diagonal: the largest of the hard handles, and the mean of the soft handles.
     """
-    distance = np.linalg.norm(stored[whole.original[handles.index]] - handles.target, axis=1)
+    at = stored[whole.original]
+    distance = np.linalg.norm(at[handles.index] - handles.goals(at), axis=1)
     distance /= whole.mesh.diagonal
-    hard = handles.hard
+    hard = handles.exact
     error = float(distance[hard].max(initial=0.0))
     parts = []
     if hard.any():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from sshade.io.points import as_array, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.text import decoded
 
+if TYPE_CHECKING:
+    from sshade.slides import Slide
+
 #: Suffixes of handle files.
 FORMATS = (".json", ".yaml", ".yml")
 #: Keys that give the handles of an entry.
@@ -25,7 +28,11 @@ WAYS = ("vertices", "source", "boxes")
 #: Keys that give the motion of a group without targets.
 MOTION = {"rotation", "translation"}
 #: Keys of an entry.
-KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight")
+KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight", "slide", "free")
+#: Keys of a slide.
+SLIDES = ("plane", "line", "axes", "surface")
+#: Stands for the rest shape as the surface of a slide, until the mesh is known.
+REST = "rest"
 #: Keys that this project writes into entries and files, and that readers of handles ignore.
 RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
@@ -56,6 +63,7 @@ class Entry(NamedTuple):
         Motion of a group that moves rigidly.
     weight : float
         inf for hard handles.
+    slide : Slide or :data:`REST`, optional
     """
 
     number: int
@@ -67,6 +75,7 @@ class Entry(NamedTuple):
     rotation: np.ndarray = NO_ROTATION
     motion: RigidMotion | None = None
     weight: float = np.inf
+    slide: Slide | str | None = None
 
 
 class HandleFile(NamedTuple):
@@ -99,7 +108,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
     check_input(path, FORMATS)
     with naming(path):
         if path.suffix.lower() == ".json":
-            return parsed_handle_file(path.read_bytes(), raw=raw)
+            return parsed_handle_file(path.read_bytes(), raw=raw, folder=path.parent)
         from sshade.io.implicit_arap import read_implicit_arap
 
         entries = [
@@ -109,8 +118,8 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
         return HandleFile(entries, raw, implicit_arap=True)
 
 
-def parsed_handle_file(content: bytes, *, raw: bool = False) -> HandleFile:
-    """Check this project's JSON as :func:`read_handle_file` does."""
+def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
+    """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
     try:
         data = json.loads(decoded(content), object_pairs_hook=_object)
     except (ValueError, RecursionError, InputError) as error:
@@ -124,7 +133,9 @@ def parsed_handle_file(content: bytes, *, raw: bool = False) -> HandleFile:
         with naming(f"entry {number}"):
             kind = _kind(entry)
             if kind != "unused":
-                entries.append(_entry(number, entry, kind == "dynamic", moves=raw or kind == "dynamic"))
+                moves = raw or kind == "dynamic"
+                slide = _slide(entry, folder)
+                entries.append(_entry(number, entry, kind == "dynamic", moves=moves)._replace(slide=slide))
     if not entries:
         raise InputError(NO_HANDLES)
     return HandleFile(entries, raw)
@@ -153,7 +164,7 @@ def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) ->
             raise InputError(f"{len(place)} handles have {len(target)} targets; each needs one")
     if moves and _moves_rigidly(entry, dynamic):
         motion = _motion(entry)
-    elif "rotation" in entry and way != "boxes":
+    elif "rotation" in entry and (way != "boxes" or "free" in entry):
         rotation = _rotation(entry)
     return Entry(number, str(name), way, place, dynamic, target, rotation, motion, _weight(entry))
 
@@ -178,7 +189,7 @@ def _place(entry: dict[str, Any], way: str) -> np.ndarray:
 
 def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:
     """Whether a rotation or a translation is the motion of the group, and no prescribed rotation."""
-    if "target" in entry or not MOTION & set(entry):
+    if "target" in entry or "free" in entry or not MOTION & set(entry):
         return False
     return dynamic or "boxes" in entry or "translation" in entry or "center" in entry
 
@@ -208,6 +219,42 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     with naming('"rotation" is no rotation'):
         require_rotations(R[None])
     return R
+
+
+def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
+    """Return the slide of an entry, or :data:`REST`."""
+    if "free" not in entry and "slide" not in entry:
+        return None
+    # Only files with slides need these modules and their compiled code.
+    from sshade.io.meshes import read_mesh
+    from sshade.slides import Slide
+
+    if "free" in entry:
+        if entry["free"] != "position":
+            raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
+        other = [key for key in ("target", "translation", "center", "slide") if key in entry]
+        if other or "rotation" not in entry:
+            found = f'leave out "{other[0]}"' if other else 'give a "rotation"'
+            raise InputError(f'"free": "position" leaves a rotation without a position; {found}')
+        return Slide.anywhere()
+    slide = entry["slide"]
+    form = '"slide" takes one of {"plane": normal}, {"line": direction}, {"axes": "x"} and {"surface": path}'
+    if not isinstance(slide, dict) or len(slide) != 1:
+        raise InputError(form)
+    require_known(slide, SLIDES)
+    ((kind, value),) = slide.items()
+    with naming(f'"{kind}"'):
+        if kind in ("plane", "line"):
+            direction = as_array(value, "the direction", (3,), "three numbers")
+            return Slide.plane(direction) if kind == "plane" else Slide.line(direction)
+        if not isinstance(value, str):
+            raise InputError("it is no text")
+        if kind == "axes":
+            return Slide.axes(value)
+        if value == REST:
+            return REST
+        path = (folder / value).resolve()
+        return Slide.on(read_mesh(path), name=str(path))
 
 
 def _weight(entry: dict[str, Any]) -> float:

@@ -7,7 +7,9 @@ JSON::
         {"landmark": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
         {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
          "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
-        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
+        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]},
+        {"landmark": "sole", "vertices": [7, 8, 9], "slide": {"plane": [0, 0, 1]}},
+        {"landmark": "ear", "vertices": [55], "rotation": [x, y, z, w], "free": "position"}
     ]}
 
 Each entry is a group of handles, given in one of three ways:
@@ -28,6 +30,11 @@ A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neit
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
 (:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.io.packed`.
 
+A group with a ``slide`` moves freely on a set (:class:`sshade.Slide`): on a ``{"plane": normal}`` or a
+``{"line": direction}`` through the target of each handle, along one or two axes as with ``{"axes": "xz"}``,
+or on the ``{"surface": path}`` of a mesh file. The path is relative to the handle file; ``"rest"`` stands for
+the rest shape. ``"free": "position"`` leaves the position free, beside a prescribed rotation.
+
 Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
 """
 
@@ -44,7 +51,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import SAME_TARGET
 from sshade.handles import Handles
-from sshade.io.entries import Entry, HandleFile, read_handle_file
+from sshade.io.entries import REST, Entry, HandleFile, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.meshes import read_surface
@@ -53,6 +60,7 @@ from sshade.io.points import columns
 from sshade.io.regions import vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.options import NEAR
+from sshade.slides import Slide
 from sshade.snapping import snap_to_vertices
 from sshade.task import DeformationTask
 
@@ -107,22 +115,26 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
         k = len(place)
         values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
         rotation = np.broadcast_to(entry.rotation, (k, 3, 3))
-        rows[by_position].append((place, target, distance, *values, rotation))
+        slides = np.full(k, Slide.on(mesh, name=REST) if entry.slide == REST else entry.slide, dtype=object)
+        rows[by_position].append((place, target, distance, *values, rotation, slides))
     parts = []
     if rows[0]:
-        at, target, snap, dynamic, group, weight, R = columns(rows[0])
+        at, target, snap, dynamic, group, weight, R, slide = columns(rows[0])
         extent = mesh.diagonal
-        parts.append(Handles(at, target, dynamic, group, snap, weight, rotation=R, extent=extent))
+        parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, slide, extent=extent))
     if rows[1]:
-        at, target, _, dynamic, group, weight, R = columns(rows[1])
+        at, target, _, dynamic, group, weight, R, slide = columns(rows[1])
         if file.implicit_arap:
             to_mesh = implicit_arap_frame(at, mesh)
             at, target = to_mesh(at), to_mesh(target)
-        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R}
+        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R, "slide": slide}
         parts.append(Handles.from_positions(mesh, at, target, **given, raw=file.raw))  # type: ignore[arg-type]
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
     names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
     joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    joined["slide"] = np.concatenate(
+        [np.full(len(part), None) if part.slide is None else part.slide for part in parts]
+    )[order]
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
     merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
@@ -219,7 +231,11 @@ def write_handles(
     """
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
-    rows = np.column_stack([handles.group, handles.dynamic, handles.weight, np.nan_to_num(rotation)])
+    slides = np.full(len(handles), None) if handles.slide is None else handles.slide
+    slide_of = list(dict.fromkeys(slides))
+    number = [slide_of.index(one) for one in slides]
+    values = handles.group, handles.dynamic, handles.weight, number
+    rows = np.column_stack([*values, np.nan_to_num(rotation)])
     for row in np.unique(rows, axis=0):
         members, group = (rows == row).all(axis=1), int(row[0])
         entry: dict[str, Any] = {
@@ -231,8 +247,16 @@ def write_handles(
             entry["target"] = packed(handles.target[members])
         if np.isfinite(row[2]):
             entry["weight"] = row[2]
-        if row[3:].any():
-            entry["rotation"] = row[3:].reshape(3, 3).tolist()
+        if row[4:].any():
+            entry["rotation"] = row[4:].reshape(3, 3).tolist()
+        if slide := slide_of[int(row[3])]:
+            if not slide.record:
+                raise InputError(
+                    "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
+                )
+            entry |= slide.record
+        if "free" in entry:
+            entry.pop("target", None)  # it has no effect, and files do not have it
         entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
     texts = {key: json.dumps(value) for key, value in (about or {}).items()}
     texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"

@@ -63,16 +63,20 @@ def deform_task(
         totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume")))
         return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
-    whole = resolve(method, values)
+    whole, handles = resolve(method, values), task.handles
+    if handles.slide is not None and any(s and s.free for s in handles.slide[~handles.has_rotation]):
+        raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     result = by_components(task, deform_component, whole, progress=progress)
+    if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
+        result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:
-    """Return the largest distance of a hard handle from its target, as a fraction of the diagonal."""
+    """Return the largest distance of a hard handle from its goal, as a fraction of the diagonal."""
     handles = task.handles
-    distance = np.linalg.norm(V[handles.index] - handles.target, axis=1)[handles.hard]
+    distance = np.linalg.norm(V[handles.index] - handles.goals(V), axis=1)[handles.exact]
     return float(distance.max(initial=0.0)) / task.mesh.diagonal
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
@@ -18,6 +19,7 @@ from sshade.pipeline.drag import Drag, NearestPlacement
 from sshade.pipeline.engine import BoundProxy, Engine
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
+from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, in_threads
 
@@ -43,6 +45,8 @@ class Deformer:
         Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
     weight : (h,) float64 or float
         Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
+    slide : Slide or (h,) sequence, optional
+        How handles slide, see :class:`sshade.Handles`. Planes and lines move with the targets of a call.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -79,6 +83,7 @@ class Deformer:
         *,
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
+        slide: Slide | Sequence[Slide | None] | None = None,
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
         **options: Any,
@@ -87,7 +92,7 @@ class Deformer:
         names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
-        self.mesh, self._rest = mesh, _at_rest(mesh, index, group, weight)
+        self.mesh, self._rest = mesh, _at_rest(mesh, index, group, weight, slide)
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
@@ -121,7 +126,12 @@ class Deformer:
         return [bound.binding for bound in self._proxies]
 
     def rebind_handles(
-        self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
+        self,
+        index: np.ndarray,
+        *,
+        group: np.ndarray | None = None,
+        weight: np.ndarray | float = inf,
+        slide: Slide | Sequence[Slide | None] | None = None,
     ) -> None:
         """Take other handles without sampling and projecting again; the shape stays.
 
@@ -132,8 +142,8 @@ class Deformer:
 
         Parameters
         ----------
-        index, group, weight
-            See :class:`Deformer`.
+        index, group, weight, slide
+            See :class:`Deformer`. No new handle slides on a surface.
 
         Raises
         ------
@@ -142,7 +152,11 @@ class Deformer:
             of two groups with different targets. The Deformer keeps its handles then. A later call may raise
             the same.
         """
-        rest = _at_rest(self.mesh, index, group, weight)
+        rest = _at_rest(self.mesh, index, group, weight, slide)
+        if rest.slide is not None and any(one and one.surface for one in rest.slide):
+            raise InputError(
+                "handles that slide on a surface must be bound from the beginning: make another Deformer"
+            )
         if not self._proxies:
             raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
         proxies = []
@@ -306,11 +320,17 @@ class Deformer:
         return replace(result, vertices=out)
 
 
-def _at_rest(mesh: Mesh, index: np.ndarray, group: np.ndarray | None, weight: np.ndarray | float) -> Handles:
+def _at_rest(
+    mesh: Mesh,
+    index: np.ndarray,
+    group: np.ndarray | None,
+    weight: np.ndarray | float,
+    slide: Slide | Sequence[Slide | None] | None,
+) -> Handles:
     index = np.array(index, dtype=np.int64)
     mesh.require_handles(index)
     if len(np.unique(index)) < len(index):
         raise InputError("a handle vertex is given twice")
     group = np.zeros(len(index), dtype=np.int64) if group is None else group
-    handles = Handles(index, mesh.V[index], group=group, weight=np.asarray(weight))
+    handles = Handles(index, mesh.V[index], group=group, weight=np.asarray(weight), slide=slide)  # type: ignore[arg-type]
     return DeformationTask("drag", mesh, handles).handles

@@ -41,8 +41,13 @@ class Drag:
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = np.zeros(len(handles), dtype=bool)
         self._attachment = Attachment(proxy, handles, options.attachment)
+        attachment = self._attachment
         self._solver = LocalGlobal(
-            proxy, self._attachment.vertex, stiffness=self._attachment.stiffness, bending=options.bending
+            proxy,
+            attachment.vertex,
+            stiffness=attachment.stiffness,
+            slide=attachment.slide,
+            bending=options.bending,
         )
         self.reset()
 
@@ -68,7 +73,8 @@ class Drag:
 
     def _take(self, handles: Handles) -> None:
         attachment = Attachment(self._proxy, handles, self._options.attachment)
-        self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
+        binding = {"stiffness": attachment.stiffness, "slide": attachment.slide}
+        self._solver = self._solver.with_handles(attachment.vertex, **binding)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
     def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
@@ -156,8 +162,8 @@ class NearestPlacement:
         float
             The largest distance, in the unit of length.
         """
-        missed, number = handles.target - V[handles.index], self._stands_for
-        missed[~handles.hard] = 0.0
+        missed, number = handles.goals(V) - V[handles.index], self._stands_for
+        missed[~handles.exact] = 0.0
         count = np.bincount(number)
         self._shift += sums_by_index(number, missed, len(count)) / count[:, None]
         length = np.linalg.norm(self._shift, axis=1)
@@ -172,5 +178,6 @@ class NearestPlacement:
             group=handles.group,
             weight=handles.weight,
             rotation=handles.rotation,
+            slide=handles.slide,
             strict=False,  # a sample of the proxy stands for many vertices
         ).with_portions(self._proxy)

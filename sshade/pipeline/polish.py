@@ -41,7 +41,7 @@ def polished(
     A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
     A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
     (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
-    thread beside the proxy's solve.
+    thread beside the proxy's solve. Handles that slide stay where the proxy put them.
 
     Parameters
     ----------
@@ -71,6 +71,8 @@ def polished(
         arrived = perf_counter()
         progress("polish", 0, options.polish_iterations, "preparing")
         solver, targets, precompute = solver_ready.result()
+    if task.handles.slide is not None:
+        targets[: len(task.handles)] = task.handles.goals(proxy.vertices)
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
     energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
@@ -112,7 +114,12 @@ def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray
     begin = perf_counter()
     attachment = Attachment(task.mesh, task.handles, weight, fold=True)
     targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
-    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=attachment.stiffness, multigrid=True)
+    stiffness = attachment.stiffness
+    if attachment.slide is not None:  # vertices with a rotation alone stay free, if others are held
+        free = np.array([slide is not None and slide.free for slide in attachment.slide])
+        stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
+        targets = targets.copy()
+    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=stiffness, multigrid=True)
     return solver, targets, perf_counter() - begin
 
 

@@ -85,7 +85,7 @@ class HandleRegions:
 
     def __init__(self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph) -> None:
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
-        index, self._hard = handles.index, handles.hard
+        index, self._hard = handles.index, handles.exact
         self.number = np.full(mesh.n, -1)
         self.number[index] = np.arange(len(index))
         handle = self.number >= 0
@@ -94,7 +94,7 @@ class HandleRegions:
         self._hard_index = index[self._hard]
         self._fixed = np.zeros(mesh.n, dtype=bool)
         self._fixed[self._hard_index] = True
-        self.covered = len(self._hard_index) == mesh.n
+        self.covered = bool(handles.hard.sum() == mesh.n)
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
         self.metric, self.first = graph, index
@@ -110,9 +110,9 @@ class HandleRegions:
             self.first = np.concatenate([edge, self._one_of_each(edge)])
 
     def _one_of_each(self, sampled: np.ndarray) -> np.ndarray:
-        """A vertex of each group of soft handles, and of handles with a rotation, that has no sample yet."""
+        """A vertex of each group of soft or sliding handles, and of rotations, that has no sample yet."""
         handles, there, found = self._handles, self.number[sampled], []
-        for kind in (~self._hard, handles.has_rotation):
+        for kind in (~handles.hard, handles.has_rotation):
             groups, first = np.unique(handles.group[kind], return_index=True)
             missing = ~np.isin(groups, handles.group[there[kind[there]]])
             found.append(handles.index[kind][first[missing]])
@@ -130,7 +130,9 @@ class HandleRegions:
         return sampling, self.number[sampling.samples]
 
     def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
-        """Move every hard handle vertex to its target, and turn the surface beside regions with them.
+        """Move every hard handle vertex to its goal, and turn the surface beside regions with them.
+
+        The goal is the target, or the nearest position on the set on which the handle slides.
 
         Parameters
         ----------
@@ -151,7 +153,7 @@ class HandleRegions:
         if not self.regional or len(self._hard_index) == 0:
             return V
         moved = V.copy()
-        moved[self._hard_index] = handles.target[self._hard]
+        moved[self._hard_index] = handles.goals(V)[self._hard]
         vertex, nearest, phi = self._margin
         R = self._rotations(moved, handles)
         rotated = np.isfinite(R[:, 0, 0])

@@ -12,6 +12,7 @@ from sshade.solver.energy import Energy
 from sshade.solver.linear import Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
+from sshade.solver.sliding import Slides
 from sshade.solver.system import System
 from sshade.threads import ThreadTeam
 
@@ -76,6 +77,10 @@ class Descent:
             team=team,
             single=system.factorised is None and not system.exact_steps,
         )
+        self.slides: Slides | None = None
+        if system.sliding is not None and system.response is not None:
+            mesh, bound = system.mesh, (system.sliding, system.response)
+            self.slides = Slides(*bound, corners=system.corners, origin=mesh.origin, unit=mesh.diagonal)
         self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
         self._quasi_newton: QuasiNewton | None = None
         if window:
@@ -92,6 +97,8 @@ class Descent:
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
+        if self.slides:
+            self.slides.aim(targets)
         self.volume_goal = volume_goal
         self._constraints.aim(volume_goal)
 
@@ -99,11 +106,14 @@ class Descent:
         """Fit the rotations to the present iterate, where a solve begins."""
         if self._quasi_newton:
             self._quasi_newton.cut()
+        if self.slides:
+            self.slides.restore(self.u, self._linear.solve)
         self.value = self.initial_value = self._local_step()
         self.rejected = 0
 
     def _local_step(self) -> float:
-        return self.energy.local_step(self.u) + self._constraints.penalty(self.u)
+        value = self.energy.local_step(self.u) + self._constraints.penalty(self.u)
+        return value + self.slides.penalty(self.u) if self.slides else value
 
     @cached_property
     def _linear(self) -> Linear:
@@ -116,16 +126,24 @@ class Descent:
             constraints.add_forces(u, B)
         self._linear.solve(B, g)
         g += u
+        if self.slides:
+            self.slides.project(g, u, B, self._linear.solve)
         if constraints:
-            constraints.project(g, u, self._linear.solve)
+            constraints.project(g, u, self._solve)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
+
+    def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
+        """Write a direction M B along the slides to X."""
+        self._linear.solve(B, X)
+        if self.slides:
+            self.slides.restrict(X, self._linear.solve)
 
     def end_step(self, short: bool) -> bool:
         return self._linear.end_step(short)
 
     def move(self, *, last: bool) -> None:
         before, accelerated = self.value + self._slack, self._advance(last)
-        fits = self.restore() if accelerated else True
+        fits = self.restore() if accelerated or self.slides else True
         self.value = self._local_step()
         if accelerated and self._quasi_newton and not (self.value <= before and fits):
             self.rejected += 1
@@ -134,6 +152,8 @@ class Descent:
             self.value = self._local_step()
             if not (self.value <= before and fits):
                 self._quasi_newton.fall_back(self.u)
+                if self.slides:
+                    self.restore()
                 self.value = self._local_step()
 
     def _advance(self, last: bool) -> bool:
@@ -146,11 +166,15 @@ class Descent:
         return self._quasi_newton.advance(self.u, self._g, self.energy.forces)
 
     def restore(self) -> bool:
-        """Project the iterate onto the exact constraints, along the present directions; False if missed."""
+        """Project the iterate onto slides and exact constraints, along known directions; False if missed."""
+        if self.slides:
+            self.slides.restore(self.u, self._linear.solve)
         return self._constraints.restore(self.u)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""
+        if self.slides:
+            self.slides.restore(self.u, self._linear.solve)
         if self._constraints:
-            self._constraints.renew_directions(self.u, self._linear.solve)
+            self._constraints.renew_directions(self.u, self._solve)
             self.restore()

@@ -127,8 +127,12 @@ class LocalGlobal(System):
 
     def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
         """Return the result of a finished run, in the mesh's order of vertices."""
+        positions = self.from_system(state.u, targets)
+        if state.slides:
+            vertex, on = state.slides.positions(state.u)
+            positions[vertex] = on
         return Solution(
-            positions=self.from_system(state.u, targets),
+            positions=positions,
             rotations=np.take(state.energy.R, self.place, axis=0).reshape(-1, 3, 3),
             iterations=done.iterations,
             residual=done.residual,
@@ -206,7 +210,8 @@ def local_global(
     factorised : bool, optional
         Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
         need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
-        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
+        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending or sliding
+        handles.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
@@ -233,7 +238,8 @@ def local_global(
     begin = perf_counter()
     solver_options = complete(options)
     bends = solver_options.bending > 0
-    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not bends
+    needed = bends or task.handles.slide is not None
+    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
     guess = initial_guess(task, solver_options.start)
     attachment = Attachment(task.mesh, task.handles, solver_options.attachment, fold=True)
     targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
@@ -242,6 +248,7 @@ def local_global(
         attachment.vertex,
         energy=energy,
         stiffness=attachment.stiffness,
+        slide=attachment.slide,
         multigrid=multigrid,
         exact_steps=EXACT_STEPS,
         bending=solver_options.bending,

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from sshade.errors import InputError
 from sshade.memory import give_back
@@ -30,6 +30,7 @@ from sshade.solver.order import (
     vertex_ranges,
     weighted_laplacian,
 )
+from sshade.solver.sliding import PROXIMAL, Sliding
 from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
 from sshade.solver.terms.pulls import Springs
@@ -61,6 +62,8 @@ class System:
     stiffness : (k,) float64, optional
         Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
         The option `stiffness` of a solve is something else: the residual stiffness of strained triangles.
+    slide : (k,) object, optional
+        Slides of handles, see :attr:`sshade.Handles.slide`. They need a factorisation.
     multigrid : bool
         Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
@@ -87,6 +90,10 @@ class System:
         Places of the hard handles.
     springs : Springs
         The soft handles and attached vertices.
+    sliding : Sliding or None
+        The handles that slide; they are neither in `hard` nor in `springs`.
+    response : (s, s) float64 or None
+        See :meth:`sshade.solver.sliding.Sliding.response`.
     corners : int
         Number of corners of an element: 2 for edges, 3 for triangles. All terms of the energy have this
         factor, because the as-rigid-as-possible terms count each element once for each corner.
@@ -108,8 +115,8 @@ class System:
     Raises
     ------
     InputError
-        On an unknown energy, bending with multigrid, handle vertices that are out of range or missing in a
-        component, or a Laplacian that is not positive definite to rounding.
+        On an unknown energy, bending or slides with multigrid, handle vertices that are out of range or
+        missing in a component, or a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -119,6 +126,7 @@ class System:
         *,
         energy: Energy = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
+        slide: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
         bending: float = 0.0,
@@ -127,11 +135,13 @@ class System:
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         if bending and multigrid:
             raise InputError("bending needs a factorisation, not multigrid")
+        if slide is not None and multigrid:
+            raise InputError("sliding handles need a factorisation, not multigrid")
         self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
-        self._take_handles(index, stiffness)
+        self._take_handles(index, stiffness, slide)
         h = half_cotangents(mesh)
         self._laplacian = None if multigrid else laplacian_matrix(mesh.n, *edge_weights(mesh, h))
         self.corners = 2 if energy == "spokes" else 3
@@ -140,22 +150,35 @@ class System:
             self._list_elements(h)
             bound.result()
 
-    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> Self:
+    def with_handles(
+        self, index: np.ndarray, *, stiffness: np.ndarray | None = None, slide: np.ndarray | None = None
+    ) -> Self:
         """Bind other handles of the same mesh and energy, by a new factorisation.
 
         Both systems stay usable, and share all data that do not depend on handles. Parameters and errors as
         for the class, without multigrid.
         """
         other = copy(self)
-        other._take_handles(index, stiffness)
+        other._take_handles(index, stiffness, slide)
         other._bind()
         return other
 
-    def _take_handles(self, index: np.ndarray, stiffness: np.ndarray | None) -> None:
+    def _take_handles(
+        self, index: np.ndarray, stiffness: np.ndarray | None, slide: np.ndarray | None
+    ) -> None:
         index = np.array(index, dtype=np.int64)
         self.mesh.require_handles(index)
         stiffness = np.full(len(index), np.inf) if stiffness is None else stiffness
-        self.index, self.hard, soft = index, np.flatnonzero(np.isinf(stiffness)), np.isfinite(stiffness)
+        slides = np.zeros(len(index), dtype=bool)
+        self.index, self.sliding, self._loose = index, None, index[:0]
+        if slide is not None:
+            slides = np.array([one is not None for one in slide])
+            handle, component = np.flatnonzero(slides), self.mesh.component
+            vertex = index[handle]
+            compliance = 1.0 / stiffness[handle]
+            self.sliding = Sliding(handle, vertex, self.place[vertex], slide[handle], compliance)
+            self._loose = vertex[~np.isin(component[vertex], component[index[~slides]])]
+        self.hard, soft = np.flatnonzero(np.isinf(stiffness) & ~slides), np.isfinite(stiffness) & ~slides
         self.fixed = self.place[index[self.hard]]
         handle = np.flatnonzero(soft)
         handle = handle[np.argsort(self.place[index[handle]])]
@@ -163,12 +186,15 @@ class System:
 
     def _bind(self) -> None:
         """Assemble and factorise the matrix."""
-        self.matrix, self.plate, self.factorised = self._laplacian, None, None
+        self.matrix, self.plate, self.factorised, self.response = self._laplacian, None, None, None
         if self.matrix is None:
             return
         laplacian, fixed = self.matrix, self.index[self.hard]
         if len(self.springs.vertex):
             self.matrix = csr_array(self.matrix + self.springs.matrix(self.mesh.n))
+        if len(self._loose):
+            proximal = np.full(len(self._loose), PROXIMAL), (self._loose, self._loose)
+            self.matrix = csr_array(self.matrix + coo_array(proximal, shape=self.matrix.shape))
         if self._length:
             stiffness = bending_stiffness(self.mesh, laplacian, fixed, self._length)
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
@@ -177,6 +203,8 @@ class System:
             rest = in_order @ (self.mesh.V - self.mesh.origin)[self.vertex]
             self.plate = Plate(in_order, stiffness[self.vertex], rest, self.corners)
         self.factorised = Factorised(self.matrix, fixed, self.place)
+        if self.sliding:
+            self.response = self.sliding.response(self.factorised, self.mesh.n)
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
