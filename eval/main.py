@@ -31,6 +31,7 @@ COMMANDS = {
     "check": ("eval.rows.bands", "check rows against committed bands of quality"),
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
+    "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
     "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
     "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }

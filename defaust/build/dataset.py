@@ -17,6 +17,7 @@ from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
 from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
+from defaust.folder.croissant import croissant
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source
 from sshade import InputError
@@ -225,7 +226,7 @@ def _finish(
     records: list[dict[str, Any]],
     unusable: dict[int, UnusableError],
 ) -> dict[str, Any]:
-    """Write the card and dataset.json, and remove the records for resuming."""
+    """Write the card, croissant.json and dataset.json, and remove the records for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
     left_out = [{"subject": s, "reason": str(unusable[s])} for s in sorted(unusable)]
@@ -234,6 +235,8 @@ def _finish(
     path = out / layout.CARD
     document["files"] = files | {layout.CARD: {"sha256": layout.sha256(path), "bytes": path.stat().st_size}}
     document["checksum"] = layout.checksum(document)
-    layout.write_text(out / layout.DATASET, layout.dump(document))
+    text = layout.dump(document)
+    layout.write_text(out / layout.CROISSANT, layout.dump(croissant(document, text=text)))
+    layout.write_text(out / layout.DATASET, text)
     shutil.rmtree(out / layout.WORK)
     return document

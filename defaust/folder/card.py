@@ -8,6 +8,8 @@ from typing import Any
 
 import yaml
 
+from defaust.folder.record import has_regions
+
 
 def render_card(document: dict[str, Any]) -> str:
     """Markdown of the card; a pure function of dataset.json without the card's own entry."""
@@ -18,7 +20,7 @@ def render_card(document: dict[str, Any]) -> str:
     poses = [pose for of_subject in document["poses"].values() for pose in of_subject]
     everywhere = [name for name in document["landmarks"] if all(name in pose["landmarks"] for pose in poses)]
     others = [name for name in document["landmarks"] if name not in everywhere]
-    regions = not any(subject["landmark_vertices"] for subject in subjects)
+    regions = has_regions(document)
     facts = {
         "build": build,
         "at_low": " at low resolution" if upsampled else "",

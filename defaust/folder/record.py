@@ -130,6 +130,11 @@ def read_dataset(root: str | os.PathLike[str], *, intact: bool = True) -> dict[s
     return document
 
 
+def has_regions(document: dict[str, Any]) -> bool:
+    """Whether the handles of a dataset are regions instead of positions near landmarks."""
+    return not any(subject["landmark_vertices"] for subject in document["subjects"])
+
+
 def read_record(path: Path, schema: dict[str, Any]) -> dict[str, Any]:
     """Read a JSON object, such as the handles of a pose (:data:`POSE`).
 

@@ -1,0 +1,76 @@
+"""The benchmark that is written for benchopt: what it refuses, and that benchopt finds the same figures."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from eval.main import main
+from eval.metrics import measure
+from eval.run.attempt import attempt
+from eval.run.targets import instantiate
+from eval.timing.cases import read_cases, read_methods
+from sshade.io.meshes import write_mesh
+from tests.shapes import icosphere
+
+METHODS = ["paper samplings=2 vertices=150", "fast vertices=150", "accelerated_elastic"]
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch) -> str:
+    """A ball with three handles, as the text of a case with relative paths."""
+    monkeypatch.chdir(tmp_path)
+    ball = icosphere(3)
+    write_mesh("ball.ply", ball.V, ball.F)
+    moved = (ball.V[5] + [0.2, 0.1, 0.0]).tolist()
+    stay = {"kind": "static", "vertices": [0, 9]}
+    Path("pose.json").write_text(json.dumps({"handles": [stay, {"vertices": [5], "target": [moved]}]}))
+    return "mesh mesh=ball.ply handles=pose.json"
+
+
+def test_what_is_written(case, capsys):
+    assert main(["benchopt", "out/ball", "--methods", *METHODS, "--cases", case]) == 0
+    assert "3 solvers; `benchopt run out/ball`" in capsys.readouterr().out
+    assert str(Path("ball.ply").resolve()) in Path("out/ball/datasets/cases.py").read_text()
+    for path in Path("out/ball").rglob("*.py"):
+        compile(path.read_text(), path, "exec")
+
+
+@pytest.mark.parametrize(
+    ("methods", "repeated", "message"),
+    [
+        (["a-b=fast"], 1, "'a-b' is no name of a module"),
+        (["fast", "fast"], 1, "two methods are named 'fast'"),
+        (["fast"], 2, "two cases are named"),
+        (["nothing"], 1, "nothing"),
+    ],
+)
+def test_refused_in_one_sentence(case, methods, repeated, message, capsys):
+    assert main(["benchopt", "new", "--methods", *methods, "--cases", *[case] * repeated]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1 and not Path("new").exists()
+
+
+def test_a_folder_in_use_is_refused(case, capsys):
+    Path("full").mkdir()
+    Path("full/file").touch()
+    assert main(["benchopt", "full", "--methods", "fast", "--cases", case]) == 2
+    assert "full exists; give a new or an empty folder" in capsys.readouterr().err
+
+
+def test_benchopt_finds_the_same_figures(case):
+    pytest.importorskip("benchopt", reason="the extra hubs is not installed")
+    assert main(["benchopt", "out/ball", "--methods", *METHODS, "--cases", case]) == 0
+    arguments = ["-m", "benchopt", "run", "out/ball", "--no-plot", "--max-runs", "1"]
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+    [results] = Path("out/ball/outputs").glob("*.parquet")
+    found = pd.read_parquet(results).set_index("solver_name")
+    [source] = read_cases([case])
+    task = instantiate(source.source)
+    for method in read_methods(METHODS, blocks={}):
+        for name, value in measure(task, attempt(method.config, task, seed=0).vertices).items():
+            if value is not None:
+                assert found.at[method.label, f"objective_{name}"] == value
