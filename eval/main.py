@@ -33,6 +33,7 @@ COMMANDS = {
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
     "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
+    "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 

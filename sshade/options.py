@@ -120,6 +120,9 @@ class Options:
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.
+    warp : str
+        Whether the result interpolates between handles instead of solving for an elastic shape: where handles
+        determine the deformation, everywhere, or nowhere. With `never`, dense handles may fight the volume.
     accelerate, coarser_start, polish : bool
         Fixed for each method: quasi-Newton steps instead of plain iterations, a proxy solve initialised on a
         coarser proxy, and a second solve at full resolution.
@@ -149,6 +152,7 @@ class Options:
     proxy_stiffness: float = _option(1.0, "(0, 1]", FINE)
     polish_iterations: int = _option(0, "[0, inf)", FINE)
     polish_seconds: float | None = _option(None, "[0, inf]", FINE)
+    warp: Any = _option("auto", "auto always never", FAST)
     accelerate: bool = _option(True, "", ())
     coarser_start: bool = _option(False, "", ())
     polish: bool = _option(False, "", ())
@@ -169,6 +173,7 @@ class Options:
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
     "Energy": ("volume", "area", "stiffness", "strain", "strain_limit", "attachment", "bending"),
+    "Warp": ("warp",),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start"),
     "Polish": ("proxy_attachment", "proxy_stiffness", "polish_iterations", "polish_seconds"),

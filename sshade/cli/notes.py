@@ -45,6 +45,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     unused, flat = facts.get("unused", 0), facts["faces_without_area"]
     dropped = facts.get("duplicates", 0) + facts.get("collapsed", 0)
     turned, copies, one_sided = (facts.get(name, 0) for name in ("turned", "copies", "one_sided"))
+    warped = facts.get("warped", 0.0)
     rigid, unconstrained = facts.get("rigid", 0), facts.get("unconstrained", 0)
     bent = facts.get("components", 1) - rigid
     percent = {
@@ -56,6 +57,10 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"{facts.get('tolerance', 0):.2g} of the diagonal from their common place)": near,
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
+        "the handles determine the shape, which interpolates between them: --warp never deforms it "
+        "elastically instead": warped == 1,
+        f"the handles determine {100 * warped:.0f} % of the surface, which interpolates between them: --warp "
+        "never deforms all of it elastically": 0 < warped < 1,
         **_on_samples(
             facts["samples"],
             facts["asked"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -13,10 +14,11 @@ from sshade.errors import InputError
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
-from sshade.pipeline.components import by_components
+from sshade.pipeline.components import NO_PROXY, by_components
 from sshade.pipeline.engine import deform_once
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import has_regions
+from sshade.pipeline.warp import find_warp
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles
 
@@ -66,7 +68,17 @@ def deform_task(
     whole, handles = resolve(method, values), task.handles
     if handles.slide is not None and any(s and s.free for s in handles.slide[~handles.has_rotation]):
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
+    warp, begin = None, perf_counter()
+    if "warp" in accepted(method) and (warp := find_warp(task, whole.warp, progress=progress)) is not None:
+        seconds = {"warp": perf_counter() - begin}
+        if warp.portion == 1.0:
+            facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
+            return DeformationResult(warp.vertices, 0, True, seconds, facts)
+        values = {**values, **warp.constraints(whole)}
     result = by_components(task, deform_component, whole, progress=progress)
+    if warp is not None:
+        seconds, facts = {**result.seconds, **seconds}, {**result.extra, "warped": warp.portion}
+        result = replace(result, vertices=warp.blend(result.vertices), seconds=seconds, extra=facts)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}

@@ -21,7 +21,7 @@ METHODS = [name for name in methods("", "peer") if name != "identity"]
 SOFT = {"peer/slim": 1e-2, "peer/neo_hookean": 2e-2}
 NEAR = 5e-2
 #: Linear fields move with their handles but do not turn with them: faces between two regions may flip.
-LINEAR = {"peer/harmonic", "peer/biharmonic"}
+LINEAR = {"peer/harmonic", "peer/biharmonic", "peer/rbf"}
 #: Edges change at most by so much more than with ARAP: those of a coarse proxy beside a region that moves.
 MORE = 3.0
 

@@ -68,6 +68,11 @@ def _with_regions() -> np.ndarray:
     return deform(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
 
 
+def _warped() -> np.ndarray:
+    index = np.arange(0, BODY.n, 8)
+    return deform(DeformationTask("warp", BODY, Handles(index, bent(BODY.V)[index])), warp="always").vertices
+
+
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
     """With few, closed balls are mended where regions touch in too little."""
     found = sample_proxy(mesh, vertices, seed=1)
@@ -141,6 +146,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "regions": _with_regions,
     "dragging": _dragged,
+    "warp": _warped,
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "sampling from coarse to fine": _sampled_coarsely,
     "cutting": _cut,

@@ -1,0 +1,222 @@
+"""Dense handles: errors and times of methods on smooth maps of space, ``sshade-eval warps``.
+
+A map moves every vertex of a mesh; random vertices are the handles, and the map is the ground truth
+everywhere. By default the mesh is a bumpy ellipsoid of 655,362 vertices. Constants of the methods were chosen
+on the maps `rigid`, `stretch`, `bend` and `grow`. The other maps are held out.
+
+examples:
+  sshade-eval warps
+  sshade-eval warps --mesh body.ply --handles 500 --maps spiral shear \\
+    --methods fast fine peer/rbf peer/biharmonic_coordinates elastic
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import igl
+import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from eval.publish.markdown import markdown_lines
+from eval.rows.files import ROWS
+from eval.rows.frame import to_frame, write_csv
+from eval.timing.cases import read_methods
+from sshade.cli.console import progress_bar
+from sshade.errors import InputError
+from sshade.io.meshes import read_mesh
+from sshade.mesh.mesh import Mesh
+from sshade.task import DeformationTask, Handles
+
+METHODS = ("fast", "elastic-fast=fast warp=never", "peer/rbf")
+HANDLES = (10, 50, 200, 1000, 5000)
+#: Subdivisions of an icosahedron for the default mesh, and for --quick.
+LEVEL, QUICK_LEVEL = 8, 6
+
+
+def rigid(x: np.ndarray) -> np.ndarray:
+    """Turn by 60 degrees about an oblique axis."""
+    return Rotation.from_rotvec(np.radians(60) * np.array([0.6, 0.0, 0.8])).apply(np.array(x)) + [0.3, 0.1, 0.0]
+
+
+def stretch(x: np.ndarray) -> np.ndarray:
+    """Stretch unevenly along the first axis."""
+    return x * [1.0, 0.9, 0.95] + np.column_stack([0.25 * x[:, 0] * (1 + x[:, 0]), 0 * x[:, 0], 0 * x[:, 0]])
+
+
+def bend(x: np.ndarray) -> np.ndarray:
+    """Bend the first axis by 70 degrees."""
+    return _bent(x, np.radians(70))
+
+
+def grow(x: np.ndarray) -> np.ndarray:
+    """Grow by 8.7 % of the volume, more at one end than at the other."""
+    return x * (1.028 + 0.05 * np.sin(2.0 * x[:, :1]))
+
+
+def twist(x: np.ndarray) -> np.ndarray:
+    """Twist about the first axis, by 90 degrees from end to end."""
+    a = np.radians(90) * x[:, 0]
+    y, z = x[:, 1], x[:, 2]
+    return np.column_stack([x[:, 0], y * np.cos(a) - z * np.sin(a), y * np.sin(a) + z * np.cos(a)])
+
+
+def shear(x: np.ndarray) -> np.ndarray:
+    """Shear, with waves across."""
+    return x + np.column_stack([0.3 * x[:, 1], 0.05 * np.sin(5 * x[:, 0]), 0.1 * x[:, 0] ** 2])
+
+
+def taper(x: np.ndarray) -> np.ndarray:
+    """Taper towards one end."""
+    return np.column_stack([x[:, 0], x[:, 1:] * (1 - 0.5 * x[:, :1])])
+
+
+def spiral(x: np.ndarray) -> np.ndarray:
+    """Bend by 45 degrees and twist by 60 degrees."""
+    a = np.radians(60) * x[:, 0]
+    y, z = x[:, 1], x[:, 2]
+    turned = np.column_stack([x[:, 0], y * np.cos(a) - z * np.sin(a), y * np.sin(a) + z * np.cos(a)])
+    return _bent(turned, np.radians(45))
+
+
+def _bent(x: np.ndarray, angle: float) -> np.ndarray:
+    """Bend the first axis, of length 1, to an arc."""
+    a, r = angle * x[:, 0], 1 / angle
+    return np.column_stack([(r + x[:, 1]) * np.sin(a), (r + x[:, 1]) * np.cos(a) - r, x[:, 2]])
+
+
+#: The maps of space by name; those in the second group are held out.
+CHOSEN: dict[str, Callable[[np.ndarray], np.ndarray]] = {f.__name__: f for f in (rigid, stretch, bend, grow)}
+HELD_OUT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    f.__name__: f for f in (twist, shear, taper, spiral)
+}
+MAPS = CHOSEN | HELD_OUT
+
+
+def ellipsoid(level: int) -> Mesh:
+    """Return a bumpy ellipsoid of 10 * 4^level + 2 vertices."""
+    g = (1 + np.sqrt(5)) / 2
+    V = np.array([[s, t * g, 0] for s in (-1, 1) for t in (-1, 1)], dtype=float)
+    V = np.concatenate([V, V[:, [2, 0, 1]], V[:, [1, 2, 0]]])
+    F = _outward(V, ConvexHull(V).simplices)
+    for _ in range(level):
+        V, F = igl.upsample(V, F)
+        V /= np.linalg.norm(V, axis=1, keepdims=True)
+    bumps = 1 + 0.06 * np.sin(5 * V[:, :1]) * np.cos(4 * V[:, 1:2] + 3 * V[:, 2:])
+    return Mesh(V * bumps * [0.5, 0.3, 0.25], F)
+
+
+def _outward(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Return triangles of a convex shape around the origin, turned outward."""
+    inward = np.linalg.det(V[F]) < 0
+    return np.where(inward[:, None], F[:, ::-1], F).astype(np.int64)
+
+
+def measure_warps(
+    mesh: Mesh, methods: list[str], maps: list[str], handles: list[int], *, seed: int = 0
+) -> list[dict[str, Any]]:
+    """Run methods on maps; return a row for each map, number of handles, and method.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape; the maps act on the shape scaled to a diagonal of 1 around its centre.
+    methods : list of str
+        Texts of choices, see :func:`eval.configure.compose.read_choice`.
+    maps : list of str
+        Keys of :data:`MAPS`.
+    handles : list of int
+        Numbers of handles.
+    seed : int
+        Of the choice of handles.
+    """
+    timed, rows = read_methods(methods, blocks={}), []
+    low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
+    mesh = Mesh((mesh.V - 0.5 * (low + high)) / np.linalg.norm(high - low), mesh.F)
+    order = np.random.default_rng(seed).permutation(mesh.n)
+    with progress_bar() as progress:
+        for name in maps:
+            truth = MAPS[name](mesh.V)
+            for count in handles:
+                index = order[:count]
+                for method in timed:
+                    progress(
+                        "runs", len(rows), len(maps) * len(handles) * len(timed), f"{name}, {method.label}"
+                    )
+                    task = DeformationTask(name, Mesh(mesh.V, mesh.F), Handles(index, truth[index]))
+                    rows.append({"map": name, "held_out": name in HELD_OUT, "handles": count})
+                    rows[-1] |= {"method": method.label, **_measured(method.on(task), mesh, truth)}
+    return rows
+
+
+def _measured(call: Callable[[], Any], mesh: Mesh, truth: np.ndarray) -> dict[str, Any]:
+    """Call a method; return its errors in percent of the diagonal and of the volume, and its CPU time."""
+    begin = process_time()
+    try:
+        result = call()
+    except (InputError, FloatingPointError) as error:
+        return {"failure": str(error)}
+    seconds = process_time() - begin
+    V = result.vertices
+    off = 100 * np.linalg.norm(V - truth, axis=1)
+    volume = Mesh(truth, mesh.F).volume
+    facts = {
+        "mean": off.mean(),
+        "largest": off.max(),
+        "cpu": seconds,
+        "warped": result.extra.get("warped", 0.0),
+    }
+    return facts | {"volume": 100 * (Mesh(V, mesh.F).volume / volume - 1)}
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the table of rows in Markdown."""
+    labels = [
+        "map",
+        "handles",
+        "method",
+        "mean error (%)",
+        "largest (%)",
+        "volume (%)",
+        "interpolated (%)",
+        "CPU (s)",
+    ]
+    body = []
+    for row in rows:
+        first = [row["map"] + (" (held out)" if row["held_out"] else ""), str(row["handles"]), row["method"]]
+        if "failure" in row:
+            body.append([*first, row["failure"], "", "", "", ""])
+            continue
+        numbers = [f"{row['mean']:.5f}", f"{row['largest']:.4f}", f"{row['volume']:+.3f}"]
+        body.append([*first, *numbers, f"{100 * row['warped']:.0f}", f"{row['cpu']:.2f}"])
+    return "\n".join(markdown_lines(labels, body, left=("map", "method")))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
+    parser.add_argument("--methods", nargs="+", default=METHODS, metavar="METHOD")
+    parser.add_argument(
+        "--maps", nargs="+", choices=MAPS, default=list(MAPS), metavar="MAP", help=", ".join(MAPS)
+    )
+    parser.add_argument(
+        "--handles", nargs="+", type=int, default=HANDLES, metavar="N", help="numbers of handles"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the choice of handles (0)")
+    parser.add_argument("--quick", action="store_true", help="40,962 vertices instead of 655,362")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    mesh = read_mesh(options.mesh) if options.mesh else ellipsoid(QUICK_LEVEL if options.quick else LEVEL)
+    if min(options.handles) < 4 or max(options.handles) > mesh.n:
+        raise InputError(f"--handles takes numbers from 4 to the number of vertices, {mesh.n}")
+    rows = measure_warps(mesh, list(options.methods), options.maps, list(options.handles), seed=options.seed)
+    print(table(rows))  # noqa: T201
+    write_csv(ROWS.parent / "warps.csv", to_frame(rows))
+    return 0

@@ -1,0 +1,194 @@
+"""Warps: where dense handles determine the deformation, interpolate between them instead of solving.
+
+A handle is predicted if a smooth map through the other handles (:mod:`sshade.pipeline.interpolation`) comes
+near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
+
+- If all handles are predicted, the weight is 1 everywhere: handles that scale, shear or bend a shape smoothly
+  determine it however few they are, from eight on.
+- Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
+
+In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
+follow the interpolation, too. Handles of posed bodies are neither dense nor predicted, and the weight is 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sshade.errors import InputError
+from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.unconstrained import move_rigidly, without_handles
+from sshade.options import Options
+from sshade.pipeline.interpolation import fit_splines, interpolate
+from sshade.progress import Progress, silent
+from sshade.task import DeformationTask
+
+#: Least number of handles, without clusters, that can determine a deformation.
+LEAST = 8
+#: Largest number of splines.
+SPLINES = 2000
+#: Portion of handles in a set without clusters, below which handles lie in clusters.
+CLUSTERED = 0.6
+#: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
+PROBES, NEARLY_ALL = 20_000, 0.95
+#: Distance to the nearest handle, as a fraction of the square root of the area: handles are dense up to the
+#: first and sparse from the second.
+DENSE, SPARSE = 0.05, 0.1
+#: Error of a prediction over the distance to other handles, up to which a handle is predicted, and from which
+#: on it is not.
+SURE, UNSURE = 0.03, 0.15
+#: The same for all handles: mean error (root mean square) over the mean motion that is not rigid.
+ALL_SURE, ALL_UNSURE = 0.05, 0.3
+#: Largest weight of volume and area where half of the area is interpolated.
+YIELDING = 0.1
+#: Largest distance of a weight from 1 that is rounding.
+ROUNDING = 1e-9
+#: Motion that is not rigid, as a fraction of the diagonal, up to which handles move rigidly.
+RIGID = 1e-7
+
+
+class Warp(NamedTuple):
+    """The interpolation between the handles of a task.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        Interpolated positions, with handles on their targets.
+    weight : (n,) float64
+        How much each vertex follows the interpolation, from 0 to 1.
+    portion : float
+        Mean weight over the area.
+    """
+
+    vertices: np.ndarray
+    weight: np.ndarray
+    portion: float
+
+    def constraints(self, options: Options) -> dict[str, float]:
+        """Return weights of the constraints with which an elastic deformation gives way to the handles."""
+        largest = YIELDING * (1 - self.portion) / self.portion
+        return {name: min(getattr(options, name), largest) for name in ("volume", "area")}
+
+    def blend(self, V: np.ndarray) -> np.ndarray:
+        """Return the weighted mean of the interpolation and elastically deformed positions V (n, 3)."""
+        return V + self.weight[:, None] * (self.vertices - V)
+
+
+def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) -> Warp | None:
+    """Interpolate between handles that determine a deformation.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    mode : {"auto", "always", "never"}
+        Whether the weight follows from the handles, is 1, or is 0.
+    progress : Progress
+
+    Returns
+    -------
+    Warp or None
+        None if the weight is 0 everywhere.
+
+    Raises
+    ------
+    InputError
+        If `mode` is "always", and handles are soft, slide, prescribe rotations, or are fewer than four.
+    """
+    handles, mesh = task.handles, task.mesh
+    plain = handles.hard.all() and handles.slide is None and handles.prescribed_rotations is None
+    if mode == "never" or (mode == "auto" and (not plain or len(handles) < LEAST)):
+        return None
+    if not plain:
+        raise InputError("a warp interpolates hard handles; leave out weights, slides and rotations")
+    x, y = _different(mesh.V[handles.index] - mesh.origin, handles.target)
+    if len(x) < 4:
+        raise InputError(f"a warp needs handles at four places; there are {len(x)}")
+    root = float(np.sqrt(mesh.area))
+    spacing = _distance_to_handles(task) / root
+    thinned = _thinned(x, 0.5 * spacing * root)
+    R, t = rigid_motion(x, y)
+    bent = np.linalg.norm(x @ R.T + t - y, axis=1)
+    if mode == "auto" and (bent.max() <= RIGID * mesh.diagonal or len(thinned) < LEAST or _are_regions(task)):
+        return None
+    spread = np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)
+    splines = fit_splines(x, y, thinned, thinned[spread])
+    reliable = np.ones(len(spread))
+    if mode == "auto":
+        alone = splines.left_out
+        if len(thinned) < CLUSTERED * len(x):  # a handle says nothing of other handles in its cluster
+            alone = fit_splines(x[thinned], y[thinned], np.arange(len(thinned)), spread).left_out
+        apart = cKDTree(x[thinned]).query(x[thinned[spread]], k=4)[0][:, 1:].mean(axis=1)
+        all_sure = _falling(_root_mean_square(alone) / _root_mean_square(bent[thinned]), ALL_SURE, ALL_UNSURE)
+        dense = _falling(spacing, DENSE, SPARSE)
+        reliable = np.maximum(all_sure, dense * _falling(alone / apart, SURE, UNSURE))
+        if not reliable.any():
+            return None
+    progress("warp", 0, 1)
+    V, weight = interpolate(splines, mesh.V - mesh.origin, reliable)
+    V[handles.index] = handles.target
+    if task.carry_unconstrained:
+        move_rigidly(mesh, V, without_handles(mesh, handles.index))
+    progress("warp", 1, 1)
+    weight = np.minimum(weight, 1.0)
+    weight[weight > 1 - ROUNDING] = 1.0
+    area = mesh.vertex_areas
+    return Warp(V, weight, 1.0 if (weight == 1.0).all() else float(weight @ area / area.sum()))
+
+
+def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (k, 3) of handles, each once, and the mean targets there."""
+    places, which, count = np.unique(x, axis=0, return_inverse=True, return_counts=True)
+    if len(places) == len(x):
+        return x, y
+    mean = np.zeros_like(places)
+    np.add.at(mean, which.ravel(), y)
+    return places, mean / count[:, None]
+
+
+def _are_regions(task: DeformationTask) -> bool:
+    """Whether most handles lie inside of handle regions: all their faces have handles at all corners."""
+    index, F = task.handles.index, task.mesh.F
+    handle = np.zeros(task.mesh.n, dtype=bool)
+    handle[index] = True
+    corners = handle[F]
+    edge = np.unique(F[~corners.all(axis=1)][corners[~corners.all(axis=1)]])
+    return 2 * len(edge) < len(index)
+
+
+def _distance_to_handles(task: DeformationTask) -> float:
+    """Return the distance to the nearest handle that nearly all of the surface has at most."""
+    mesh = task.mesh
+    probes = np.linspace(0, mesh.n - 1, min(PROBES, mesh.n)).astype(np.int64)
+    distance, _ = cKDTree(mesh.V[task.handles.index]).query(mesh.V[probes])
+    order, area = np.argsort(distance), mesh.vertex_areas[probes]
+    below = np.cumsum(area[order]) / area.sum()
+    return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
+
+
+def _thinned(x: np.ndarray, radius: float) -> np.ndarray:
+    """Return points (t,) of a set in which no two are nearer than a radius."""
+    near = cKDTree(x).query_pairs(radius, output_type="ndarray")
+    if not len(near):
+        return np.arange(len(x))
+    near = np.sort(near, axis=1)
+    near = near[np.argsort(near[:, 1], kind="stable")]
+    kept = np.ones(len(x), dtype=bool)
+    # A point is dropped if an earlier point that is kept is near; pairs are in the order of the later point.
+    for first, second in near.tolist():
+        if kept[first]:
+            kept[second] = False
+    return np.flatnonzero(kept)
+
+
+def _root_mean_square(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _falling(values: np.ndarray | float, low: float, high: float) -> np.ndarray:
+    """Fall smoothly from 1 at `low` to 0 at `high`, over the logarithms of values."""
+    position = np.log(np.maximum(values, low) / low) / np.log(high / low)
+    position = np.minimum(position, 1.0)
+    return 1 - position * position * (3 - 2 * position)

@@ -1,0 +1,116 @@
+"""Warps: exact where they must be, as SciPy interpolates, and only where handles determine the shape."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import RBFInterpolator
+
+from sshade import DeformationTask, Handles, InputError, Mesh, Slide, deform
+from sshade.pipeline.interpolation import fit_splines, interpolate
+from sshade.pipeline.warp import find_warp
+from tests.shapes import bent, block, bumpy, icosphere, rotation, torus
+
+BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
+
+
+def turned(V: np.ndarray) -> np.ndarray:
+    return V @ rotation().T + [3.0, 1.0, 2.0]
+
+
+def task(f, count=400, *, mesh=BODY, seed=0, **changes) -> DeformationTask:
+    """Random vertices as handles, moved by a map of space."""
+    index = np.random.default_rng(seed).choice(mesh.n, count, replace=False)
+    return DeformationTask("warp", mesh, Handles(index, f(mesh.V)[index], **changes))
+
+
+def off(result, f, mesh=BODY) -> float:
+    return float(np.abs(result.vertices - f(mesh.V)).max()) / mesh.diagonal
+
+
+@pytest.mark.parametrize("f", [turned, lambda V: V * [1.3, 1, 0.8] + V[:, [1, 2, 0]] * [0, 0.2, 0] + 3])
+def test_affine_maps_are_exact(f):
+    for count in (12, 60, 400):
+        assert off(deform(task(f, count), warp="always"), f) < 1e-9
+
+
+def test_a_spline_is_the_one_of_scipy_and_its_error_at_a_left_out_point_too():
+    x = np.random.default_rng(1).uniform(-1, 1, (30, 3))
+    y, V = bent(x), np.random.default_rng(2).uniform(-0.7, 0.7, (200, 3))
+    every = np.arange(len(x))
+    splines = fit_splines(x, y, every, every)
+    oracle = RBFInterpolator(x, y, kernel="cubic", degree=1)(V)
+    assert np.abs(interpolate(splines, V, np.ones(len(x)))[0] - oracle).max() < 2e-5
+    for point in (0, 7):
+        rest = every != point
+        without = RBFInterpolator(x[rest], y[rest], kernel="cubic", degree=1)(x[point : point + 1])[0]
+        assert splines.left_out[point] == pytest.approx(np.linalg.norm(without - y[point]), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["fast", "fine"])
+def test_dense_handles_are_not_fought(method):
+    def grown(V):
+        return V * (1.05 + 0.05 * np.sin(V[:, :1]))
+
+    dense = task(grown)
+    found = deform(dense, method=method)
+    assert found.extra["warped"] == 1 and off(found, grown) < 5e-4
+    assert off(deform(dense, method=method, warp="never"), grown) > 5e-3
+    assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
+
+
+def test_between_dense_and_sparse_the_result_blends():
+    portions = [
+        getattr(find_warp(task(bent, count), "auto"), "portion", 0.0) for count in (10, 16, 24, 40, 80)
+    ]
+    assert portions[0] < 0.5 and portions[-1] == 1 and any(0 < portion < 1 for portion in portions)
+    between = task(bent, (10, 16, 24, 40, 80)[[0 < p < 1 for p in portions].index(True)])
+    elastic, mixed, warped = (deform(between, warp=mode) for mode in ("never", "auto", "always"))
+    assert mixed.extra["proxy_vertices"] > 0
+    assert np.array_equal(mixed.vertices[between.handles.index], between.handles.target)
+    assert off(warped, bent) < off(mixed, bent) < off(elastic, bent)
+
+
+def ends_and_more(V, index):
+    target = V[index].copy()
+    target[V[index, 0] > 1] = turned(target[V[index, 0] > 1])
+    return Handles(index, target)
+
+
+@pytest.mark.parametrize(
+    "handles",
+    [
+        lambda V: ends_and_more(V, np.flatnonzero(np.abs(V[:, 0]) > 1.2)),  # regions
+        lambda V: ends_and_more(V, np.arange(0, len(V), len(V) // 20)),  # points, one half is turned
+        lambda V: Handles(np.arange(300), V[:300] * 1.2, weight=5.0),
+        lambda V: Handles(np.arange(300), V[:300] * 1.2, slide=Slide.plane([0, 0, 1])),
+        lambda V: Handles(np.arange(300), turned(V[:300])),
+    ],
+)
+def test_other_handles_deform_elastically(handles):
+    assert find_warp(DeformationTask("elastic", BODY, handles(BODY.V)), "auto") is None
+
+
+def test_any_mesh_is_warped():
+    ring = torus(40, 20)
+    open_ring = Mesh(ring.V, ring.F[:-20])
+    bowtie = Mesh(BODY.V, np.concatenate([BODY.F, [[0, 900, 1800]]]))
+    thin = BODY.V.copy()
+    thin[BODY.F[0, 0]] = thin[BODY.F[0, 1]] + 1e-13
+    plate = np.ones((11, 21, 1), dtype=bool)
+    plate[1::2, 1::2] = False
+    of_genus_50 = Mesh(block(plate).V / 10, block(plate).F)
+    assert of_genus_50.topology.euler == 2 - 2 * 50
+    for mesh in (open_ring, bowtie, Mesh(thin, BODY.F), bumpy(3), of_genus_50):
+        assert off(deform(task(bent, 300, mesh=mesh)), bent, mesh) < 2e-3
+
+
+def test_flat_handles():
+    flat = np.flatnonzero(np.abs(BODY.V[:, 2]) < 1e-12)
+    lying = DeformationTask("flat", BODY, Handles(flat, turned(BODY.V)[flat]))
+    assert off(deform(lying, warp="always"), turned) < 1e-9
+
+
+def test_refused():
+    with pytest.raises(InputError, match="leave out weights, slides and rotations"):
+        deform(task(bent, weight=3.0), warp="always")
+    with pytest.raises(InputError, match="a warp needs handles at four places; there are 3"):
+        deform(task(bent, 3), warp="always")
