@@ -51,6 +51,15 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     percent = {
         name: f"{100 * facts.get(name, 0):.2g} % of the diagonal" for name in ("gap", "side_gap", "opening")
     }
+    on_samples = {}
+    if warped < 1:
+        on_samples = _on_samples(
+            facts["samples"],
+            facts["asked"],
+            facts["options"]["coarser"],
+            components=bent,
+            one_sided=one_sided > 0,
+        )
     found = {
         f"{doubled} vertices share their place with another vertex, and move with it": doubled,
         f"{near} vertices lie near another vertex, and move with it (at most "
@@ -61,13 +70,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         "elastically instead": warped == 1,
         f"the handles determine {100 * warped:.0f} % of the surface, which interpolates between them: --warp "
         "never deforms all of it elastically": 0 < warped < 1,
-        **_on_samples(
-            facts["samples"],
-            facts["asked"],
-            facts["options"]["coarser"],
-            components=bent,
-            one_sided=one_sided > 0,
-        ),
+        **on_samples,
         f"{flat} faces without area were slightly enlarged": flat,
         f"{dropped} faces that repeat a vertex or another face were ignored": dropped,
         f"{unused} vertices without a face stay at their places": unused,

@@ -71,7 +71,7 @@ def deform_task(
     warp, begin = None, perf_counter()
     if "warp" in accepted(method) and (warp := find_warp(task, whole.warp, progress=progress)) is not None:
         seconds = {"warp": perf_counter() - begin}
-        if warp.portion == 1.0:
+        if warp.portion == 1.0 and warp.exact:
             facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
             return DeformationResult(warp.vertices, 0, True, seconds, facts)
         values = {**values, **warp.constraints(whole)}

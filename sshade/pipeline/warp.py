@@ -8,7 +8,8 @@ near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (inte
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
-follow the interpolation, too. Handles of posed bodies are neither dense nor predicted, and the weight is 0.
+follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Handles of posed
+bodies are neither dense nor predicted, and the weight is 0.
 """
 
 from __future__ import annotations
@@ -61,11 +62,14 @@ class Warp(NamedTuple):
         How much each vertex follows the interpolation, from 0 to 1.
     portion : float
         Mean weight over the area.
+    exact : bool
+        Whether the result follows the interpolation; otherwise volume and area alone do.
     """
 
     vertices: np.ndarray
     weight: np.ndarray
     portion: float
+    exact: bool
 
     def constraints(self, options: Options) -> dict[str, float]:
         """Return weights of the constraints with which an elastic deformation gives way to the handles."""
@@ -74,7 +78,7 @@ class Warp(NamedTuple):
 
     def blend(self, V: np.ndarray) -> np.ndarray:
         """Return the weighted mean of the interpolation and elastically deformed positions V (n, 3)."""
-        return V + self.weight[:, None] * (self.vertices - V)
+        return V + self.weight[:, None] * (self.vertices - V) if self.exact else V
 
 
 def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) -> Warp | None:
@@ -98,10 +102,11 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         If `mode` is "always", and handles are soft, slide, prescribe rotations, or are fewer than four.
     """
     handles, mesh = task.handles, task.mesh
-    plain = handles.hard.all() and handles.slide is None and handles.prescribed_rotations is None
+    plain = handles.slide is None and handles.prescribed_rotations is None
     if mode == "never" or (mode == "auto" and (not plain or len(handles) < LEAST)):
         return None
-    if not plain:
+    exact = bool(handles.hard.all())
+    if not (plain and exact) and mode == "always":
         raise InputError("a warp interpolates hard handles; leave out weights, slides and rotations")
     x, y = _different(mesh.V[handles.index] - mesh.origin, handles.target)
     if len(x) < 4:
@@ -135,7 +140,7 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     weight = np.minimum(weight, 1.0)
     weight[weight > 1 - ROUNDING] = 1.0
     area = mesh.vertex_areas
-    return Warp(V, weight, 1.0 if (weight == 1.0).all() else float(weight @ area / area.sum()))
+    return Warp(V, weight, 1.0 if (weight == 1.0).all() else float(weight @ area / area.sum()), exact)
 
 
 def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
