@@ -73,7 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=REST, handles=HANDLES)
     method = "fast (default), fine, fine_free, paper or paper_plain, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
-    add_options(parser, OPTIONS)
+    further = ("method", "weight", "raw", "carry_unconstrained")
+    add_options(parser, OPTIONS, further=further)
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
@@ -91,6 +92,10 @@ def command(options: argparse.Namespace) -> int:
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
+    if options.from_file:
+        of_file = {name: value for name, value in options.from_file.items() if name in OPTIONS}
+        with naming(options.options):
+            resolve(options.method, of_file)
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
@@ -141,6 +146,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     facts["snap"] = float(handles.snap_distance.max())
     for note in [
         *rounded,
+        *_unused_options(options, given),
         *handle_notes(given, handles, mesh),
         *notes({**result.extra, **whole.facts, **facts}),
     ]:
@@ -151,3 +157,12 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
+
+
+def _unused_options(options: argparse.Namespace, given: HandleFile) -> list[str]:
+    """Return a note if the options that the editor saved in the handle file differ from the options used."""
+    differ = [name for name, value in given.made.items() if getattr(options, name, value) != value]
+    if not differ or options.options is not None:
+        return []
+    how = f"pass --options {options.handles} to use them"
+    return [f"{options.handles} was saved with other values of {', '.join(differ)}; {how}"]

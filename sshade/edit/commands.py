@@ -193,7 +193,7 @@ class Commands:
             "undo": session.history.can_undo,
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
-            "command": session.document.command(state.settings),
+            "command": session.document.command,
         }
         return packet(facts, arrays)
 

@@ -77,7 +77,7 @@ class Session:
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))
         self._revision, self._number = 0, 1
-        self._saved: tuple[Group, ...] = ()
+        self._saved: tuple[tuple[Group, ...], Settings] = (), settings
         self._lock, self._following = RLock(), RLock()
         self._follower = Follower(mesh)
         #: Whether the handles moved since the last step of a drag.
@@ -100,8 +100,11 @@ class Session:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved."""
-        return bool(self.state.groups) and self.state.groups is not self._saved
+        """Whether there are groups that were not saved, or not with the current settings."""
+        groups, settings = self._saved
+        return bool(self.state.groups) and (
+            self.state.groups is not groups or self.state.settings != settings
+        )
 
     # Actions that can be undone.
 
@@ -333,7 +336,7 @@ class Session:
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
             self.document.write_handles(self.state, path)
-            self._saved = self.state.groups
+            self._saved = self.state.groups, self.state.settings
         return path, ()
 
     # Helpers.
@@ -344,7 +347,7 @@ class Session:
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
         self._push(state)
-        self._saved, self._jumped = groups, True
+        self._saved, self._jumped = (groups, state.settings), True
 
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""

@@ -133,7 +133,8 @@ class Settings(NamedTuple):
     @property
     def constraints(self) -> dict[str, float]:
         """Options of `fast` and `fine` that switch constraints off."""
-        return {name: 0.0 for name in ("volume", "area") if not getattr(self, name)}
+        names = () if self.method == "paper" else ("volume", "area")
+        return {name: 0.0 for name in names if not getattr(self, name)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +14,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import LONGEST, require_known
+from sshade.io.keys import LONGEST, require_known, unique_keys
 from sshade.io.points import as_array, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.text import decoded
@@ -89,11 +90,14 @@ class HandleFile(NamedTuple):
         Whether targets stay as the file has them; see :meth:`sshade.Handles.from_positions`.
     implicit_arap : bool
         Whether positions are in the coordinates of Implicit-ARAP.
+    made : mapping
+        Options that the editor recorded.
     """
 
     entries: list[Entry]
     raw: bool
     implicit_arap: bool = False
+    made: Mapping[str, Any] = {}
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
@@ -121,7 +125,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
 def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
     """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
     try:
-        data = json.loads(decoded(content), object_pairs_hook=_object)
+        data = json.loads(decoded(content), object_pairs_hook=unique_keys)
     except (ValueError, RecursionError, InputError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(f"not readable as JSON ({why})") from error
@@ -138,17 +142,8 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
                 entries.append(_entry(number, entry, kind == "dynamic", moves=moves)._replace(slide=slide))
     if not entries:
         raise InputError(NO_HANDLES)
-    return HandleFile(entries, raw)
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object whose keys differ."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
-    return found
+    made = data.get("made")
+    return HandleFile(entries, raw, made=made if isinstance(made, dict) else {})
 
 
 def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) -> Entry:
