@@ -111,9 +111,12 @@ class Document:
             return self._groups(file, first)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
-        """Read the groups of a handle file in this project's JSON; messages call it `name`."""
+        """Read the groups of a handle file in this project's JSON; messages call it `name`.
+
+        The paths of surfaces in it are relative to the folder of the saved handles.
+        """
         with naming(name):
-            return self._groups(parsed_handle_file(content), first)
+            return self._groups(parsed_handle_file(content, folder=self.outputs["handles"].parent), first)
 
     def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)

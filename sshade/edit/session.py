@@ -177,7 +177,9 @@ class Session:
             self._jumped = True
 
     def alter(self, number: int, **fields: Any) -> None:
-        """Change the ``kind``, ``weight`` (inf for hard) or ``name`` of a group.
+        """Change the ``kind``, ``weight`` (inf for hard), ``slide`` or ``name`` of a group.
+
+        Another slide begins where the group is.
 
         Raises
         ------
@@ -185,7 +187,17 @@ class Session:
             See :class:`sshade.edit.state.Group`.
         """
         with self._lock:
+            if "slide" in fields:
+                fields["target"] = self.state.place(self.state.group(number))
             self._push(self.state.changed(number, **fields))
+            self._jumped |= "slide" in fields
+
+    def normal(self, number: int) -> np.ndarray:
+        """Return the mean normal (3,) of the rest shape at a group, of any length; z if the mean is 0."""
+        own = np.isin(self.mesh.F, self.state.group(number).vertices).any(axis=1)
+        a, b, c = self.mesh.V[self.mesh.F[own]].transpose(1, 0, 2)
+        mean = np.cross(b - a, c - a).sum(axis=0)
+        return mean if mean.any() else np.array([0.0, 0.0, 1.0])
 
     def set_up(self, settings: Settings) -> None:
         """Change the method or the constraints."""

@@ -220,10 +220,6 @@ def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
     """Return the slide of an entry, or :data:`REST`."""
     if "free" not in entry and "slide" not in entry:
         return None
-    # Only files with slides need these modules and their compiled code.
-    from sshade.io.meshes import read_mesh
-    from sshade.slides import Slide
-
     if "free" in entry:
         if entry["free"] != "position":
             raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
@@ -231,8 +227,24 @@ def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
         if other or "rotation" not in entry:
             found = f'leave out "{other[0]}"' if other else 'give a "rotation"'
             raise InputError(f'"free": "position" leaves a rotation without a position; {found}')
+        from sshade.slides import Slide
+
         return Slide.anywhere()
-    slide = entry["slide"]
+    return parsed_slide(entry["slide"], folder)
+
+
+def parsed_slide(slide: Any, folder: Path) -> Slide | str:
+    """Return the value of "slide" in an entry as a Slide, or :data:`REST`; `folder` has its surface.
+
+    Raises
+    ------
+    InputError
+        On any other value, or when the file of the surface cannot be read.
+    """
+    # Only files with slides need these modules and their compiled code.
+    from sshade.io.meshes import read_mesh
+    from sshade.slides import Slide
+
     form = '"slide" takes one of {"plane": normal}, {"line": direction}, {"axes": "x"} and {"surface": path}'
     if not isinstance(slide, dict) or len(slide) != 1:
         raise InputError(form)
