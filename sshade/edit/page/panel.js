@@ -18,8 +18,8 @@ export function say(sentence) {
 
 // Ways in which a group moves, by the key of its slide.
 const SLIDES = {
-  "": "keeps its place", plane: "slides on a plane", line: "slides on a line", axes: "slides along axes",
-  rest: "slides on the rest surface", free: "rotation only",
+  "": "keeps its place", plane: "on a plane", line: "on a line", axes: "along axes",
+  rest: "on the rest surface", free: "rotation only",
 };
 
 // `ask(command, args)` sends a command; `choose(number)` moves the gizmo to a group.
@@ -92,9 +92,10 @@ export class Panel {
       button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
       button("rest", "move the group back to its rest positions", () => this.ask("restore", { group: number })),
       weight,
-      button("×", "remove the group", () => this.ask("remove", { group: number })),
     );
-    return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row, this.slide(group));
+    const slide = this.slide(group);
+    slide.append(button("×", "remove the group", () => this.ask("remove", { group: number })));
+    return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row, slide);
   }
 
   // A list of the ways in which the group moves, and the direction of its plane or line, or its axes.
@@ -102,7 +103,7 @@ export class Panel {
     const send = (value) => this.ask("alter", { group: number, slide: value });
     const [[key, value]] = slide === null ? [[""]] : slide === "free" ? [["free"]] : Object.entries(slide);
     const way = key === "surface" ? (value === "rest" ? "rest" : "file") : key;
-    const ways = way === "file" ? { ...SLIDES, file: `slides on ${value.split("/").pop()}` } : SLIDES;
+    const ways = way === "file" ? { ...SLIDES, file: `on ${value.split("/").pop()}` } : SLIDES;
     const select = element("select", { title: "how the group moves" },
       ...Object.entries(ways).map(([name, label]) => element("option", { value: name, textContent: label })));
     select.value = way;
