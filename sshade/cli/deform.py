@@ -122,7 +122,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
     if options.weight is not None:
-        handles = replace(handles, weight=np.where(handles.exact, options.weight, handles.weight))
+        softened = handles.exact & ~handles.free
+        handles = replace(handles, weight=np.where(softened, options.weight, handles.weight))
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():

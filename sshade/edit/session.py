@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from threading import RLock, Thread
 from typing import Any
@@ -189,6 +190,8 @@ class Session:
         with self._lock:
             if "slide" in fields:
                 fields["target"] = self.state.place(self.state.group(number))
+                if fields["slide"] is not None and fields["slide"].free:
+                    fields.setdefault("weight", inf)
             self._push(self.state.changed(number, **fields))
             self._jumped |= "slide" in fields
 

@@ -110,6 +110,8 @@ class Group:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
+        if self.slide is not None and self.slide.free and self.weight < inf:
+            raise InputError("a group with a rotation only has no weight; leave it empty")
 
     @property
     def rotation(self) -> np.ndarray | None:

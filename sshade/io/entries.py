@@ -206,13 +206,18 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     if isinstance(entry["rotation"], list) and len(entry["rotation"]) == 4:
         quaternion = as_array(entry["rotation"], '"rotation"', (4,), form)
         if abs(np.linalg.norm(quaternion) - 1) > UNIT:
-            raise InputError('"rotation" is no rotation: a quaternion has length 1')
+            length = f"{np.linalg.norm(quaternion):.4g}"
+            raise InputError(f'"rotation" is no rotation: a quaternion has length 1, not {length}')
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(quaternion).as_matrix()
     R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
-    with naming('"rotation" is no rotation'):
+    try:
         require_rotations(R[None])
+    except InputError as error:
+        why = "its rows must have length 1 and be perpendicular"
+        why = "it mirrors; its determinant must be 1" if np.linalg.det(R) < 0 else why
+        raise InputError(f'"rotation" is no rotation: {why}') from error
     return R
 
 
@@ -223,10 +228,11 @@ def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
     if "free" in entry:
         if entry["free"] != "position":
             raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
-        other = [key for key in ("target", "translation", "center", "slide") if key in entry]
-        if other or "rotation" not in entry:
-            found = f'leave out "{other[0]}"' if other else 'give a "rotation"'
-            raise InputError(f'"free": "position" leaves a rotation without a position; {found}')
+        if "rotation" not in entry:
+            raise InputError('"free": "position" needs a "rotation", the only thing that it prescribes')
+        for key in ("target", "translation", "center", "slide", "weight"):
+            if key in entry:
+                raise InputError(f'"free": "position" prescribes a "rotation" only; leave out "{key}"')
         from sshade.slides import Slide
 
         return Slide.anywhere()
@@ -255,12 +261,15 @@ def parsed_slide(slide: Any, folder: Path) -> Slide | str:
             direction = as_array(value, "the direction", (3,), "three numbers")
             return Slide.plane(direction) if kind == "plane" else Slide.line(direction)
         if not isinstance(value, str):
-            raise InputError("it is no text")
+            wanted = '"x" or "xz"' if kind == "axes" else f'the path of a mesh file, or "{REST}"'
+            raise InputError(f"it must be {wanted}, not {json.dumps(value)[:LONGEST]}")
         if kind == "axes":
             return Slide.axes(value)
         if value == REST:
             return REST
         path = (folder / value).resolve()
+        if not value or not path.exists():
+            raise InputError(f"{path}: there is no such file; the path is relative to the handle file")
         return Slide.on(read_mesh(path), name=str(path))
 
 
@@ -301,5 +310,5 @@ def _check_motion(entry: dict[str, Any], kind: str) -> None:
             raise InputError(f'give the motion either as "target" or as "{key}"')
     if "center" in entry and "rotation" not in entry:
         raise InputError('"center" needs a "rotation"')
-    if kind == "dynamic" and not any(key in entry for key in needed):
+    if kind == "dynamic" and "free" not in entry and not any(key in entry for key in needed):
         raise InputError(f"it is dynamic and has no {' or '.join(map(json.dumps, needed))}")

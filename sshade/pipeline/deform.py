@@ -64,7 +64,7 @@ def deform_task(
         return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
     whole, handles = resolve(method, values), task.handles
-    if handles.slide is not None and any(s and s.free for s in handles.slide[~handles.has_rotation]):
+    if (handles.free & ~handles.has_rotation).any():
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     result = by_components(task, deform_component, whole, progress=progress)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
