@@ -17,6 +17,14 @@ strongly as the surface resists. Beside targets, a rotation prescribes the rotat
 handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
 other unknown keys are refused.
 
+A group with one of these keys slides freely, on a plane or line through its targets or its rest positions:
+
+  "slide": {"plane": [x, y, z]}         plane with this normal
+  "slide": {"line": [x, y, z]}          line with this direction
+  "slide": {"axes": "xz"}               along one or two coordinate axes
+  "slide": {"surface": "chair.obj"}     surface of a mesh file; "rest" is the rest shape
+  "free": "position"                    anywhere: only the "rotation" of the group is prescribed
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -32,6 +40,7 @@ methods:
 examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
+  sshade deform body.ply pose.json -o posed.ply --options options.yaml
 """
 
 from __future__ import annotations
