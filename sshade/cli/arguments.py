@@ -155,14 +155,16 @@ def with_option_file(
 def _checked(name: str, value: Any) -> Any:
     """Return a valid value of a file of options, and raise InputError on any other."""
     option = described().get(name)
+    if name == "method" or (option is not None and option.choices):
+        if not isinstance(value, str):
+            raise InputError(f"{name} must be a name, not {value!r}")
+        return option.checked(name, value) if option else require_method(value)
     # YAML takes 1e-5 and inf for words.
-    if isinstance(value, str) and (option is None or option.interval) and name != "method":
+    if isinstance(value, str | int) and not isinstance(value, bool):
         with suppress(ValueError):
-            value = _number(value)
+            value = _number(str(value))
     if option is not None:
         return option.checked(name, value)
-    if name == "method":
-        return require_method(value)
     if name not in ("weight", "weld"):
         valid, values = isinstance(value, bool), "true or false"
     else:
@@ -177,8 +179,8 @@ def _checked(name: str, value: Any) -> Any:
 
 
 def _number(text: str) -> float:
-    """Convert a text to a number, and keep whole numbers as int for the checks of options."""
-    return int(text) if text.lstrip("-").isdigit() else float(text)
+    """Convert a text to a number, and keep whole numbers that a float can hold as int for later checks."""
+    return int(text) if text.lstrip("-").isdigit() and len(text) < 300 else float(text)
 
 
 def read(path: Path, output: Path | None = None) -> MeshFile:

@@ -57,4 +57,6 @@ def _parsed(text: str, *, is_json: bool) -> Any:
 
 
 def _reason(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
+    """Return the reason in one line, without the name that PyYAML gives a text."""
+    text = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
+    return "nested too deeply" if isinstance(error, RecursionError) else text
