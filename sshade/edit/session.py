@@ -189,9 +189,10 @@ class Session:
         """
         with self._lock:
             if "slide" in fields:
-                fields["target"] = self.state.place(self.state.group(number))
-                if fields["slide"] is not None and fields["slide"].free:
-                    fields.setdefault("weight", inf)
+                group, slide = self.state.group(number), fields["slide"]
+                fields["target"] = self.state.place(group)
+                if slide is not None and slide.free:
+                    fields = {**fields, "target": self.mesh.V[group.vertices], "weight": inf}
             self._push(self.state.changed(number, **fields))
             self._jumped |= "slide" in fields
 

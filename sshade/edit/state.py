@@ -110,13 +110,18 @@ class Group:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
-        if self.slide is not None and self.slide.free and self.weight < inf:
+        if self.is_free and self.weight < inf:
             raise InputError("a group with a rotation only has no weight; leave it empty")
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the position is free. The targets are then at rest, as files say, and have no effect."""
+        return self.slide is not None and self.slide.free
 
     @property
     def rotation(self) -> np.ndarray | None:
         """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
-        if self.turn is None and self.slide is not None and self.slide.free:
+        if self.turn is None and self.is_free:
             return np.eye(3)
         if self.turn is None or self.is_prescribed or self.slide is not None:
             return self.turn
@@ -212,7 +217,8 @@ class State:
         turn = group.turn
         if turn is not None or not np.array_equal(motion.R, np.eye(3)):
             turn = motion.R if turn is None else motion.R @ turn
-        return self.changed(number, target=motion(self.place(group)), turn=turn)
+        target = group.target if group.is_free else motion(self.place(group))
+        return self.changed(number, target=target, turn=turn)
 
     def marked(self, new: Group) -> State:
         """Return a state with another group, whose vertices leave the selection and all other groups."""
