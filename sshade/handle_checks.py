@@ -89,7 +89,12 @@ def first_of_each(
             raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
         if (weight != weight[earlier]).any():
             bad = int(np.argmax(weight != weight[earlier]))
-            raise InputError(f"vertex {index[bad]} has two weights; give each handle vertex one")
+            found = (
+                "is hard and soft"
+                if np.isinf([weight[bad], weight[earlier[bad]]]).any()
+                else "has two weights"
+            )
+            raise InputError(f"vertex {index[bad]} {found}; give each handle vertex one weight, or none")
         if rotation is not None:
             gap = np.nan_to_num(np.abs(rotation - rotation[earlier]).max(axis=(1, 2)))
             if (gap > ROTATION).any():

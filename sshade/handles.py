@@ -74,8 +74,8 @@ class Handles:
     ------
     InputError
         On wrong shapes, no handles, negative ids, targets that are not finite, weights that are not
-        positive, matrices that are not rotations, or one vertex with different targets, weights,
-        rotations or slides.
+        positive, weights of free positions, matrices that are not rotations, or one vertex with different
+        targets, weights, rotations or slides.
     """
 
     index: np.ndarray
@@ -113,7 +113,9 @@ class Handles:
             "rotation": checked_rotation(self.rotation, k),
             "slide": checked_slides(self.slide, k),
         }
-        kinds = fields["weight"], fields["rotation"], fields["slide"]
+        kinds = weight, _, slide = fields["weight"], fields["rotation"], fields["slide"]
+        if slide is not None and any(one and one.free for one in slide[np.isfinite(weight)]):
+            raise InputError("a handle with a free position has no weight; leave its weight out")
         first = first_of_each(index, target, *kinds, extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
@@ -137,6 +139,13 @@ class Handles:
         if self.slide is None:
             return np.zeros(len(self), dtype=bool)
         return np.array([slide is not None for slide in self.slide])
+
+    @property
+    def free(self) -> np.ndarray:
+        """(k,) bool: handles with a free position, which prescribe a rotation only."""
+        if self.slide is None:
+            return np.zeros(len(self), dtype=bool)
+        return np.array([slide is not None and slide.free for slide in self.slide])
 
     @property
     def exact(self) -> np.ndarray:

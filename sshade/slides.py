@@ -16,6 +16,8 @@ from sshade.mesh.mesh import Mesh
 
 #: Distance from a surface above which the offset of a point gives the normal, as a fraction of the diagonal.
 OFF_SURFACE = 1e-9
+#: Difference of a length from 1 that rounding explains.
+UNIT = 1e-15
 #: Search trees of surfaces. libigl complains about trees that outlive it.
 _TREES: WeakKeyDictionary[Mesh, tuple[Any, np.ndarray, np.ndarray, np.ndarray]] = WeakKeyDictionary()
 atexit.register(_TREES.clear)
@@ -173,7 +175,10 @@ def checked_slides(slide: Any, k: int) -> np.ndarray | None:
 def _direction(values: ArrayLike, name: str) -> np.ndarray:
     """Return a unit vector."""
     d = np.asarray(values, dtype=np.float64)
-    length = float(np.linalg.norm(d)) if d.shape == (3,) else 0.0
-    if not (0.0 < length < np.inf):
-        raise InputError(f"{name} is three finite numbers that are not all 0, not {values!r}")
-    return d / length
+    if d.shape != (3,) or not np.isfinite(d).all() or not d.any():
+        raise InputError(f"{name} is three finite numbers that are not all 0, not {d.tolist()}")
+    largest = np.abs(d).max()
+    d = d / largest if not 1e-9 < largest < 1e9 else d  # its square may overflow
+    length = float(np.linalg.norm(d))
+    # A unit vector stays as it is, so that files which are read and written again have the same slides.
+    return d if abs(length - 1) <= UNIT else d / length

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,9 @@ from sshade.cli.console import say
 from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile
-from sshade.io.files import check_output
-from sshade.options import NEAR, check_weld, described, help_text
+from sshade.io.files import check_output, naming
+from sshade.io.keys import require_known
+from sshade.options import NEAR, OLD_NAMES, check_weld, described, help_text, require_method
 
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
@@ -88,8 +90,22 @@ def _weld(text: str) -> float:
     return float(text)
 
 
-def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
-    """Declare an argument for each option; `defaults` replace the defaults of the methods."""
+def add_options(
+    parser: argparse.ArgumentParser, names: Iterable[str], *, further: Iterable[str] = (), **defaults: Any
+) -> None:
+    """Declare --options and an argument for each option.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    names : iterable of str
+    further : iterable of str
+        Other arguments that a file of options may have beside --weld and --repair.
+    **defaults
+        Values that replace the defaults of the methods.
+    """
+    names = tuple(names)
+    add_option_file(parser, (*names, *further, "weld", "repair"))
     for name in names:
         option, default = described()[name], defaults.get(name)
         about: dict[str, Any] = {"default": default, "help": help_text(name, default)}
@@ -102,9 +118,69 @@ def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **default
         parser.add_argument(f"--{name.replace('_', '-')}", **about)
 
 
+def add_option_file(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
+    """Declare --options, a file that may have values for some arguments; see :func:`with_option_file`."""
+    text = "file of option names and values (.yaml, .json), or a handle file that the editor saved; switches "
+    text += "on the command line take precedence"
+    parser.add_argument("--options", type=Path, metavar="FILE", help=text)
+    parser.set_defaults(names_in_file=tuple(names), from_file={})
+
+
+def with_option_file(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str]
+) -> argparse.Namespace:
+    """Return the parsed `arguments`, with the values of --options where no switch gives a value.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, a name is unknown to the command, or a value is out of its range.
+    """
+    path = options.options
+    if path is None:
+        return options
+    from sshade.io.option_files import read_option_file
+
+    with naming(path):
+        given = read_option_file(path)
+        for name in set(given) & set(OLD_NAMES):
+            raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")
+        require_known(given, options.names_in_file)
+        known = {name: given[name] for name in options.names_in_file if given.get(name) is not None}
+        values = {name: _checked(name, value) for name, value in known.items()}
+    parser.set_defaults(**values, from_file=values)
+    return parser.parse_args(arguments)
+
+
+def _checked(name: str, value: Any) -> Any:
+    """Return a valid value of a file of options, and raise InputError on any other."""
+    option = described().get(name)
+    if name == "method" or (option is not None and option.choices):
+        if not isinstance(value, str):
+            raise InputError(f"{name} must be a name, not {value!r}")
+        return option.checked(name, value) if option else require_method(value)
+    # YAML takes 1e-5 and inf for words.
+    if isinstance(value, str | int) and not isinstance(value, bool):
+        with suppress(ValueError):
+            value = _number(str(value))
+    if option is not None:
+        return option.checked(name, value)
+    if name not in ("weight", "weld"):
+        valid, values = isinstance(value, bool), "true or false"
+    else:
+        valid, values = isinstance(value, int | float) and not isinstance(value, bool), "a number"
+        if valid and name == "weld":
+            check_weld(value)
+        elif name == "weight":
+            valid, values = valid and value > 0, "a number above 0"
+    if not valid:
+        raise InputError(f"{name} must be {values}, not {value!r}")
+    return value
+
+
 def _number(text: str) -> float:
-    """Convert a text to a number, and keep whole numbers as int for the checks of options."""
-    return int(text) if text.lstrip("-").isdigit() else float(text)
+    """Convert a text to a number, and keep whole numbers that a float can hold as int for later checks."""
+    return int(text) if text.lstrip("-").isdigit() and len(text) < 300 else float(text)
 
 
 def read(path: Path, output: Path | None = None) -> MeshFile:

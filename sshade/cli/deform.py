@@ -17,6 +17,14 @@ strongly as the surface resists. Beside targets, a rotation prescribes the rotat
 handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
 other unknown keys are refused.
 
+A group with one of these keys slides freely, on a plane or line through its targets or its rest positions:
+
+  "slide": {"plane": [x, y, z]}         plane with this normal
+  "slide": {"line": [x, y, z]}          line with this direction
+  "slide": {"axes": "xz"}               along one or two coordinate axes
+  "slide": {"surface": "chair.obj"}     surface of a mesh file; "rest" is the rest shape
+  "free": "position"                    anywhere: only the "rotation" of the group is prescribed
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -32,6 +40,7 @@ methods:
 examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
+  sshade deform body.ply pose.json -o posed.ply --options options.yaml
 """
 
 from __future__ import annotations
@@ -73,7 +82,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=REST, handles=HANDLES)
     method = "fast (default), fine, fine_free, paper or paper_plain, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
-    add_options(parser, OPTIONS)
+    further = ("method", "weight", "raw", "carry_unconstrained")
+    add_options(parser, OPTIONS, further=further)
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
@@ -91,6 +101,10 @@ def command(options: argparse.Namespace) -> int:
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
+    if options.from_file:
+        of_file = {name: value for name, value in options.from_file.items() if name in OPTIONS}
+        with naming(options.options):
+            resolve(options.method, of_file)
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
@@ -117,7 +131,8 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
     if options.weight is not None:
-        handles = replace(handles, weight=np.where(handles.exact, options.weight, handles.weight))
+        softened = handles.exact & ~handles.free
+        handles = replace(handles, weight=np.where(softened, options.weight, handles.weight))
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
@@ -141,6 +156,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     facts["snap"] = float(handles.snap_distance.max())
     for note in [
         *rounded,
+        *_unused_options(options, given),
         *handle_notes(given, handles, mesh),
         *notes({**result.extra, **whole.facts, **facts}),
     ]:
@@ -151,3 +167,12 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
+
+
+def _unused_options(options: argparse.Namespace, given: HandleFile) -> list[str]:
+    """Return a note if the options that the editor saved in the handle file differ from the options used."""
+    differ = [name for name, value in given.made.items() if getattr(options, name, value) != value]
+    if not differ or options.options is not None:
+        return []
+    how = f"pass --options {options.handles} to use them"
+    return [f"{options.handles} was saved with other values of {', '.join(differ)}; {how}"]

@@ -2,11 +2,12 @@
 
 The page opens at a secret address of this machine; --no-browser only prints the address. HANDLES gives the
 first groups, as for `sshade deform`. The editor saves the handles and the deformed mesh beside MESH, or at
-the paths of -o and --handles-out. Then
+the paths of -o and --handles-out. The saved handle file also has the method and all options. Then
 
-  sshade deform MESH SAVED_HANDLES -o OUT
+  sshade deform MESH SAVED_HANDLES --options SAVED_HANDLES -o OUT
 
-computes the same shape. The program ends when the page is closed, by its button End, or by Ctrl-C.
+computes the same shape, and `sshade edit MESH SAVED_HANDLES --options SAVED_HANDLES` continues the session.
+The program ends when the page is closed, by its button End, or by Ctrl-C.
 
 examples:
   sshade edit body.ply
@@ -20,7 +21,14 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sshade.cli.arguments import CARRY, add_flags, add_mesh_and_handles, add_repair, check_outputs
+from sshade.cli.arguments import (
+    CARRY,
+    add_flags,
+    add_mesh_and_handles,
+    add_option_file,
+    add_repair,
+    check_outputs,
+)
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
@@ -32,6 +40,8 @@ if TYPE_CHECKING:
     from sshade.edit.server import Server
 
 
+#: Arguments that a file of options may have. The page switches volume and area.
+OPTIONS = ("method", "volume", "area", "carry_unconstrained", "weld", "repair")
 #: Largest time in seconds for a computation to end before the command does.
 PATIENCE = 10.0
 
@@ -49,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(inputs=("handles",))
     browser = "do not open a browser, only print the address"
     add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
+    add_option_file(parser, OPTIONS)
     add_repair(parser)
 
 
@@ -57,6 +68,11 @@ def command(options: argparse.Namespace) -> int:
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
     require_method(options.method)
+    for name in ("volume", "area"):
+        if options.from_file.get(name, 0) != 0:
+            raise InputError(
+                f"{options.options}: the editor keeps the {name} or not; {name} is 0 or left out"
+            )
     check_input(options.mesh, SUFFIXES)
     if options.handles is not None:
         read_handle_file(options.handles)
@@ -70,7 +86,8 @@ def _edit(options: argparse.Namespace) -> int:
     from sshade.edit.session import Session
     from sshade.edit.state import METHODS, Settings
 
-    settings = Settings(require_method(options.method, METHODS))
+    constrained = (name not in options.from_file for name in ("volume", "area"))
+    settings = Settings(require_method(options.method, METHODS), *constrained)
     files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
     with announced_compilation():
         further = {name: getattr(options, name) for name in ("carry_unconstrained", "weld", "repair")}

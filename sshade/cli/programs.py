@@ -144,4 +144,9 @@ class Program(NamedTuple):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(parser)
-        return module.command(parser.parse_args(arguments))
+        options = parser.parse_args(arguments)
+        if "names_in_file" in options:
+            from sshade.cli.arguments import with_option_file
+
+            options = with_option_file(parser, options, arguments)
+        return module.command(options)

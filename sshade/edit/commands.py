@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from math import inf, isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Motion, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
+from sshade.io.entries import REST, parsed_slide
 from sshade.options import require_method
 from sshade.progress import Progress, silent
+from sshade.slides import Slide
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -96,7 +99,10 @@ class Commands:
         }
         if "weight" in arguments:
             fields["weight"] = inf if arguments["weight"] is None else _numbers(arguments, "weight", ())
-        self._session.alter(_given(arguments, "group", int), **fields)
+        number = _given(arguments, "group", int)
+        if "slide" in arguments:
+            fields["slide"] = self._slide(number, arguments["slide"])
+        self._session.alter(number, **fields)
         return self._answer(*CHANGED)
 
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
@@ -139,6 +145,23 @@ class Commands:
             self._previews[drawn] = preview(self._session.mesh, drawn)
         return self._previews[drawn]
 
+    def _slide(self, number: int, given: Any) -> Slide | None:
+        """Return the slide of a group: none, "free" or in the form of handle files.
+
+        A plane or line without a direction gets the normal of the group. The page opens no files of surfaces.
+        """
+        if given is None:
+            return None
+        if given == "free":
+            return Slide.anywhere()
+        if isinstance(given, dict):
+            if given.get("surface", REST) != REST:
+                raise InputError(f'the page takes the surface "{REST}" only; open a handle file for another')
+            normal = self._session.normal(number).tolist()
+            given = {kind: normal if value is None else value for kind, value in given.items()}
+        slide = parsed_slide(given, Path())
+        return Slide.on(self._session.mesh, name=REST) if isinstance(slide, str) else slide
+
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
         quaternion = _numbers(arguments, "quaternion", (4,))
@@ -179,8 +202,9 @@ class Commands:
                 "name": group.name,
                 "kind": group.kind,
                 "vertices": len(group.vertices),
-                "pivot": ((group.target.mean(axis=0) - self._centre) / self._scale).tolist(),
+                "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
+                "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups
         ]
@@ -193,7 +217,7 @@ class Commands:
             "undo": session.history.can_undo,
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
-            "command": session.document.command(state.settings),
+            "command": session.document.command,
         }
         return packet(facts, arrays)
 

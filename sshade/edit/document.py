@@ -5,10 +5,11 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from sshade.edit.state import Group, Settings, State, groups_of
+from sshade.edit.state import Group, State, groups_of
 from sshade.errors import InputError
 from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
@@ -80,8 +81,9 @@ class Document:
         self._carry, self._file = carry, read_file(path)
         self.notes = self._file.notes
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
-        self._flags = [] if weld == NEAR else ["--weld", f"{weld:g}"]
-        self._flags += ["--repair"] * repair + ["--carry-unconstrained"] * carry
+        self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
+        self._flags |= {"repair": True} if repair else {}
+        self._flags |= {"carry_unconstrained": True} if carry else {}
         self.mesh = self._surface.mesh
         self._id = self._surface.original  # handle files name the first of the vertices at one place
 
@@ -109,9 +111,12 @@ class Document:
             return self._groups(file, first)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
-        """Read the groups of a handle file in this project's JSON; messages call it `name`."""
+        """Read the groups of a handle file in this project's JSON; messages call it `name`.
+
+        The paths of surfaces in it are relative to the folder of the saved handles.
+        """
         with naming(name):
-            return self._groups(parsed_handle_file(content), first)
+            return self._groups(parsed_handle_file(content, folder=self.outputs["handles"].parent), first)
 
     def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
@@ -159,11 +164,11 @@ class Document:
         self._replaceable.add(path.resolve())
 
     def write_handles(self, state: State, path: Path) -> None:
-        """Write the groups as a handle file; raise InputError when there are none."""
+        """Write the groups and all options as a handle file; raise InputError when there are no groups."""
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
         names = {number: group.name for number, group in enumerate(state.groups)}
-        made = {"method": state.settings.method, **state.settings.constraints}
+        made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
         write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
         self._propose("handles", path)
 
@@ -173,9 +178,9 @@ class Document:
         self._propose("mesh", path)
         return self._file.lost(path)
 
-    def command(self, settings: Settings) -> str:
-        """Return the command line that computes the same shape from the saved handles."""
-        method = [] if settings.method == Settings().method else ["--method", settings.method]
-        paths = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
-        constraints = [word for name in settings.constraints for word in (f"--{name}", "0")]
-        return shlex.join(["sshade", "deform", *paths, *method, *constraints, *self._flags])
+    @property
+    def command(self) -> str:
+        """Command line that computes the same shape from the saved handles and their options."""
+        handles = str(self.outputs["handles"])
+        words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
+        return shlex.join(["sshade", "deform", *words])

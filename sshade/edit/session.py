@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from threading import RLock, Thread
 from typing import Any
@@ -77,7 +78,7 @@ class Session:
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))
         self._revision, self._number = 0, 1
-        self._saved: tuple[Group, ...] = ()
+        self._saved: tuple[tuple[Group, ...], Settings] = (), settings
         self._lock, self._following = RLock(), RLock()
         self._follower = Follower(mesh)
         #: Whether the handles moved since the last step of a drag.
@@ -100,8 +101,11 @@ class Session:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved."""
-        return bool(self.state.groups) and self.state.groups is not self._saved
+        """Whether there are groups that were not saved, or not with the current settings."""
+        groups, settings = self._saved
+        return bool(self.state.groups) and (
+            self.state.groups is not groups or self.state.settings != settings
+        )
 
     # Actions that can be undone.
 
@@ -174,7 +178,9 @@ class Session:
             self._jumped = True
 
     def alter(self, number: int, **fields: Any) -> None:
-        """Change the ``kind``, ``weight`` (inf for hard) or ``name`` of a group.
+        """Change the ``kind``, ``weight`` (inf for hard), ``slide`` or ``name`` of a group.
+
+        Another slide begins where the group is.
 
         Raises
         ------
@@ -182,7 +188,20 @@ class Session:
             See :class:`sshade.edit.state.Group`.
         """
         with self._lock:
+            if "slide" in fields:
+                group, slide = self.state.group(number), fields["slide"]
+                fields["target"] = self.state.place(group)
+                if slide is not None and slide.free:
+                    fields = {**fields, "target": self.mesh.V[group.vertices], "weight": inf}
             self._push(self.state.changed(number, **fields))
+            self._jumped |= "slide" in fields
+
+    def normal(self, number: int) -> np.ndarray:
+        """Return the mean normal (3,) of the rest shape at a group, of any length; z if the mean is 0."""
+        own = np.isin(self.mesh.F, self.state.group(number).vertices).any(axis=1)
+        a, b, c = self.mesh.V[self.mesh.F[own]].transpose(1, 0, 2)
+        mean = np.cross(b - a, c - a).sum(axis=0)
+        return mean if mean.any() else np.array([0.0, 0.0, 1.0])
 
     def set_up(self, settings: Settings) -> None:
         """Change the method or the constraints."""
@@ -333,7 +352,7 @@ class Session:
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
             self.document.write_handles(self.state, path)
-            self._saved = self.state.groups
+            self._saved = self.state.groups, self.state.settings
         return path, ()
 
     # Helpers.
@@ -344,7 +363,7 @@ class Session:
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
         self._push(state)
-        self._saved, self._jumped = groups, True
+        self._saved, self._jumped = (groups, state.settings), True
 
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""

@@ -12,6 +12,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
+from sshade.slides import Slide
 
 Kind = Literal["static", "moving"]
 
@@ -83,6 +84,8 @@ class Group:
         How far the group was turned.
     is_prescribed : bool
         Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
+    slide : Slide, optional
+        Set on which the vertices slide; None keeps them at their targets.
 
     Raises
     ------
@@ -98,6 +101,7 @@ class Group:
     weight: float = inf
     turn: np.ndarray | None = None
     is_prescribed: bool = False
+    slide: Slide | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("static", "moving"):
@@ -106,11 +110,20 @@ class Group:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
+        if self.is_free and self.weight < inf:
+            raise InputError("a group with a rotation only has no weight; leave it empty")
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the position is free. The targets are then at rest, as files say, and have no effect."""
+        return self.slide is not None and self.slide.free
 
     @property
     def rotation(self) -> np.ndarray | None:
         """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
-        if self.turn is None or self.is_prescribed:
+        if self.turn is None and self.is_free:
+            return np.eye(3)
+        if self.turn is None or self.is_prescribed or self.slide is not None:
             return self.turn
         extents = np.linalg.svd(self.target - self.target.mean(axis=0), compute_uv=False)
         return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
@@ -133,7 +146,8 @@ class Settings(NamedTuple):
     @property
     def constraints(self) -> dict[str, float]:
         """Options of `fast` and `fine` that switch constraints off."""
-        return {name: 0.0 for name in ("volume", "area") if not getattr(self, name)}
+        names = () if self.method == "paper" else ("volume", "area")
+        return {name: 0.0 for name in names if not getattr(self, name)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +189,15 @@ class State:
                 return group
         raise InputError(f"there is no group {number}")
 
+    def place(self, group: Group) -> np.ndarray:
+        """Return the positions (k, 3) from which a group moves.
+
+        They are the targets, or where the vertices of a group slid to in the converged shape, if it is known.
+        """
+        if group.slide is None or self.shape is None:
+            return group.target
+        return group.slide.nearest(self.shape[group.vertices], group.target).position
+
     def changed(self, number: int, **fields: Any) -> State:
         """Return a state with changed fields of a group."""
         old = self.group(number)
@@ -194,7 +217,8 @@ class State:
         turn = group.turn
         if turn is not None or not np.array_equal(motion.R, np.eye(3)):
             turn = motion.R if turn is None else motion.R @ turn
-        return self.changed(number, target=motion(group.target), turn=turn)
+        target = group.target if group.is_free else motion(self.place(group))
+        return self.changed(number, target=target, turn=turn)
 
     def marked(self, new: Group) -> State:
         """Return a state with another group, whose vertices leave the selection and all other groups."""
@@ -224,6 +248,8 @@ class State:
             for group in self.groups
         ]
         target, rotation = self.aims()
+        slides = np.array([group.slide for group in self.groups], dtype=object)
+        slide = np.repeat(slides, count) if any(slides) else None
         return Handles(
             np.concatenate([group.vertices for group in self.groups]),
             target,
@@ -231,6 +257,7 @@ class State:
             group=np.repeat(np.arange(len(count)), count),
             weight=np.repeat([group.weight for group in self.groups], count),
             rotation=rotation,
+            slide=slide,
         )
 
     def aims(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -273,6 +300,8 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
         one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
         if handles.rotation is not None and handles.has_rotation[members[0]]:
             one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
+        if handles.slide is not None:
+            one = replace(one, slide=handles.slide[members[0]])
         groups.append(one)
     return tuple(groups)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +14,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import LONGEST, require_known
+from sshade.io.keys import LONGEST, require_known, unique_keys
 from sshade.io.points import as_array, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.text import decoded
@@ -89,11 +90,14 @@ class HandleFile(NamedTuple):
         Whether targets stay as the file has them; see :meth:`sshade.Handles.from_positions`.
     implicit_arap : bool
         Whether positions are in the coordinates of Implicit-ARAP.
+    made : mapping
+        Options that the editor recorded.
     """
 
     entries: list[Entry]
     raw: bool
     implicit_arap: bool = False
+    made: Mapping[str, Any] = {}
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
@@ -121,7 +125,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
 def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
     """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
     try:
-        data = json.loads(decoded(content), object_pairs_hook=_object)
+        data = json.loads(decoded(content), object_pairs_hook=unique_keys)
     except (ValueError, RecursionError, InputError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else error
         raise InputError(f"not readable as JSON ({why})") from error
@@ -138,17 +142,8 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
                 entries.append(_entry(number, entry, kind == "dynamic", moves=moves)._replace(slide=slide))
     if not entries:
         raise InputError(NO_HANDLES)
-    return HandleFile(entries, raw)
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object whose keys differ."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
-    return found
+    made = data.get("made")
+    return HandleFile(entries, raw, made=made if isinstance(made, dict) else {})
 
 
 def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) -> Entry:
@@ -211,13 +206,18 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     if isinstance(entry["rotation"], list) and len(entry["rotation"]) == 4:
         quaternion = as_array(entry["rotation"], '"rotation"', (4,), form)
         if abs(np.linalg.norm(quaternion) - 1) > UNIT:
-            raise InputError('"rotation" is no rotation: a quaternion has length 1')
+            length = f"{np.linalg.norm(quaternion):.4g}"
+            raise InputError(f'"rotation" is no rotation: a quaternion has length 1, not {length}')
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(quaternion).as_matrix()
     R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
-    with naming('"rotation" is no rotation'):
+    try:
         require_rotations(R[None])
+    except InputError as error:
+        why = "its rows must have length 1 and be perpendicular"
+        why = "it mirrors; its determinant must be 1" if np.linalg.det(R) < 0 else why
+        raise InputError(f'"rotation" is no rotation: {why}') from error
     return R
 
 
@@ -225,19 +225,32 @@ def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
     """Return the slide of an entry, or :data:`REST`."""
     if "free" not in entry and "slide" not in entry:
         return None
+    if "free" in entry:
+        if entry["free"] != "position":
+            raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
+        if "rotation" not in entry:
+            raise InputError('"free": "position" needs a "rotation", the only thing that it prescribes')
+        for key in ("target", "translation", "center", "slide", "weight"):
+            if key in entry:
+                raise InputError(f'"free": "position" prescribes a "rotation" only; leave out "{key}"')
+        from sshade.slides import Slide
+
+        return Slide.anywhere()
+    return parsed_slide(entry["slide"], folder)
+
+
+def parsed_slide(slide: Any, folder: Path) -> Slide | str:
+    """Return the value of "slide" in an entry as a Slide, or :data:`REST`; `folder` has its surface.
+
+    Raises
+    ------
+    InputError
+        On any other value, or when the file of the surface cannot be read.
+    """
     # Only files with slides need these modules and their compiled code.
     from sshade.io.meshes import read_mesh
     from sshade.slides import Slide
 
-    if "free" in entry:
-        if entry["free"] != "position":
-            raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
-        other = [key for key in ("target", "translation", "center", "slide") if key in entry]
-        if other or "rotation" not in entry:
-            found = f'leave out "{other[0]}"' if other else 'give a "rotation"'
-            raise InputError(f'"free": "position" leaves a rotation without a position; {found}')
-        return Slide.anywhere()
-    slide = entry["slide"]
     form = '"slide" takes one of {"plane": normal}, {"line": direction}, {"axes": "x"} and {"surface": path}'
     if not isinstance(slide, dict) or len(slide) != 1:
         raise InputError(form)
@@ -248,12 +261,15 @@ def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
             direction = as_array(value, "the direction", (3,), "three numbers")
             return Slide.plane(direction) if kind == "plane" else Slide.line(direction)
         if not isinstance(value, str):
-            raise InputError("it is no text")
+            wanted = '"x" or "xz"' if kind == "axes" else f'the path of a mesh file, or "{REST}"'
+            raise InputError(f"it must be {wanted}, not {json.dumps(value)[:LONGEST]}")
         if kind == "axes":
             return Slide.axes(value)
         if value == REST:
             return REST
         path = (folder / value).resolve()
+        if not value or not path.exists():
+            raise InputError(f"{path}: there is no such file; the path is relative to the handle file")
         return Slide.on(read_mesh(path), name=str(path))
 
 
@@ -294,5 +310,5 @@ def _check_motion(entry: dict[str, Any], kind: str) -> None:
             raise InputError(f'give the motion either as "target" or as "{key}"')
     if "center" in entry and "rotation" not in entry:
         raise InputError('"center" needs a "rotation"')
-    if kind == "dynamic" and not any(key in entry for key in needed):
+    if kind == "dynamic" and "free" not in entry and not any(key in entry for key in needed):
         raise InputError(f"it is dynamic and has no {' or '.join(map(json.dumps, needed))}")

@@ -108,6 +108,7 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
     vertex = np.arange(mesh.n) if vertex is None else vertex
     # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
+    same: dict[str, Slide] = {}  # entries with equal slides share one
     for entry in file.entries:
         by_position = entry.way == "source" and entry.motion is None
         with naming(f"entry {entry.number}"):
@@ -115,7 +116,9 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
         k = len(place)
         values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
         rotation = np.broadcast_to(entry.rotation, (k, 3, 3))
-        slides = np.full(k, Slide.on(mesh, name=REST) if entry.slide == REST else entry.slide, dtype=object)
+        one = Slide.on(mesh, name=REST) if isinstance(entry.slide, str) else entry.slide
+        one = None if one is None else same.setdefault(json.dumps(one.record), one)
+        slides = np.full(k, one, dtype=object)
         rows[by_position].append((place, target, distance, *values, rotation, slides))
     parts = []
     if rows[0]:

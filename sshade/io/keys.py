@@ -23,3 +23,13 @@ def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[st
             near = get_close_matches(short, known, n=1, cutoff=0.0)[0]
             meant = f'did you mean "{near}"? Keys of your own begin with {OWN}'
             raise InputError(f"there is no key {json.dumps(short)}; {meant}")
+
+
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return pairs of keys and values as a dict; raise InputError if a key occurs twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
+    return found

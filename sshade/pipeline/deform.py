@@ -66,7 +66,7 @@ def deform_task(
         return replace(result, extra={**result.extra, "options": as_row(totals, method)})
 
     whole, handles = resolve(method, values), task.handles
-    if handles.slide is not None and any(s and s.free for s in handles.slide[~handles.has_rotation]):
+    if (handles.free & ~handles.has_rotation).any():
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     warp, begin = None, perf_counter()
     if "warp" in accepted(method) and (warp := find_warp(task, whole.warp, progress=progress)) is not None:

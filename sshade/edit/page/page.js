@@ -269,7 +269,7 @@ for (const what of ["handles", "mesh"]) {
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
       byId("command").textContent = said.command;
-      byId("command").hidden = !facts.groups.length;
+      byId("command").hidden = facts.unsaved || !facts.groups.length;
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
       complain(error);

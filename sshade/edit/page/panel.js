@@ -16,6 +16,12 @@ export function say(sentence) {
   byId("message").firstElementChild.textContent = sentence ?? "";
 }
 
+// Ways in which a group moves, by the key of its slide.
+const SLIDES = {
+  "": "keeps its place", plane: "on a plane", line: "on a line", axes: "along axes",
+  rest: "on the rest surface", free: "rotation only",
+};
+
 // `ask(command, args)` sends a command; `choose(number)` moves the gizmo to a group.
 export class Panel {
   constructor(ask, choose) {
@@ -86,8 +92,32 @@ export class Panel {
       button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
       button("rest", "move the group back to its rest positions", () => this.ask("restore", { group: number })),
       weight,
-      button("×", "remove the group", () => this.ask("remove", { group: number })),
     );
-    return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row);
+    const slide = this.slide(group);
+    slide.append(button("×", "remove the group", () => this.ask("remove", { group: number })));
+    return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row, slide);
+  }
+
+  // A list of the ways in which the group moves, and the direction of its plane or line, or its axes.
+  slide({ number, slide }) {
+    const send = (value) => this.ask("alter", { group: number, slide: value });
+    const [[key, value]] = slide === null ? [[""]] : slide === "free" ? [["free"]] : Object.entries(slide);
+    const way = key === "surface" ? (value === "rest" ? "rest" : "file") : key;
+    const ways = way === "file" ? { ...SLIDES, file: `on ${value.split("/").pop()}` } : SLIDES;
+    const select = element("select", { title: "how the group moves" },
+      ...Object.entries(ways).map(([name, label]) => element("option", { value: name, textContent: label })));
+    select.value = way;
+    select.setAttribute("aria-label", "how the group moves");
+    const first = { "": null, plane: { plane: null }, line: { line: null }, axes: { axes: "xy" }, rest: { surface: "rest" }, free: "free" };
+    select.onchange = () => send(first[select.value]);
+    const row = element("div", { className: "row small" }, select);
+    if (!["plane", "line", "axes"].includes(way)) return row;
+    const axes = way === "axes";
+    const text = element("input", { type: "text", value: axes ? value : value.map((x) => Number(x.toFixed(3))).join(" ") });
+    text.title = axes ? "one or two axes along which the group slides, such as xz" : `x y z of the ${way === "plane" ? "normal of the plane" : "direction of the line"}`;
+    text.setAttribute("aria-label", axes ? "axes" : "direction");
+    text.onchange = () => send({ [way]: axes ? text.value.trim() : text.value.trim().split(/[\s,]+/).map(Number) });
+    row.append(text);
+    return row;
   }
 }

@@ -77,6 +77,12 @@ def test_all_options_reach_the_method(folder, method):
     own = read_handles("pose.json", BODY, raw=True)
     task = DeformationTask("body", BODY, Handles(own.index, own.target, weight=50.0))
     assert np.array_equal(read_arrays("out.ply")[0], deform(task, method=method, **options).vertices)
+    text = f"method: {method}\nraw: true\nweight: 50\ntolerance: 1e-5\n"
+    Path("options.yml").write_text(text + "".join(f"{name}: {value}\n" for name, value in options.items()))
+    first = Path("out.ply").read_bytes()
+    assert main([*DEFORM, "--options", "options.yml"]) == 0 and Path("out.ply").read_bytes() == first
+    assert main([*DEFORM, "--options", "options.yml", "--seed", "0"]) == 0
+    assert Path("out.ply").read_bytes() != first
 
 
 def test_under_repair_vertex_ids_are_those_of_the_input(folder):

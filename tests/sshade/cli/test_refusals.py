@@ -36,6 +36,23 @@ HANDLES = {
     "weight.json": {"vertices": [1], "weight": -1},
     "box.json": {"boxes": [[0, 0, 0]]},
     "parts.yaml": "handles: {static: {positions: [gone]}}",
+    "plain.json": {"vertices": [1]},
+    **{
+        f"{name}.yaml": text
+        for name, text in {
+            "typo": "volum: 0",
+            "old": "parts: 1",
+            "value": "tolerance: small",
+            "negative": "weight: -1",
+            "flag": "raw: 1",
+            "list": "- volume",
+            "broken": "a: [1",
+            "twice": "seed: 1\nseed: 2",
+            "other": "method: fine\nsamplings: 3",
+            "quick": "method: quick",
+            "half": "volume: 0.5",
+        }.items()
+    },
 }
 #: Command lines, and words of their errors.
 LIGHT = {
@@ -62,6 +79,21 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --method quick": "there is no method 'quick'",
     "deform body.ply pose.json -o a.ply --vertices 0": "vertices must be",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
+    "deform body.ply pose.json -o a.ply --options gone.yaml": "gone.yaml: no such file",
+    "deform body.ply pose.json -o a.ply --options pose.txt": "pose.txt: unknown format",
+    "deform body.ply pose.json -o a.ply --options plain.json": "plain.json: it has handles and no options",
+    "deform body.ply pose.json -o a.ply --options typo.yaml": 'typo.yaml: there is no key "volum"; did you',
+    "deform body.ply pose.json -o a.ply --options old.yaml": "old.yaml: the option 'parts' is now called",
+    "deform body.ply pose.json -o a.ply --options value.yaml": "value.yaml: tolerance must be a number in [0",
+    "deform body.ply pose.json -o a.ply --options negative.yaml": "weight must be a number above 0, not -1",
+    "deform body.ply pose.json -o a.ply --options flag.yaml": "flag.yaml: raw must be true or false, not 1",
+    "deform body.ply pose.json -o a.ply --options list.yaml": "list.yaml: expected names and values",
+    "deform body.ply pose.json -o a.ply --options broken.yaml": "broken.yaml: not readable as YAML (while",
+    "deform body.ply pose.json -o a.ply --options twice.yaml": 'the key "seed" occurs twice',
+    "deform body.ply pose.json -o a.ply --options other.yaml": "other.yaml: the method 'fine' has no use for",
+    "deform body.ply pose.json -o a.ply --options quick.yaml": "quick.yaml: there is no method 'quick' here",
+    "remesh body.ply -o a.ply --map m.npz --options value.yaml": 'there is no key "tolerance"',
+    "edit body.ply --options half.yaml": "half.yaml: the editor keeps the volume or not",
     "reconstruct body.ply gone.ply -o a.ply": "gone.ply: no such file",
     "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
     "transfer-pose body.ply body.ply gone.ply -o a.ply": "gone.ply: no such file",

@@ -255,6 +255,27 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     assert all("400" in text for text in page.said)
 
 
+def test_a_group_that_turns_only_is_chosen_on_the_page_and_repeated_by_the_command(page, session):
+    mark(page, session, where(page, session.mesh.V, session.mesh.V))
+    way = page.get_by_label("how the group moves").nth(1)
+    asked(page, "alter", lambda: way.select_option("plane"))
+    assert page.get_by_label("direction").input_value() and len(session.state.groups[1].slide.across) == 1
+    asked(page, "alter", lambda: page.get_by_label("how the group moves").nth(1).select_option("free"))
+    page.locator("#gizmo-bar label", has_text="Turn").click()
+    drag(page, where(page, session.mesh.V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
+    release(page)
+    group = session.state.groups[1]
+    assert group.slide.free and np.arccos((np.trace(group.rotation) - 1) / 2) > 0.1
+    page.locator("#volume").uncheck()
+    page.wait_for_selector("#stage[data-state=converged]")
+    asked(page, "save", page.get_by_role("button", name="Save handles").click)
+    page.wait_for_selector("#command:has-text('--options')")
+    session.settle()
+    assert main(page.locator("#command").inner_text().split()[1:]) == 0
+    gap = np.abs(read_arrays("body_deformed.ply")[0] - session.shown).max()
+    assert gap < 1e-6 * session.mesh.diagonal
+
+
 @pytest.mark.parametrize("page", [1280, 400], indirect=True)
 def test_it_fits_the_window_and_ends_by_its_button(page, session):
     width = page.viewport_size["width"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh
+from sshade import InputError, Mesh, Slide
 from sshade.cli.main import main
 from sshade.edit import follower, state
 from sshade.edit import session as editing
@@ -351,6 +351,79 @@ def test_free_constraints_change_the_shape_and_are_written_down():
     assert session.shown is shape
 
 
+#: Where groups are on the body, as a direction from its middle, and how they move.
+SWITCHED = {
+    "fixed": ([0, 0, -1], {"kind": "static"}),
+    "turned": ([0, 0, 1], {}),
+    "soft": ([0, 1, 0], {"weight": 4.0}),
+    "plane": ([0, -1, 0], {"slide": Slide.plane([0.1, 1, 0]), "kind": "static"}),
+    "line": ([1, 0, 0.2], {"slide": Slide.line([0, 1, 1]), "weight": 30.0}),
+    "axes": ([-1, 0.2, 0], {"slide": Slide.axes("xz")}),
+    "rest": ([-1, -1, 1], {"slide": Slide.on(BODY, name="rest")}),
+    "free": ([1, 1, 1], {"slide": Slide.anywhere()}),
+}
+
+
+def switched(*, single: bool) -> Session:
+    """A session on a body and a copy that follows, with a group of every kind: `single` vertices or caps."""
+    V, F, _ = torn(BODY)
+    V[BODY.n + 1 :] += 3e-7  # a seam that opened
+    pair = beside(Mesh(V[1:], F - 1), shifted(BODY, [4, 0, 0]))
+    session = begun(pair, carry_unconstrained=True, weld=1e-6, repair=True)
+    assert session.mesh.n == 2 * BODY.n < pair.n
+    unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
+    for name, (direction, fields) in SWITCHED.items():
+        near = unit @ (np.array(direction) / np.linalg.norm(direction))
+        session.select(np.flatnonzero(near >= (near.max() if single else 0.95)), "replace")
+        number = session.mark("moving")
+        if name != "fixed":
+            session.release(number, turned(BODY.V, 0.2 if name in ("turned", "free") else 0.05))
+        session.alter(number, name=name, **fields)
+    return session
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+def test_one_command_repeats_a_session_in_which_everything_was_switched(method, single):
+    session = switched(single=single)
+    session.set_up(Settings(method, volume=False, area=False))
+    session.settle()
+    assert session.is_unsaved and session.save("handles", "body_handles.json") and not session.is_unsaved
+    posed = session.shown
+    assert main(session.document.command.split()[1:]) == 0
+    again = read_arrays("body_deformed.ply")[0]
+    session.save("mesh", "posed.ply")
+    expected = read_arrays("posed.ply")[0]
+    assert np.abs(again - expected).max() < 1e-6 * BODY.diagonal
+    assert np.abs(posed - session.mesh.V)[: BODY.n].max() > 0.05
+    opened = Session(Path("body.ply"), handles=Path("body_handles.json"), weld=1e-6, repair=True)
+    for one, new in zip(session.state.groups, opened.state.groups, strict=True):
+        assert (one.slide is None) == (new.slide is None) and one.weight == new.weight
+        assert one.slide is None or one.slide.record == new.slide.record
+    if method != "fine":
+        handles = session.state.handles(session.mesh)
+        number = session.state.groups[1].number
+        for step in 0.02, 0.04:
+            shown = session.drag(number, turned(BODY.V, step))
+        at = np.flatnonzero(handles.exact & handles.slides)
+        gap = np.linalg.norm(shown[handles.index] - handles.goals(shown), axis=1)[at]
+        assert len(at) and gap.max() < 1e-9 * BODY.diagonal
+
+
+def test_a_group_slides_from_where_it_is_and_stays_where_it_slid():
+    session, number = ready()
+    top = int(np.argmax(BODY.V[:, 2]))
+    session.select(np.array([top]), "replace")
+    tip = session.mark("moving")
+    session.alter(tip, slide=Slide.plane(session.normal(tip)))
+    settled(session, number, LIFT)
+    there = session.shown[top]
+    assert np.linalg.norm(there - BODY.V[top]) > 0.01
+    session.alter(tip, slide=None)
+    session.settle()
+    assert np.allclose(session.shown[top], there, rtol=0, atol=1e-12)
+
+
 def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh, carry_unconstrained=True)
@@ -438,9 +511,8 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     session.save("handles", "other.json")  # it is the editor's own now
     assert read_handles("other.json", BODY).index.size
     assert session.save("mesh", "posed.obj")[0] == here / "out" / "posed.obj"
-    command = session.document.command(Settings())
-    assert "out/posed.obj" in command and "other.json" in command
-    assert session.document.command(Settings("fine", volume=False)).endswith(" --method fine --volume 0")
+    command = session.document.command
+    assert "out/posed.obj" in command and "other.json --options other.json" in command
     plain = begun()
     with pytest.raises(InputError, match="is the mesh"):
         plain.save("mesh", "body.ply", over=True)

@@ -262,10 +262,15 @@ def test_files_have_every_slide(here):
         ({"slide": {"plan": [0, 0, 1]}}, "did you mean"),
         ({"slide": {"plane": [0, 0, 1], "line": [0, 0, 1]}}, "takes one of"),
         ({"slide": {"axes": "w"}}, "one or two of x, y and z"),
-        ({"slide": {"surface": "missing.ply"}}, "missing.ply"),
+        ({"slide": {"surface": "missing.ply"}}, "missing.ply: there is no such file"),
+        ({"slide": {"surface": 3}}, 'path of a mesh file, or "rest", not 3'),
         ({"slide": {"surface": "empty.ply"}}, "the file is empty"),
         ({"slide": {"surface": "flat.obj"}}, "no face with an area"),
-        ({"free": "position"}, 'leave out "target"'),
+        ({"free": "position"}, 'needs a "rotation"'),
+        ({"free": "position", "rotation": TURN.tolist()}, 'leave out "target"'),
+        ({"rotation": (2 * TURN).tolist()}, "must have length 1 and be perpendicular"),
+        ({"rotation": (-TURN).tolist()}, "it mirrors"),
+        ({"rotation": [0, 0, 0, 2]}, "length 1, not 2"),
         ({"free": "rotation"}, '"position" only'),
     ],
 )
@@ -280,6 +285,8 @@ def test_mistakes_in_python_are_one_sentence():
     index, V, plane = np.array([0, 1]), SPHERE.V[[0, 1]], Slide.plane([0, 0, 1])
     with pytest.raises(InputError, match="a slide and a target"):
         Handles(np.array([0, 0]), V[[0, 0]], slide=[plane, None])
+    with pytest.raises(InputError, match="free position has no weight"):
+        Handles(index, V, weight=2.0, slide=Slide.anywhere())
     with pytest.raises(InputError, match="2 handles have 1 slides"):
         Handles(index, V, slide=[plane])
     with pytest.raises(InputError, match=r"a sshade\.Slide"):

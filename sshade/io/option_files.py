@@ -1,0 +1,62 @@
+"""Read files of options: a mapping of names and values, or a handle file that the editor saved."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sshade.errors import InputError
+from sshade.io.document import check_input
+from sshade.io.keys import unique_keys
+from sshade.io.text import decoded
+
+#: Suffixes of files of options.
+FORMATS = (".yaml", ".yml", ".json")
+
+
+def read_option_file(path: Path) -> dict[Any, Any]:
+    """Return the names and values in a file, unchecked.
+
+    A handle file has them under its key ``made``, which the editor writes.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, of another format, no mapping, or a handle file without options.
+    """
+    check_input(path, FORMATS)
+    data = _parsed(decoded(path.read_bytes()), is_json=path.suffix.lower() == ".json")
+    if isinstance(data, dict) and "handles" in data:
+        if not isinstance(data.get("made"), dict):
+            raise InputError('it has handles and no options; the editor saves options under the key "made"')
+        data = data["made"]
+    if not isinstance(data, dict):
+        raise InputError("expected names and values of options, such as `volume: 0`")
+    return data
+
+
+def _parsed(text: str, *, is_json: bool) -> Any:
+    """Return the content of a JSON or YAML text. An empty YAML text is an empty mapping."""
+    if is_json:
+        try:
+            return json.loads(text, object_pairs_hook=unique_keys)
+        except (ValueError, RecursionError, InputError) as error:
+            raise InputError(f"not readable as JSON ({_reason(error)})") from error
+    import yaml
+
+    try:
+        # PyYAML keeps the last of several equal keys, so the keys are compared before it joins them.
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        if isinstance(node, yaml.MappingNode):
+            unique_keys([(str(key.value), None) for key, _ in node.value])
+        data = yaml.safe_load(text)
+        return {} if data is None else data
+    except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
+        raise InputError(f"not readable as YAML ({_reason(error)})") from error
+
+
+def _reason(error: Exception) -> str:
+    """Return the reason in one line, without the name that PyYAML gives a text."""
+    text = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
+    return "nested too deeply" if isinstance(error, RecursionError) else text
