@@ -79,12 +79,14 @@ def check_goals(goals: Sequence[VolumeGoal], m: int) -> tuple[VolumeGoal, ...]:
     for goal in goals:
         if not isinstance(goal, VolumeGoal):
             raise InputError(f"volumes is a list of VolumeGoal, not of {type(goal).__name__}")
-        outside = [] if goal.faces is None else goal.faces[(goal.faces < 0) | (goal.faces >= m)]
-        if len(outside):
+        ids = np.empty(0, dtype=np.int64) if goal.faces is None else goal.faces
+        if len(outside := ids[(ids < 0) | (ids >= m)]):
             raise InputError(f"{goal.title} has face {outside[0]}, but the mesh has faces 0 to {m - 1}")
     if sum(goal.faces is None for goal in goals) > 1:
         raise InputError("the whole mesh has two volume goals; give one")
-    for one, other in combinations([goal for goal in goals if goal.faces is not None], 2):
+    parts = [goal for goal in goals if goal.faces is not None and len(goal.faces) < m]
+    for one, other in combinations(parts, 2):
+        assert one.faces is not None and other.faces is not None
         if common := len(np.intersect1d(one.faces, other.faces, assume_unique=True)):
             raise InputError(
                 f"{one.title} and {other.title} have {common} faces in common; parts must not overlap"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -15,10 +16,12 @@ from sshade.mesh.surface import NEAR, surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import by_components
 from sshade.pipeline.engine import deform_once
+from sshade.pipeline.goals import Goals, on_component, warn_of_missed, with_ratios
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import has_regions
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.volume_goals import VolumeGoal, check_goals
 
 ShapeT = TypeVar("ShapeT")
 
@@ -51,19 +54,29 @@ def deform_task(
     """
 
     def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        component_values = {**values, **changes}
+        component_values = {**ratios, **changes}
         options = resolve(method, component_values)
         if regional := has_regions(task.mesh, task.handles.index, options):
             options = resolve(method, component_values, regions=True)
+        options, parts = on_component(task.mesh, task.volumes, options, area=area)
+        task = replace(task, volumes=parts)
         run = partial(deform_once, task, options.of_proxy(), progress=progress, **(hooks or {}))
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()
-        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume")))
-        return replace(result, extra={**result.extra, "options": as_row(totals, method)})
+        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
+        extra = {**result.extra, "options": as_row(totals, method)}
+        if parts or options.volume_goal is not None:
+            errors = Goals(task.mesh, options.volume_goal, parts).errors(result.vertices)
+            extra["volume_goal_error"] = max(abs(error) for error in errors.values())
+            if options.volume == inf:
+                warn_of_missed(errors)
+        return replace(result, extra=extra)
 
-    whole, handles = resolve(method, values), task.handles
+    area = values.get("area") is not None
+    task, ratios = with_ratios(task, method, values)
+    whole, handles = resolve(method, ratios), task.handles
     if handles.slide is not None and any(s and s.free for s in handles.slide[~handles.has_rotation]):
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     result = by_components(task, deform_component, whole, progress=progress)
@@ -99,6 +112,7 @@ def deform(
     carry_unconstrained: bool = False,
     weld: float = NEAR,
     repair: bool = False,
+    volumes: Sequence[VolumeGoal] = (),
     **options: Any,
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
@@ -148,6 +162,9 @@ def deform(
         move as one. 0 joins exact copies alone.
     repair : bool
         Weld all copies of a vertex, along seams or not.
+    volumes : sequence of VolumeGoal
+        Volumes that the mesh or its parts are to have, with faces of `F`. A task has its own. The option
+        ``volume_goal`` is the ratio of the whole.
     **options
         The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
         and ``progress``, a :class:`sshade.progress.Progress`.
@@ -159,7 +176,8 @@ def deform(
         ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
-        diagonal (``hard_handle_error``), the number of ``degenerate_frames``, and facts of the proxies:
+        diagonal (``hard_handle_error``), the largest relative error of a volume goal
+        (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
         ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
         :func:`sshade.pipeline.components.by_components`.
 
@@ -186,9 +204,11 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        if weight is not None or rotations is not None or carry_unconstrained or repair or weld != NEAR:
+        has = weight is not None or rotations is not None or carry_unconstrained or len(volumes) > 0
+        if has or repair or weld != NEAR:
             raise TypeError(
-                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
+                "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
+                "welded"
             )
         return run(shape, **options)
     if (mesh := opened(shape)) is not None:
@@ -203,7 +223,10 @@ def deform(
     extent = whole.mesh.diagonal
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=_on(whole.vertex, handles.index), extent=extent)
-    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
+    goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
+    task = DeformationTask(
+        "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
+    )
     moved = whole.placed(V, run(task, **options).vertices)
     return moved if mesh is None else mesh.moved(moved)
 

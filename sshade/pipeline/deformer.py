@@ -17,11 +17,13 @@ from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.pipeline.drag import Drag, NearestPlacement
 from sshade.pipeline.engine import BoundProxy, Engine
+from sshade.pipeline.goals import on_component, with_ratios
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, in_threads
+from sshade.volume_goals import VolumeGoal
 
 #: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
 SETTLED = 0.01
@@ -47,6 +49,8 @@ class Deformer:
         Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     slide : Slide or (h,) sequence, optional
         How handles slide, see :class:`sshade.Handles`. Planes and lines move with the targets of a call.
+    volumes : sequence of VolumeGoal
+        Volumes that the mesh or its parts are to have.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -84,6 +88,7 @@ class Deformer:
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
         slide: Slide | Sequence[Slide | None] | None = None,
+        volumes: Sequence[VolumeGoal] = (),
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
         **options: Any,
@@ -96,8 +101,11 @@ class Deformer:
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
+        task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
+        task, ratios = with_ratios(task, method, self._values)
+        self._values, self._volumes = dict(ratios), task.volumes
         self._options = self._resolved()
-        self._engine = engine = Engine(mesh, self._rest, self._options)
+        self._engine = engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
         self._regions = engine.regions
         self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
@@ -106,7 +114,9 @@ class Deformer:
         def bind(number: int) -> BoundProxy:
             with ThreadPoolExecutor(max_workers=1) as pool:
                 bound = engine.bind(
-                    number, pool, lambda proxy, _, place: Drag(proxy, place(self._rest), self._options)
+                    number,
+                    pool,
+                    lambda proxy, _, place, parts: Drag(proxy, place(self._rest), self._options, parts),
                 )
             bound.binding  # noqa: B018 - raises errors of the binding
             progress("binding", number + 1, engine.proxies.samplings)
@@ -186,13 +196,13 @@ class Deformer:
         self._options = self._resolved()
         for bound in self._proxies:
             bound.solver.change(self._options)
-            bound.volume_goal = 1.0
+            bound.restart()
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
         for bound in self._proxies:
             bound.solver.reset()
-            bound.volume_goal = 1.0
+            bound.restart()
 
     def __call__(
         self,
@@ -289,7 +299,9 @@ class Deformer:
 
     def _resolved(self) -> Options:
         """Return the method's options with the values of the user."""
-        return resolve(self._method, self._values, regions=self._regional)
+        options = resolve(self._method, self._values, regions=self._regional)
+        options, self._parts = on_component(self.mesh, self._volumes, options, area="area" in self._values)
+        return options
 
     def _stopping(self, tolerance: float | None, max_iterations: int | None) -> Options:
         """Return the options with another stopping rule; None keeps the option's value."""

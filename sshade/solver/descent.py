@@ -102,8 +102,7 @@ class Descent:
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
         if self.slides:
             self.slides.aim(targets)
-        self.volume_goal, self.part_goals = volume_goal, part_goals
-        self._constraints.aim(volume_goal, part_goals)
+        self.aim_volumes(volume_goal, part_goals)
 
     def begin(self) -> None:
         """Fit the rotations to the present iterate, where a solve begins."""
@@ -174,9 +173,13 @@ class Descent:
             self.slides.restore(self.u, self._linear.solve)
         return self._constraints.restore(self.u)
 
-    def project(self, volume_goal: float = 1.0, part_goals: np.ndarray | None = None) -> None:
-        """Project the iterate onto the exact constraints, along new directions."""
+    def aim_volumes(self, volume_goal: float, part_goals: np.ndarray | None) -> None:
+        """Set the goals of volumes alone."""
+        self.volume_goal, self.part_goals = volume_goal, part_goals
         self._constraints.aim(volume_goal, part_goals)
+
+    def project(self) -> None:
+        """Project the iterate onto the exact constraints, along new directions."""
         if self.slides:
             self.slides.restore(self.u, self._linear.solve)
         if self._constraints:

@@ -186,7 +186,8 @@ class LocalGlobal(System):
         with ThreadTeam(workers) as team:
             u = self.to_system(positions, targets)
             state = Descent(self, Options(volume=volume, area=area), u, team=team)
-            state.project(volume_goal, part_goals)
+            state.aim_volumes(volume_goal, part_goals)
+            state.project()
         return self.from_system(state.u, targets)
 
     def to_system(self, positions: np.ndarray, targets: np.ndarray) -> np.ndarray:
