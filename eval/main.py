@@ -33,6 +33,7 @@ COMMANDS = {
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
     "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
+    "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),
     "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import inf
 
 import numpy as np
 
 from sshade.errors import InputError
+
+#: Largest goal. Beyond, products of coordinates overflow.
+LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +57,9 @@ class VolumeGoal:
         if (self.ratio is None) == (self.volume is None):
             raise InputError(f"the volume goal of {self.title} needs either a ratio or a volume")
         goal = self.volume if self.ratio is None else self.ratio
-        if not isinstance(goal, int | float | np.number) or isinstance(goal, bool) or not 0 < goal < inf:
-            shown = f"{goal:g}" if isinstance(goal, int | float | np.number) else repr(goal)
+        number = isinstance(goal, int | float | np.number) and not isinstance(goal, bool)
+        if not number or not 0 < goal < LARGEST:  # type: ignore[operator]
+            shown = f"{goal:g}" if isinstance(goal, float) else repr(goal)[:40]
             raise InputError(f"the volume goal of {self.title} must be a finite number above 0, not {shown}")
         if self.faces is None:
             return

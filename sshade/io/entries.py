@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,9 +15,10 @@ from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
 from sshade.io.keys import LONGEST, require_known
-from sshade.io.points import as_array, as_ids, as_points
+from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.text import decoded
+from sshade.io.volumes import VolumeEntry, volume_entries
 
 if TYPE_CHECKING:
     from sshade.slides import Slide
@@ -89,11 +91,13 @@ class HandleFile(NamedTuple):
         Whether targets stay as the file has them; see :meth:`sshade.Handles.from_positions`.
     implicit_arap : bool
         Whether positions are in the coordinates of Implicit-ARAP.
+    volumes : list of VolumeEntry
     """
 
     entries: list[Entry]
     raw: bool
     implicit_arap: bool = False
+    volumes: Sequence[VolumeEntry] = ()
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
@@ -127,7 +131,7 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
         raise InputError(f"not readable as JSON ({why})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
-    require_known(data, ("handles",), FILE_RECORDS)
+    require_known(data, ("handles", "volumes"), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
         with naming(f"entry {number}"):
@@ -138,7 +142,7 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
                 entries.append(_entry(number, entry, kind == "dynamic", moves=moves)._replace(slide=slide))
     if not entries:
         raise InputError(NO_HANDLES)
-    return HandleFile(entries, raw)
+    return HandleFile(entries, raw, volumes=volume_entries(data.get("volumes", [])))
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -175,16 +179,7 @@ def _place(entry: dict[str, Any], way: str) -> np.ndarray:
         return as_ids(entry[way], '"vertices"')
     if way == "source":
         return as_points(entry[way], '"source"')
-    boxes = as_array(entry[way], '"boxes"', (None, 2, 3), "a list of pairs of points")
-    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
-    if len(swapped):
-        number, axis = swapped[0]
-        low, high = boxes[number, :, axis]
-        raise InputError(
-            f'box {number} of "boxes" has its corners swapped on axis {"xyz"[axis]}: {low:g} comes before '
-            f"{high:g}; the lowest corner comes first"
-        )
-    return boxes
+    return as_boxes(entry[way], '"boxes"')
 
 
 def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:

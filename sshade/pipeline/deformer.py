@@ -104,6 +104,7 @@ class Deformer:
         task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
         task, ratios = with_ratios(task, method, self._values)
         self._values, self._volumes = dict(ratios), task.volumes
+        self._parts: tuple[VolumeGoal, ...] = ()
         self._options = self._resolved()
         self._engine = engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
         self._regions = engine.regions
@@ -177,26 +178,36 @@ class Deformer:
         self._rest, self._proxies, self._regions, self._last_handles = rest, proxies, regions, None
 
     def change_energy(self, **energy: Any) -> None:
-        """Change constraints or softening from the next call on; the shape stays.
+        """Change constraints, their goals or softening from the next call on; the shape stays.
 
         Parameters
         ----------
         **energy
-            ``volume``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options to change. None
-            stands for the method's own value. See :class:`sshade.options.Options`.
+            ``volume``, ``volume_goal``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options
+            to change. None stands for the method's own value. See :class:`sshade.options.Options`. The
+            volume of an open mesh has a goal only if it had one from the beginning.
 
         Raises
         ------
         InputError
             On another option or value; nothing changes then.
         """
-        values = checked(energy, ENERGY, subject="change_energy")
+        values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
         kept = {name: value for name, value in self._values.items() if name not in energy}
-        self._values = {**kept, **values}
-        self._options = self._resolved()
+        before = self._values, self._options, self._parts
+        try:
+            self._values = {**kept, **values}
+            self._options = self._resolved()
+            if len(self._parts) != len(before[2]):
+                raise InputError("parts and open meshes need their goals from the beginning")
+        except InputError:
+            self._values, self._options, self._parts = before
+            raise
+        self._engine.aim(self._options.volume_goal, self._parts)
+        self._regions.volume_goal, self._regions.goals = self._engine.volume_goal, self._engine.goals
         for bound in self._proxies:
             bound.solver.change(self._options)
-            bound.restart()
+            bound.aim(self._engine.volume_goal, self._engine.goals)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""

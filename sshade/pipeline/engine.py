@@ -144,9 +144,13 @@ class Engine:
         self._mesh, self._sample, self._projection = mesh, sample, projection
         self.proxies = Proxies(mesh, options, handles=len(handles))
         mesh.require_one_component()
-        self.volume_goal = options.volume_goal
-        self.goals = Goals(mesh, options.volume_goal, volumes) if volumes else None
+        self.aim(options.volume_goal, volumes)
         self.regions = self.regions_of(handles)
+
+    def aim(self, ratio: float | None, volumes: Sequence[VolumeGoal]) -> None:
+        """Set the volume goals: the ratio of the whole, and ratios of parts."""
+        self.volume_goal = ratio
+        self.goals = Goals(self._mesh, ratio, volumes) if volumes else None
 
     def regions_of(self, handles: Handles) -> HandleRegions:
         """Return the handle regions of M for other handles."""
@@ -180,7 +184,8 @@ class Engine:
         parts = self.goals.on_proxy(proxy, sampling) if self.goals else []
         solver = solver_of(proxy, sampling, place, parts)
         made = BoundProxy(proxy, sampling, place, solver, bound, seconds)
-        made.aim(self.volume_goal, self.goals, parts)
+        made.part_volumes = np.array([CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts])
+        made.aim(self.volume_goal, self.goals)
         return made
 
     def average(
@@ -228,6 +233,8 @@ class BoundProxy:
         The same for parts of N.
     part_volumes : (p,) float64
         Volumes of the parts of N at rest.
+    first_goals : (float, (p,) float64)
+        Goals before any correction.
     """
 
     proxy: Mesh
@@ -239,19 +246,18 @@ class BoundProxy:
     volume_goal: float = 1.0
     part_goals: np.ndarray = field(default_factory=lambda: np.ones(0))
     part_volumes: np.ndarray = field(default_factory=lambda: np.ones(0))
+    first_goals: tuple[float, np.ndarray] = (1.0, np.ones(0))
 
-    def aim(self, ratio: float | None, goals: Goals | None, parts: Sequence[np.ndarray]) -> None:
-        """Begin with the user's goals: the ratio of the whole, and the goals of parts with faces of N."""
+    def aim(self, ratio: float | None, goals: Goals | None) -> None:
+        """Begin with the user's goals: the ratio of the whole, and the goals of parts."""
         self.volume_goal = 1.0 if ratio is None else ratio
         if goals:
             self.part_goals = np.array([goal.ratio for goal in goals.parts], dtype=np.float64)
-            F, V = self.proxy.F, self.proxy.V
-            self.part_volumes = np.array([CappedVolume(F[faces]).measure(V)[0] for faces in parts])
-        self._first_goals = self.volume_goal, self.part_goals
+        self.first_goals = self.volume_goal, self.part_goals
 
     def restart(self) -> None:
         """Forget the corrections of goals."""
-        self.volume_goal, self.part_goals = self._first_goals
+        self.volume_goal, self.part_goals = self.first_goals
 
     @property
     def binding(self) -> Binding:

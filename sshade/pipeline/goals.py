@@ -70,8 +70,6 @@ def with_ratios(
     for goal in task.volumes:
         value = goal.ratio if goal.volume is None else goal.volume / _rest_volume(task, goal)
         assert value is not None
-        if not value > 0:
-            raise InputError(f"{goal.title} has a negative volume at rest: its faces point inwards")
         if goal.faces is not None:
             parts.append(VolumeGoal(ratio=value, faces=goal.faces, name=goal.name))
         elif options.volume_goal is not None:
@@ -82,7 +80,7 @@ def with_ratios(
 
 
 def _rest_volume(task: DeformationTask, goal: VolumeGoal) -> float:
-    """Volume of a part at rest, or of all components that can change."""
+    """Volume of a part at rest, or of all components that can change; positive also inside of a vessel."""
     mesh = task.mesh
     cut = cut_surface(mesh)
     if cut.one_sided.any():
@@ -95,7 +93,7 @@ def _rest_volume(task: DeformationTask, goal: VolumeGoal) -> float:
         raise InputError("a volume in units needs a mesh without duplicate faces; give a ratio, or repair it")
     measured = CappedVolume(cut.mesh.F[faces]).measure(cut.mesh.V) if faces.any() else np.zeros(2)
     _require_volume(measured, goal.title)
-    return float(measured[0])
+    return abs(float(measured[0]))
 
 
 def _require_volume(measured: np.ndarray, title: str) -> None:

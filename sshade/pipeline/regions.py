@@ -207,7 +207,7 @@ class HandleRegions:
         if self.regional and len(self._hard_index):
             self._margin, self._maps  # noqa: B018 - cached
 
-    @cached_property
+    @property
     def volume(self) -> float:
         """Volume that M' is to have, in length^3.
 
@@ -216,7 +216,12 @@ class HandleRegions:
         corrects = self.regional or self.volume_goal is not None
         if not (corrects and self._mesh.is_closed and self._mesh.is_oriented):
             return 0.0
-        return float(self._measured(self._mesh.V)[0]) * (self.volume_goal or 1.0)
+        return self._rest_volume * (self.volume_goal or 1.0)
+
+    @cached_property
+    def _rest_volume(self) -> float:
+        """Volume of M, in length^3."""
+        return float(self._measured(self._mesh.V)[0])
 
     def volume_deficit(self, V: np.ndarray) -> float:
         """Return :attr:`volume` minus the volume of M' (n, 3), in length^3; 0 where :attr:`volume` is 0."""
