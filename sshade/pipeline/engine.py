@@ -21,7 +21,7 @@ from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import SOLVER, Options
-from sshade.pipeline.goals import Goals
+from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
@@ -35,6 +35,8 @@ from sshade.volume_goals import VolumeGoal
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
+#: The same number where parts have goals.
+PART_ROUNDS = 6
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
@@ -235,6 +237,8 @@ class BoundProxy:
         Volumes of the parts of N at rest.
     first_goals : (float, (p,) float64)
         Goals before any correction.
+    secants : Secants, optional
+        How the volumes of M' answer corrections, where parts have goals.
     """
 
     proxy: Mesh
@@ -247,12 +251,14 @@ class BoundProxy:
     part_goals: np.ndarray = field(default_factory=lambda: np.ones(0))
     part_volumes: np.ndarray = field(default_factory=lambda: np.ones(0))
     first_goals: tuple[float, np.ndarray] = (1.0, np.ones(0))
+    secants: Secants | None = None
 
     def aim(self, ratio: float | None, goals: Goals | None) -> None:
         """Begin with the user's goals: the ratio of the whole, and the goals of parts."""
         self.volume_goal = 1.0 if ratio is None else ratio
         if goals:
             self.part_goals = np.array([goal.ratio for goal in goals.parts], dtype=np.float64)
+            self.secants = Secants(1 + len(goals.parts))
         self.first_goals = self.volume_goal, self.part_goals
 
     def restart(self) -> None:
@@ -315,7 +321,10 @@ class BoundProxy:
         goals = regions.goals if corrects else None
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
-        for _ in range(1 + VOLUME_ROUNDS if again else 1):
+        if self.secants:
+            self.secants.forget_step()
+        rounds = PART_ROUNDS if goals else VOLUME_ROUNDS
+        for _ in range(1 + rounds if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
             solved = self.solve(handles, tolerance=options.tolerance, max_iterations=left)
@@ -331,12 +340,18 @@ class BoundProxy:
             if goals:
                 missing = max(missing, goals.relative_error(V))
             seconds["carry"] += perf_counter() - begin
-            if best is not None and (missing > max(smallest, VOLUME_ERROR) or (was_exact and not exact)):
+            worse = best is not None and missing > max(smallest, VOLUME_ERROR)
+            if (worse and not goals) or (best is not None and was_exact and not exact):
                 break  # the last shape was better
-            solver_facts |= solved.extra
-            best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            if not worse:
+                solver_facts |= solved.extra
+                best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            if goals and self.secants:
+                steps = self.secants.step(np.append(deficit, goals.deficits(V)))
+                deficit, part_goals = float(steps[0]), self.part_goals + steps[1:] / self.part_volumes
+            else:
+                part_goals = self.part_goals
             goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
-            part_goals = self.part_goals + (goals.deficits(V) / self.part_volumes if goals else 0.0)
             corrected = smallest <= VOLUME_ERROR or not exact or goal <= 0 or (part_goals <= 0).any()
             if not corrected:
                 self.volume_goal, self.part_goals = goal, part_goals

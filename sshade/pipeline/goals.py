@@ -37,6 +37,8 @@ FLAT = 1e-5
 SAME = 1e-9
 #: Relative error of a goal from which on a warning is logged.
 MISSED = 0.01
+#: Largest correction of the volumes of a proxy, as a multiple of the deficits of M'.
+LONGEST = 5.0
 #: Number of Newton steps of the last correction.
 NEWTON_STEPS = 5
 
@@ -300,6 +302,36 @@ class Goals:
                 weight = x * x * (3 - 2 * x)
             found.append(weight)
         return found
+
+
+class Secants:
+    """Corrections of a proxy's volumes, from how the volumes of M' answered earlier corrections (Broyden).
+
+    Parameters
+    ----------
+    count : int
+        Number of volumes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._slope = np.eye(count)
+        self.forget_step()
+
+    def forget_step(self) -> None:
+        """Learn nothing from the next deficits: the handles have moved."""
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+
+    def step(self, deficits: np.ndarray) -> np.ndarray:
+        """Return (k,) the changes of the volumes of N that correct the deficits (k,) of M', in length^3."""
+        if self._last is not None:
+            step, before = self._last
+            answer, square = before - deficits, float(step @ step)
+            self._slope += np.outer(answer - self._slope @ step, step) / (square or 1.0)
+        step = np.linalg.lstsq(self._slope, deficits, rcond=1e-3)[0]
+        longest = LONGEST * float(np.linalg.norm(deficits))
+        step *= min(1.0, longest / (float(np.linalg.norm(step)) or 1.0))
+        self._last = step, deficits
+        return step
 
 
 def warn_of_missed(errors: Mapping[str, float]) -> None:
