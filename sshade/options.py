@@ -80,6 +80,7 @@ class Options:
     volume_goal : float, optional
         Volume of the result, as a multiple of the volume at rest; by default it stays. Raise it for a body
         that breathes in. Each component has the same ratio, and holes of an open mesh are closed by caps.
+        With a goal, the default of `area` is at most 0.1.
     area : float
         Weight of the surface area: 0 leaves it unconstrained, inf keeps it exactly. Lower it where large
         handle regions move apart.

@@ -183,7 +183,7 @@ class Engine:
             return binding
 
         bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
-        parts = self.goals.on_proxy(proxy, sampling) if self.goals else []
+        parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals else []
         solver = solver_of(proxy, sampling, place, parts)
         made = BoundProxy(proxy, sampling, place, solver, bound, seconds)
         made.part_volumes = np.array([CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts])

@@ -218,20 +218,22 @@ class Goals:
         found = np.array([one.measure(V)[0] for one in [*self._whole, *self._measures]])
         return {f"{k}: {name}": float(found[k] / goal[k] - 1) for k, name in enumerate(names)}
 
-    def on_proxy(self, proxy: Mesh, sampling: Sampling) -> list[np.ndarray]:
+    def on_proxy(self, proxy: Mesh, sampling: Sampling, fixed: np.ndarray) -> list[np.ndarray]:
         """Return the faces (f,) of N that stand for each part.
 
-        A vertex of M is in a part if most of its faces are; a face of N if most of its corners are.
+        A vertex of M is in a part if most of its faces are; a face of N if most of its corners are. Vertices
+        of M in `fixed` (n,) are hard handles.
 
         Raises
         ------
         InputError
-            When a part has no face, or there are more parts than vertices.
+            When a part has no face, or there are more goals than movable vertices.
         """
-        if 3 * proxy.n < len(self.parts) + 2:
+        goals, free = len(self._whole) + len(self.parts), int((~fixed[sampling.samples]).sum())
+        if goals > free:
             raise InputError(
-                f"{len(self.parts)} parts with volume goals are more than a proxy of {proxy.n} vertices can "
-                "hold; ask for more vertices"
+                f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; ask "
+                "for more vertices"
             )
         F, n = self._mesh.F, self._mesh.n
         count, found = np.bincount(F.ravel(), minlength=n), []

@@ -82,6 +82,8 @@ class HandleRegions:
         Whether every vertex is a hard handle.
     number : (n,) int64
         Handle of each vertex, or -1.
+    fixed : (n,) bool
+        Vertices that are hard handles.
     first : (f,) int64
         Vertices to sample first.
     metric : VertexGraph
@@ -104,11 +106,11 @@ class HandleRegions:
         self.number = np.full(mesh.n, -1)
         self.number[index] = np.arange(len(index))
         handle = self.number >= 0
-        # Hard handle vertices: `_hard_index` has all ids, `_fixed` (n,) marks them, and `_edge` has the ids
+        # Hard handle vertices: `_hard_index` has all ids, `fixed` (n,) marks them, and `_edge` has the ids
         # on the edges of regions.
         self._hard_index = index[self._hard]
-        self._fixed = np.zeros(mesh.n, dtype=bool)
-        self._fixed[self._hard_index] = True
+        self.fixed = np.zeros(mesh.n, dtype=bool)
+        self.fixed[self._hard_index] = True
         self.covered = bool(handles.hard.sum() == mesh.n)
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
@@ -181,7 +183,7 @@ class HandleRegions:
             weight[np.isin(e, prescribed[0])] = 1.0
         moved[v] += (phi[turns] * weight)[:, None] * offset
         movable = vertex[~turns]
-        missed = np.where((self._fixed & ~rotated)[:, None], moved - V, 0.0)
+        missed = np.where((self.fixed & ~rotated)[:, None], moved - V, 0.0)
         if len(movable) and missed.any():
             moved[movable] += harmonic(self.graph, movable, missed)
         return moved
@@ -260,7 +262,7 @@ class HandleRegions:
         """(n,) weights of moves: 0 at hard handles, 1 away from the edges of regions."""
         weight, (vertex, _, phi) = np.ones(self._mesh.n), self._margin
         weight[vertex] *= 1 - phi
-        weight[self._fixed] = 0.0
+        weight[self.fixed] = 0.0
         return weight
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
@@ -281,7 +283,7 @@ class HandleRegions:
     @cached_property
     def _region(self) -> np.ndarray:
         """(n,) int32: number of the connected region of each hard handle vertex; 0 elsewhere."""
-        handles = np.flatnonzero(self._fixed)
+        handles = np.flatnonzero(self.fixed)
         region = np.zeros(self._mesh.n, dtype=np.int32)
         region[handles] = connected_components(self.graph.matrix[handles][:, handles], directed=False)[1]
         return region
@@ -298,7 +300,7 @@ class HandleRegions:
             np.bincount(region[i], minlength=region.max() + 1) for i in (self._hard_index, self._edge)
         )
         F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
-        F = F[self._fixed[F].all(axis=1)]
+        F = F[self.fixed[F].all(axis=1)]
         F = F[(size - edge >= SURROUNDED * size)[region[F[:, 0]]]]
         if len(F) == 0:
             return None
@@ -318,7 +320,7 @@ class HandleRegions:
         fronts = Fronts(graph, self._edge)
         distance, nearest = fronts.distance, self._edge[fronts.cell]
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
-        vertex = np.flatnonzero((distance < width) & ~self._fixed)
+        vertex = np.flatnonzero((distance < width) & ~self.fixed)
         phi = _smooth_fall(distance[vertex] / width)
         nearest_region = self._region[nearest]
         owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
