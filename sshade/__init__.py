@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.transfer import transfer_pose
     from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
+    from sshade.volume_goals import VolumeGoal
 
     __version__: str
 
@@ -36,6 +37,7 @@ __all__ = [
     "Method",
     "Slide",
     "TransferTask",
+    "VolumeGoal",
     "bind",
     "deform",
     "load_binding",
@@ -58,6 +60,7 @@ _MODULES = {
     "pipeline.transfer": ["transfer_pose"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
+    "volume_goals": ["VolumeGoal"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

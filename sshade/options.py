@@ -76,7 +76,11 @@ class Options:
         Seed of the sampling. Change it to see how much a result depends on the sampling.
     volume : float
         Weight of the enclosed volume: 0 leaves it unconstrained, inf keeps it exactly. Lower it where the
-        shape may shrink or grow. A mesh with a boundary has no volume.
+        shape may shrink or grow. A mesh with a boundary has no volume, unless it has a goal.
+    volume_goal : float, optional
+        Volume of the result, as a multiple of the volume at rest; by default it stays. Raise it for a body
+        that breathes in. Each component has the same ratio, and holes of an open mesh are closed by caps.
+        With a goal, the default of `area` is at most 0.1.
     area : float
         Weight of the surface area: 0 leaves it unconstrained, inf keeps it exactly. Lower it where large
         handle regions move apart.
@@ -136,6 +140,7 @@ class Options:
     workers: int | None = _option(None, "[1, inf)")
     seed: int = _option(0, "[0, inf)")
     volume: float = _option(0.0, "[0, inf]")
+    volume_goal: float | None = _option(None, "(0, inf)")
     area: float = _option(0.0, "[0, inf]")
     stiffness: float = _option(1.0, "(0, 1]")
     strain: float = _option(0.02, "(0, inf)")
@@ -169,10 +174,13 @@ class Options:
         return replace(self, **energy, strain_limit=inf, polish=False)
 
 
+#: Options of the energy that may change without a new factorisation. ``attachment`` and ``bending`` change
+#: the matrix and are therefore not here.
+ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
-    "Energy": ("volume", "area", "stiffness", "strain", "strain_limit", "attachment", "bending"),
+    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending"),
     "Warp": ("warp",),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start"),
@@ -184,11 +192,8 @@ PROXIES = GROUPS["Proxy"]
 TRANSFER_SAMPLINGS = 10
 #: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
-#: Options of the energy that may change without a new factorisation. ``attachment`` and ``bending`` change
-#: the matrix and are therefore not here.
-ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 #: Options of the solver, :func:`sshade.solver.local_global.local_global`.
-SOLVER = (*GROUPS["Energy"], *ITERATION)
+SOLVER = (*ENERGY, "attachment", "bending", *ITERATION)
 
 _FAST = Options(
     vertices=12_000,
@@ -396,6 +401,10 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
     values = checked(values, accepted(method), subject=f"the method {method!r}")
     differences = REGIONS.get(method, {}) if regions else {}
     options = replace(PRESETS[method], **{**differences, **values})
+    if options.volume_goal is not None and options.volume == 0:
+        raise InputError("volume_goal needs a weight of the volume, which is 0 here; give volume=inf")
+    if options.volume_goal is not None and options.coarse is not None:
+        raise InputError("volume_goal needs our solver; leave `coarse` out")
     if options.of_proxy().attachment == 0 and "guide_attachment" not in values:
         options = replace(options, guide_attachment=0.0)
     return options

@@ -41,7 +41,11 @@ LEVEL, QUICK_LEVEL = 8, 6
 
 def rigid(x: np.ndarray) -> np.ndarray:
     """Turn by 60 degrees about an oblique axis."""
-    return Rotation.from_rotvec(np.radians(60) * np.array([0.6, 0.0, 0.8])).apply(np.array(x)) + [0.3, 0.1, 0.0]
+    return Rotation.from_rotvec(np.radians(60) * np.array([0.6, 0.0, 0.8])).apply(np.array(x)) + [
+        0.3,
+        0.1,
+        0.0,
+    ]
 
 
 def stretch(x: np.ndarray) -> np.ndarray:

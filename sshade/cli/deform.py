@@ -25,6 +25,11 @@ A group with one of these keys slides freely, on a plane or line through its tar
   "slide": {"surface": "chair.obj"}     surface of a mesh file; "rest" is the rest shape
   "free": "position"                    anywhere: only the "rotation" of the group is prescribed
 
+A list beside "handles" gives volumes of parts, as multiples of their volumes at rest; see --volume-goal
+for the whole mesh:
+
+  "volumes": [{"name": "belly", "boxes": [[[x, y, z], [x, y, z]]], "goal": 1.2}]
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -119,6 +124,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.io.handles import handle_notes, on_mesh
     from sshade.io.meshes import write_file
+    from sshade.io.volumes import volumes_on_surface
     from sshade.pipeline.deform import deform
     from sshade.task import DeformationTask
 
@@ -130,10 +136,17 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     require_memory(vertices=len(V), proxy_vertices=at_once * samples)
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
+        volumes = volumes_on_surface(given.volumes, whole, file.F)
     if options.weight is not None:
         softened = handles.exact & ~handles.free
         handles = replace(handles, weight=np.where(softened, options.weight, handles.weight))
-    task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
+    task = DeformationTask(
+        options.mesh.stem,
+        mesh,
+        handles,
+        carry_unconstrained=options.carry_unconstrained,
+        volumes=volumes,
+    )
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)

@@ -70,6 +70,9 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         "elastically instead": warped == 1,
         f"the handles determine {100 * warped:.0f} % of the surface, which interpolates between them: --warp "
         "never deforms all of it elastically": 0 < warped < 1,
+        "the handles determine volume and area, which change with them: --warp never keeps both as at rest": (
+            facts.get("released", 0.0) > 0
+        ),
         **on_samples,
         f"{flat} faces without area were slightly enlarged": flat,
         f"{dropped} faces that repeat a vertex or another face were ignored": dropped,

@@ -119,6 +119,8 @@ class Document:
             return self._groups(parsed_handle_file(content, folder=self.outputs["handles"].parent), first)
 
     def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
+        if file.volumes:
+            raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
         names = {entry.number: entry.name for entry in file.entries}
         return groups_of(handles, names, first=first)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,9 +15,10 @@ from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
 from sshade.io.keys import LONGEST, require_known, unique_keys
-from sshade.io.points import as_array, as_ids, as_points
+from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.text import decoded
+from sshade.io.volumes import VolumeEntry, volume_entries
 
 if TYPE_CHECKING:
     from sshade.slides import Slide
@@ -92,12 +93,14 @@ class HandleFile(NamedTuple):
         Whether positions are in the coordinates of Implicit-ARAP.
     made : mapping
         Options that the editor recorded.
+    volumes : list of VolumeEntry
     """
 
     entries: list[Entry]
     raw: bool
     implicit_arap: bool = False
     made: Mapping[str, Any] = {}
+    volumes: Sequence[VolumeEntry] = ()
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
@@ -131,7 +134,7 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
         raise InputError(f"not readable as JSON ({why})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
-    require_known(data, ("handles",), FILE_RECORDS)
+    require_known(data, ("handles", "volumes"), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
         with naming(f"entry {number}"):
@@ -143,7 +146,8 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
     if not entries:
         raise InputError(NO_HANDLES)
     made = data.get("made")
-    return HandleFile(entries, raw, made=made if isinstance(made, dict) else {})
+    volumes = volume_entries(data.get("volumes", []))
+    return HandleFile(entries, raw, made=made if isinstance(made, dict) else {}, volumes=volumes)
 
 
 def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) -> Entry:
@@ -170,16 +174,7 @@ def _place(entry: dict[str, Any], way: str) -> np.ndarray:
         return as_ids(entry[way], '"vertices"')
     if way == "source":
         return as_points(entry[way], '"source"')
-    boxes = as_array(entry[way], '"boxes"', (None, 2, 3), "a list of pairs of points")
-    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
-    if len(swapped):
-        number, axis = swapped[0]
-        low, high = boxes[number, :, axis]
-        raise InputError(
-            f'box {number} of "boxes" has its corners swapped on axis {"xyz"[axis]}: {low:g} comes before '
-            f"{high:g}; the lowest corner comes first"
-        )
-    return boxes
+    return as_boxes(entry[way], '"boxes"')
 
 
 def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:

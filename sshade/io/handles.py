@@ -35,6 +35,8 @@ A group with a ``slide`` moves freely on a set (:class:`sshade.Slide`): on a ``{
 or on the ``{"surface": path}`` of a mesh file. The path is relative to the handle file; ``"rest"`` stands for
 the rest shape. ``"free": "position"`` leaves the position free, beside a prescribed rotation.
 
+A list ``volumes`` beside ``handles`` has goals for volumes: see :mod:`sshade.io.volumes`.
+
 Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
 """
 
@@ -58,6 +60,7 @@ from sshade.io.meshes import read_surface
 from sshade.io.packed import packed
 from sshade.io.points import columns
 from sshade.io.regions import vertices_in
+from sshade.io.volumes import volumes_on_surface
 from sshade.mesh.mesh import Mesh
 from sshade.options import NEAR
 from sshade.slides import Slide
@@ -199,11 +202,14 @@ def read_task(
         See :func:`sshade.io.meshes.read_surface`, :func:`read_handles` and
         :class:`sshade.DeformationTask`.
     """
-    _, rest = read_surface(mesh, weld=weld, repair=repair)
+    file, rest = read_surface(mesh, weld=weld, repair=repair)
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
-    own = read_handles(handles, rest.mesh, raw=raw, vertex=rest.vertex)
+    given = read_handle_file(handles, raw=raw)
+    with naming(handles):
+        own = on_mesh(given, rest.mesh, vertex=rest.vertex)
+        volumes = volumes_on_surface(given.volumes, rest, file.F)
     meta, carry = {"raw": raw}, carry_unconstrained
-    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry)
+    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry, volumes=volumes)
 
 
 def write_handles(

@@ -41,6 +41,20 @@ def as_points(values: Any, name: str) -> np.ndarray:
     return as_array(values, name, (None, 3), "a list of points [x, y, z]")
 
 
+def as_boxes(values: Any, name: str) -> np.ndarray:
+    """Convert a list of boxes, pairs of their lowest and highest corners, to a (b, 2, 3) array."""
+    boxes = as_array(values, name, (None, 2, 3), "a list of pairs of points")
+    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
+    if len(swapped):
+        number, axis = swapped[0]
+        low, high = boxes[number, :, axis]
+        raise InputError(
+            f"box {number} of {name} has its corners swapped on axis {'xyz'[axis]}: {low:g} comes before "
+            f"{high:g}; the lowest corner comes first"
+        )
+    return boxes
+
+
 def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:
     """Convert numbers to a float64 array.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import same_places, seams
 from sshade.options import NEAR, check_weld
+from sshade.volume_goals import VolumeGoal, restricted
 
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
 #: positions are stored as float32.
@@ -41,6 +43,16 @@ class Surface(NamedTuple):
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)
+
+    def goals(self, goals: Sequence[VolumeGoal], F: np.ndarray) -> tuple[VolumeGoal, ...]:
+        """Return volume goals with original faces F (m, 3) for the faces of the mesh.
+
+        Raises
+        ------
+        InputError
+            When the mesh has no face of a goal.
+        """
+        return restricted(goals, self.vertex[F], self.mesh.F, strict=True) if goals else ()
 
     @property
     def original(self) -> np.ndarray:

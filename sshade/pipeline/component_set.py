@@ -22,6 +22,7 @@ from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices, shar
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.progress import Progress, renamed
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.volume_goals import VolumeGoal, restricted
 
 #: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
 #: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
@@ -52,6 +53,8 @@ class ComponentSet:
         self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
     ) -> None:
         handles = task.handles
+        self._goals = restricted(task.volumes, task.mesh.F, mesh.F, strict=True)
+        self._mesh = mesh
         self._cut, self._handles, self._task = cut, handles, task
         self._deform, self._options = deform, options
         self._component, count = cut.mesh.component, cut.mesh.topology.components
@@ -151,7 +154,7 @@ class ComponentSet:
         number = number[number >= 0]
         if len(number) == 0 or not self._hard[number].all():
             return False
-        if (np.diff(self._copies.indptr)[origin] > 1).any():
+        if (np.diff(self._copies.indptr)[origin] > 1).any() or self._has_goal(component):
             return False
         motion = common_motion(self._task.mesh.V[handles.index[number]], handles.target[number])
         if motion is None:
@@ -162,6 +165,18 @@ class ComponentSet:
         self._done[origin] = True
         return True
 
+    def _has_goal(self, component: int) -> bool:
+        """Whether the volume of a component or of its parts has a goal."""
+        return self._options.volume_goal is not None or bool(self._goals_of(component))
+
+    def _goals_of(self, component: int) -> tuple[VolumeGoal, ...]:
+        """The goals of parts with faces in a component."""
+        if not self._goals:
+            return ()
+        cut = self._cut
+        faces = cut.origin[cut.mesh.F[self._faces[component]]]
+        return restricted(self._goals, self._mesh.F, faces)
+
     def deform(
         self, component: int, stage: str, changes: dict[str, Any], progress: Progress
     ) -> DeformationResult:
@@ -170,11 +185,16 @@ class ComponentSet:
         origin, guess = self._cut.origin[vertex], self._guess[component]
         F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
         shape = Mesh(self._cut.mesh.V[vertex], F)
+        if sides == 2 and self._has_goal(component):
+            raise InputError(
+                f"the surface around vertex {origin[0]} has one side and no volume; give it no volume goal"
+            )
         if sides == 2:  # the sides enclose nothing
             changes = {**changes, "volume": 0.0}
         if not isinstance(self._options.frame_function, str):
             changes = {**changes, "frame_function": self._values_of(self._options.frame_function)[origin]}
-        solve = partial(self._solve, shape, origin, stage, progress=progress)
+        goals = self._goals_of(component)
+        solve = partial(self._solve, shape, origin, stage, goals=goals, progress=progress)
         result = solve(changes, None if guess is None else guess[origin])
         means = at_means(origin, result.vertices)
         distance = np.linalg.norm(result.vertices - means, axis=1)
@@ -199,13 +219,14 @@ class ComponentSet:
         changes: dict[str, Any],
         guess: np.ndarray | None,
         *,
+        goals: tuple[VolumeGoal, ...],
         progress: Progress,
     ) -> DeformationResult:
         """Deform a component, whose vertices are copies of `origin` (k,), from a guess (k, 3)."""
         handles = self._handles_of(origin)
         vertices = max(changes["vertices"], least_vertices(len(handles)))
         vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
-        part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
+        part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess, volumes=goals)
         try:
             progress = renamed(progress, stage, within=True)
             return self._deform(part, progress=progress, **{**changes, "vertices": vertices})

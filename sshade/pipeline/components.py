@@ -29,6 +29,7 @@ from sshade.pipeline.component_set import ComponentSet, DeformComponent
 from sshade.pipeline.proxies import joined
 from sshade.progress import Progress
 from sshade.task import DeformationResult, DeformationTask
+from sshade.volume_goals import restricted
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +39,7 @@ FACTS: dict[str, Callable[[Any], Any]] = {
     "proxy_vertices": sum,
     "faces_without_area": sum,
     "residual": max,
+    "volume_goal_error": max,
     "options": lambda values: values[0],
 }
 #: Facts of a result without a proxy.
@@ -102,7 +104,8 @@ def by_components(
         "gap": 0.0,
     }
     if cut.mesh.topology.components == 1 and cut.mesh is mesh:
-        result = deform(replace(task, mesh=mesh), progress=progress)
+        goals = restricted(task.volumes, whole.F, mesh.F, strict=True)
+        result = deform(replace(task, mesh=mesh, volumes=goals), progress=progress)
         _warn_of_volume([result.extra])
         return replace(result, extra={**result.extra, **facts})
     components = ComponentSet(mesh, cut, task, deform, options)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 from time import perf_counter
 from typing import Any, TypeVar, overload
 
@@ -16,11 +17,13 @@ from sshade.mesh.surface import NEAR, surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import NO_PROXY, by_components
 from sshade.pipeline.engine import deform_once
+from sshade.pipeline.goals import Goals, on_component, warn_of_missed, with_ratios
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import has_regions
 from sshade.pipeline.warp import find_warp
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.volume_goals import VolumeGoal, check_goals
 
 ShapeT = TypeVar("ShapeT")
 
@@ -53,31 +56,47 @@ def deform_task(
     """
 
     def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        component_values = {**values, **changes}
+        component_values = {**ratios, **changes}
         options = resolve(method, component_values)
         if regional := has_regions(task.mesh, task.handles.index, options):
             options = resolve(method, component_values, regions=True)
+        options, parts = on_component(task.mesh, task.volumes, options, area=area)
+        task = replace(task, volumes=parts)
         run = partial(deform_once, task, options.of_proxy(), progress=progress, **(hooks or {}))
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()
-        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume")))
-        return replace(result, extra={**result.extra, "options": as_row(totals, method)})
+        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
+        extra = {**result.extra, "options": as_row(totals, method)}
+        if parts or options.volume_goal is not None:
+            errors = Goals(task.mesh, options.volume_goal, parts).errors(result.vertices)
+            extra["volume_goal_error"] = max(abs(error) for error in errors.values())
+            if options.volume == inf and warp is None:
+                warn_of_missed(errors)
+        return replace(result, extra=extra)
 
-    whole, handles = resolve(method, values), task.handles
+    area = values.get("area") is not None
+    task, ratios = with_ratios(task, method, values)
+    whole, handles = resolve(method, ratios), task.handles
     if (handles.free & ~handles.has_rotation).any():
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     warp, begin = None, perf_counter()
-    if "warp" in accepted(method) and (warp := find_warp(task, whole.warp, progress=progress)) is not None:
+    has_goals = bool(task.volumes) or whole.volume_goal is not None
+    if has_goals and whole.warp == "always":
+        raise InputError("handles determine the volume of a warp; leave volume goals out")
+    if "warp" in accepted(method) and not has_goals:
+        warp = find_warp(task, whole.warp, progress=progress)
+    if warp is not None:
         seconds = {"warp": perf_counter() - begin}
         if warp.portion == 1.0 and warp.exact:
             facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
             return DeformationResult(warp.vertices, 0, True, seconds, facts)
-        values = {**values, **warp.constraints(whole)}
+        area, ratios = True, {**ratios, **warp.constraints(task.mesh, whole)}
     result = by_components(task, deform_component, whole, progress=progress)
     if warp is not None:
-        seconds, facts = {**result.seconds, **seconds}, {**result.extra, "warped": warp.portion}
+        name = "warped" if warp.exact else "released"
+        seconds, facts = {**result.seconds, **seconds}, {**result.extra, name: warp.portion}
         result = replace(result, vertices=warp.blend(result.vertices), seconds=seconds, extra=facts)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
@@ -111,6 +130,7 @@ def deform(
     carry_unconstrained: bool = False,
     weld: float = NEAR,
     repair: bool = False,
+    volumes: Sequence[VolumeGoal] = (),
     **options: Any,
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
@@ -160,6 +180,9 @@ def deform(
         move as one. 0 joins exact copies alone.
     repair : bool
         Weld all copies of a vertex, along seams or not.
+    volumes : sequence of VolumeGoal
+        Volumes that the mesh or its parts are to have, with faces of `F`. A task has its own. The option
+        ``volume_goal`` is the ratio of the whole.
     **options
         The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
         and ``progress``, a :class:`sshade.progress.Progress`.
@@ -171,7 +194,8 @@ def deform(
         ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
-        diagonal (``hard_handle_error``), the number of ``degenerate_frames``, and facts of the proxies:
+        diagonal (``hard_handle_error``), the largest relative error of a volume goal
+        (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
         ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
         :func:`sshade.pipeline.components.by_components`.
 
@@ -198,9 +222,11 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        if weight is not None or rotations is not None or carry_unconstrained or repair or weld != NEAR:
+        has = weight is not None or rotations is not None or carry_unconstrained or len(volumes) > 0
+        if has or repair or weld != NEAR:
             raise TypeError(
-                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
+                "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
+                "welded"
             )
         return run(shape, **options)
     if (mesh := opened(shape)) is not None:
@@ -215,7 +241,10 @@ def deform(
     extent = whole.mesh.diagonal
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=_on(whole.vertex, handles.index), extent=extent)
-    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
+    goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
+    task = DeformationTask(
+        "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
+    )
     moved = whole.placed(V, run(task, **options).vertices)
     return moved if mesh is None else mesh.moved(moved)
 

@@ -17,11 +17,13 @@ from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.pipeline.drag import Drag, NearestPlacement
 from sshade.pipeline.engine import BoundProxy, Engine
+from sshade.pipeline.goals import on_component, with_ratios
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, in_threads
+from sshade.volume_goals import VolumeGoal
 
 #: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
 SETTLED = 0.01
@@ -47,6 +49,8 @@ class Deformer:
         Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     slide : Slide or (h,) sequence, optional
         How handles slide, see :class:`sshade.Handles`. Planes and lines move with the targets of a call.
+    volumes : sequence of VolumeGoal
+        Volumes that the mesh or its parts are to have.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -84,6 +88,7 @@ class Deformer:
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
         slide: Slide | Sequence[Slide | None] | None = None,
+        volumes: Sequence[VolumeGoal] = (),
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
         **options: Any,
@@ -96,8 +101,12 @@ class Deformer:
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
+        task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
+        task, ratios = with_ratios(task, method, self._values)
+        self._values, self._volumes = dict(ratios), task.volumes
+        self._parts: tuple[VolumeGoal, ...] = ()
         self._options = self._resolved()
-        self._engine = engine = Engine(mesh, self._rest, self._options)
+        self._engine = engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
         self._regions = engine.regions
         self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
@@ -106,7 +115,9 @@ class Deformer:
         def bind(number: int) -> BoundProxy:
             with ThreadPoolExecutor(max_workers=1) as pool:
                 bound = engine.bind(
-                    number, pool, lambda proxy, _, place: Drag(proxy, place(self._rest), self._options)
+                    number,
+                    pool,
+                    lambda proxy, _, place, parts: Drag(proxy, place(self._rest), self._options, parts),
                 )
             bound.binding  # noqa: B018 - raises errors of the binding
             progress("binding", number + 1, engine.proxies.samplings)
@@ -167,32 +178,42 @@ class Deformer:
         self._rest, self._proxies, self._regions, self._last_handles = rest, proxies, regions, None
 
     def change_energy(self, **energy: Any) -> None:
-        """Change constraints or softening from the next call on; the shape stays.
+        """Change constraints, their goals or softening from the next call on; the shape stays.
 
         Parameters
         ----------
         **energy
-            ``volume``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options to change. None
-            stands for the method's own value. See :class:`sshade.options.Options`.
+            ``volume``, ``volume_goal``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options
+            to change. None stands for the method's own value. See :class:`sshade.options.Options`. The
+            volume of an open mesh has a goal only if it had one from the beginning.
 
         Raises
         ------
         InputError
             On another option or value; nothing changes then.
         """
-        values = checked(energy, ENERGY, subject="change_energy")
+        values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
         kept = {name: value for name, value in self._values.items() if name not in energy}
-        self._values = {**kept, **values}
-        self._options = self._resolved()
+        before = self._values, self._options, self._parts
+        try:
+            self._values = {**kept, **values}
+            self._options = self._resolved()
+            if len(self._parts) != len(before[2]):
+                raise InputError("parts and open meshes need their goals from the beginning")
+        except InputError:
+            self._values, self._options, self._parts = before
+            raise
+        self._engine.aim(self._options.volume_goal, self._parts)
+        self._regions.volume_goal, self._regions.goals = self._engine.volume_goal, self._engine.goals
         for bound in self._proxies:
             bound.solver.change(self._options)
-            bound.volume_goal = 1.0
+            bound.aim(self._engine.volume_goal, self._engine.goals)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
         for bound in self._proxies:
             bound.solver.reset()
-            bound.volume_goal = 1.0
+            bound.restart()
 
     def __call__(
         self,
@@ -289,7 +310,9 @@ class Deformer:
 
     def _resolved(self) -> Options:
         """Return the method's options with the values of the user."""
-        return resolve(self._method, self._values, regions=self._regional)
+        options = resolve(self._method, self._values, regions=self._regional)
+        options, self._parts = on_component(self.mesh, self._volumes, options, area="area" in self._values)
+        return options
 
     def _stopping(self, tolerance: float | None, max_iterations: int | None) -> Options:
         """Return the options with another stopping rule; None keeps the option's value."""

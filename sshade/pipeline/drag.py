@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from sshade.carry.neighbours import sums_by_index
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options
-from sshade.pipeline.engine import solve_proxy
+from sshade.pipeline.engine import ratios_of, solve_proxy
 from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
@@ -34,9 +34,14 @@ class Drag:
     handles : Handles
         On N, at rest.
     options : Options
+    parts : sequence of (f,) int64
+        Faces of the parts that have volume goals.
     """
 
-    def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
+    def __init__(
+        self, proxy: Mesh, handles: Handles, options: Options, parts: Sequence[np.ndarray] = ()
+    ) -> None:
+        self._parts = parts
         self._proxy, self._options = proxy, options
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = np.zeros(len(handles), dtype=bool)
@@ -48,6 +53,7 @@ class Drag:
             stiffness=attachment.stiffness,
             slide=attachment.slide,
             bending=options.bending,
+            parts=parts,
         )
         self.reset()
 
@@ -77,43 +83,54 @@ class Drag:
         self._solver = self._solver.with_handles(attachment.vertex, **binding)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
-    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+    def __call__(
+        self, handles: Handles, *, volume_goal: float, part_goals: np.ndarray | None = None, **stop: Any
+    ) -> DeformationResult:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         pulls: dict[str, Any] = {"prescribed": handles.prescribed_rotations, "fraction": fraction}
+        goals: dict[str, Any] = {"volume_goal": volume_goal, "part_goals": part_goals}
         energy = self._options.subset(ENERGY)
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)
         if self._following is None:
-            result = self._first(handles, targets, pulls, replace(self._options, **stop))
+            result = self._first(handles, targets, pulls, replace(self._options, **stop), goals)
             R = result.extra["rotations"]
             self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
         else:
-            result = self._following.solve(targets, **pulls, volume_goal=volume_goal, **stop).result()
+            result = self._following.solve(targets, **pulls, **goals, **stop).result()
         self._last = result.vertices, result.extra["rotations"]
         return result
 
     def _first(
-        self, handles: Handles, targets: np.ndarray, pulls: Mapping[str, Any], options: Options
+        self,
+        handles: Handles,
+        targets: np.ndarray,
+        pulls: Mapping[str, Any],
+        options: Options,
+        goals: Mapping[str, Any],
     ) -> DeformationResult:
         energy = options.subset(ENERGY)
 
         def solve(task: DeformationTask, *, tolerance: float, **context: Any) -> DeformationResult:
             if task.mesh is not self._proxy:
                 return coarser(task, tolerance=tolerance, **context)
-            del context["seed"]
+            del context["seed"], context["volume_goal"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
-            return self._solver.solve(targets, start=guess, **pulls, **stop, **context, **energy).result()
+            context |= {**pulls, **goals, **stop, **energy}
+            return self._solver.solve(targets, start=guess, **context).result()
 
         def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
             solver = {**energy, **options.subset(("attachment", "bending", "max_iterations", "start"))}
             return local_global(task, **solver, **context)
 
-        task = DeformationTask("drag", self._proxy, handles)
-        return solve_proxy(task, options, solve=solve, seed=options.seed)
+        ratios = () if goals["part_goals"] is None else goals["part_goals"]
+        task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, ratios))
+        ratio = goals["volume_goal"]
+        return solve_proxy(task, options, solve=solve, volume_goal=ratio, seed=options.seed)
 
 
 class NearestPlacement:

@@ -6,9 +6,9 @@ deformation via local representations", algorithm 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from time import perf_counter
@@ -21,17 +21,22 @@ from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import SOLVER, Options
+from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, renamed, silent
 from sshade.sampling.proxy import Sampling, proxy_mesh
+from sshade.solver.capped import CappedVolume
 from sshade.solver.local_global import local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam
+from sshade.volume_goals import VolumeGoal
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
+#: The same number where parts have goals.
+PART_ROUNDS = 6
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
@@ -41,7 +46,8 @@ GUIDE_AREA = 1.0
 #: Places handles of M on a proxy.
 Place = Callable[[Handles], Handles]
 #: Solves a proxy for handles on it: ``solve(handles, volume_goal=, tolerance=, max_iterations=)``, where the
-#: goal is a multiple of the volume at rest. Each solve starts from the result of the last one.
+#: goal is a multiple of the volume at rest, with ``part_goals=`` where parts have goals. Each solve starts
+#: from the result of the last one.
 SolveProxy = Callable[..., DeformationResult]
 #: Samples a mesh: ``sample(mesh, regions, seed)``.
 Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Place]]
@@ -117,6 +123,8 @@ class Engine:
     handles : Handles
         Only their vertices, groups and weights matter, and which handles have a rotation.
     options : Options
+    volumes : sequence of VolumeGoal
+        Ratios of parts of M.
     sample, projection : callable
         How M is sampled, and the projection P onto a proxy.
 
@@ -131,20 +139,37 @@ class Engine:
         handles: Handles,
         options: Options,
         *,
+        volumes: Sequence[VolumeGoal] = (),
         sample: Sampler = sample_with_handles,
         projection: Projector = project_to_fans,
     ) -> None:
         self._mesh, self._sample, self._projection = mesh, sample, projection
         self.proxies = Proxies(mesh, options, handles=len(handles))
         mesh.require_one_component()
+        self.aim(options.volume_goal, volumes)
         self.regions = self.regions_of(handles)
+
+    def aim(self, ratio: float | None, volumes: Sequence[VolumeGoal]) -> None:
+        """Set the volume goals: the ratio of the whole, and ratios of parts."""
+        self.volume_goal = ratio
+        self.goals = Goals(self._mesh, ratio, volumes) if volumes else None
 
     def regions_of(self, handles: Handles) -> HandleRegions:
         """Return the handle regions of M for other handles."""
-        return HandleRegions(self._mesh, handles, vertices=self.proxies.vertices, graph=self.proxies.graph)
+        return HandleRegions(
+            self._mesh,
+            handles,
+            vertices=self.proxies.vertices,
+            graph=self.proxies.graph,
+            volume_goal=self.volume_goal,
+            goals=self.goals,
+        )
 
     def bind(
-        self, number: int, pool: ThreadPoolExecutor, solver_of: Callable[[Mesh, Sampling, Place], SolveProxy]
+        self,
+        number: int,
+        pool: ThreadPoolExecutor,
+        solver_of: Callable[[Mesh, Sampling, Place, list[np.ndarray]], SolveProxy],
     ) -> BoundProxy:
         """Sample a proxy and make its solver; a thread of `pool` binds M to the proxy meanwhile."""
         begin = perf_counter()
@@ -158,7 +183,12 @@ class Engine:
             return binding
 
         bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
-        return BoundProxy(proxy, sampling, place, solver_of(proxy, sampling, place), bound, seconds)
+        parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals else []
+        solver = solver_of(proxy, sampling, place, parts)
+        made = BoundProxy(proxy, sampling, place, solver, bound, seconds)
+        made.part_volumes = np.array([CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts])
+        made.aim(self.volume_goal, self.goals)
+        return made
 
     def average(
         self,
@@ -199,7 +229,16 @@ class BoundProxy:
     bound : Future of Binding
     sampling_seconds : float
     volume_goal : float
-        Volume of N', as a multiple of the volume of N, with which M' has the volume of M.
+        Volume of N', as a multiple of the volume of N, with which M' has the volume of M, or the volume that
+        the user wants.
+    part_goals : (p,) float64
+        The same for parts of N.
+    part_volumes : (p,) float64
+        Volumes of the parts of N at rest.
+    first_goals : (float, (p,) float64)
+        Goals before any correction.
+    secants : Secants, optional
+        How the volumes of M' answer corrections, where parts have goals.
     """
 
     proxy: Mesh
@@ -209,6 +248,22 @@ class BoundProxy:
     bound: Future[Binding]
     sampling_seconds: float
     volume_goal: float = 1.0
+    part_goals: np.ndarray = field(default_factory=lambda: np.ones(0))
+    part_volumes: np.ndarray = field(default_factory=lambda: np.ones(0))
+    first_goals: tuple[float, np.ndarray] = (1.0, np.ones(0))
+    secants: Secants | None = None
+
+    def aim(self, ratio: float | None, goals: Goals | None) -> None:
+        """Begin with the user's goals: the ratio of the whole, and the goals of parts."""
+        self.volume_goal = 1.0 if ratio is None else ratio
+        if goals:
+            self.part_goals = np.array([goal.ratio for goal in goals.parts], dtype=np.float64)
+            self.secants = Secants(1 + len(goals.parts))
+        self.first_goals = self.volume_goal, self.part_goals
+
+    def restart(self) -> None:
+        """Forget the corrections of goals."""
+        self.volume_goal, self.part_goals = self.first_goals
 
     @property
     def binding(self) -> Binding:
@@ -226,6 +281,8 @@ class BoundProxy:
         placed = self.place(handles)
         if handles.prescribed_rotations and not placed.prescribed_rotations:
             raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
+        if len(self.part_goals):
+            stop["part_goals"] = self.part_goals
         return self.solver(placed, volume_goal=self.volume_goal, **stop)
 
     def deform(
@@ -241,7 +298,8 @@ class BoundProxy:
         """Deform M for handles at their targets.
 
         A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
-        the volume of N. Another solve with a corrected volume goal removes the deficit. In the same way,
+        the volume of N. Another solve with a corrected volume goal removes the deficit. So it is with the
+        volume that the user wants, and with the volumes of parts. In the same way,
         further solves bring handles that are no vertices of N to their targets.
 
         Parameters
@@ -259,10 +317,14 @@ class BoundProxy:
             Takes the prolonged positions.
         """
         corrects = corrects_volume(options)
-        error = VOLUME_ERROR * abs(regions.volume) if corrects else 0.0
+        scale = abs(regions.volume) or 1.0 if corrects else 1.0
+        goals = regions.goals if corrects else None
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
-        for _ in range(1 + VOLUME_ROUNDS if again else 1):
+        if self.secants:
+            self.secants.forget_step()
+        rounds = PART_ROUNDS if goals else VOLUME_ROUNDS
+        for _ in range(1 + rounds if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
             solved = self.solve(handles, tolerance=options.tolerance, max_iterations=left)
@@ -274,15 +336,25 @@ class BoundProxy:
             V, degenerate = binding.carry(solved.vertices, rotations=R, team=team, out=out)
             V = regions.on_targets(V, handles) if corrects else V
             deficit = regions.volume_deficit(V) if corrects else 0.0
+            missing = abs(deficit) / scale
+            if goals:
+                missing = max(missing, goals.relative_error(V))
             seconds["carry"] += perf_counter() - begin
-            if best is not None and (abs(deficit) > max(smallest, error) or (was_exact and not exact)):
+            worse = best is not None and missing > max(smallest, VOLUME_ERROR)
+            if (worse and not goals) or (best is not None and was_exact and not exact):
                 break  # the last shape was better
-            solver_facts |= solved.extra
-            best, smallest, was_exact = (V, solved.converged, degenerate), abs(deficit), exact
+            if not worse:
+                solver_facts |= solved.extra
+                best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            if goals and self.secants:
+                steps = self.secants.step(np.append(deficit, goals.deficits(V)))
+                deficit, part_goals = float(steps[0]), self.part_goals + steps[1:] / self.part_volumes
+            else:
+                part_goals = self.part_goals
             goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
-            corrected = smallest <= error or not exact or goal <= 0
+            corrected = smallest <= VOLUME_ERROR or not exact or goal <= 0 or (part_goals <= 0).any()
             if not corrected:
-                self.volume_goal = goal
+                self.volume_goal, self.part_goals = goal, part_goals
             learn = getattr(self.place, "learn", None)
             missed = learn(handles, V) if learn else 0.0
             met = missed <= MET * binding.mesh.diagonal
@@ -330,7 +402,7 @@ def deform_once(
     InputError
         On another mesh, or where it cannot be sampled or solved.
     """
-    engine = Engine(task.mesh, task.handles, options, **hooks)
+    engine = Engine(task.mesh, task.handles, options, volumes=task.volumes, **hooks)
     if engine.regions.covered:
         return all_on_targets(task)
 
@@ -340,11 +412,12 @@ def deform_once(
     def deform(number: int) -> DeformationResult:
         progress(stage(number), 0, options.max_iterations)
 
-        def solver_of(proxy: Mesh, sampling: Sampling, place: Place) -> SolveProxy:
+        def solver_of(proxy: Mesh, sampling: Sampling, place: Place, parts: list[np.ndarray]) -> SolveProxy:
             guess = first.result().vertices if first is not None and number else task.guess
             return _single_solver(
                 proxy,
                 options,
+                parts,
                 name=f"{task.name} proxy {number}",
                 guess=None if guess is None else guess[sampling.samples],
                 progress=progress,
@@ -369,15 +442,24 @@ def deform_once(
 
 
 def _single_solver(
-    proxy: Mesh, options: Options, *, name: str, guess: np.ndarray | None, progress: Progress, stage: str
+    proxy: Mesh,
+    options: Options,
+    parts: list[np.ndarray],
+    *,
+    name: str,
+    guess: np.ndarray | None,
+    progress: Progress,
+    stage: str,
 ) -> SolveProxy:
     """Return a solver of a proxy for targets that are known from the beginning; it starts at the guess."""
     context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
     coarser = renamed(progress, f"coarser {stage}")
 
-    def solve(handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+    def solve(
+        handles: Handles, *, volume_goal: float, part_goals: Sequence[float] = (), **stop: Any
+    ) -> DeformationResult:
         nonlocal guess
-        task = DeformationTask(name, proxy, handles, guess=guess)
+        task = DeformationTask(name, proxy, handles, guess=guess, volumes=ratios_of(parts, part_goals))
         if options.coarse is not None:
             return options.coarse(task, **context)
         own = replace(options, **stop)
@@ -386,3 +468,8 @@ def _single_solver(
         return result
 
     return solve
+
+
+def ratios_of(parts: Sequence[np.ndarray], ratios: Sequence[float]) -> tuple[VolumeGoal, ...]:
+    """Return the volume goals of a proxy, for the faces of its parts."""
+    return tuple(VolumeGoal(ratio=ratio, faces=faces) for faces, ratio in zip(parts, ratios, strict=True))

@@ -18,7 +18,7 @@ from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, renamed
 from sshade.sampling.fronts import Fronts
 from sshade.solver.attachment import Attachment
-from sshade.solver.local_global import LocalGlobal
+from sshade.solver.local_global import LocalGlobal, part_faces, part_ratios
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus
@@ -75,6 +75,7 @@ def polished(
         targets[: len(task.handles)] = task.handles.goals(proxy.vertices)
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
+    energy |= {"volume_goal": options.volume_goal or 1.0, "part_goals": part_ratios(task)}
     energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
@@ -119,7 +120,8 @@ def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray
         free = np.array([slide is not None and slide.free for slide in attachment.slide])
         stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
         targets = targets.copy()
-    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=stiffness, multigrid=True)
+    parts = part_faces(task)
+    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=stiffness, multigrid=True, parts=parts)
     return solver, targets, perf_counter() - begin
 
 
@@ -141,7 +143,8 @@ def _solution_at(
     solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
 ) -> Solution:
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
-    V = solver.project(V, **{name: energy[name] for name in ("volume", "area", "workers")})
+    names = "volume", "area", "volume_goal", "part_goals", "workers"
+    V = solver.project(V, **{name: energy[name] for name in names})
     after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
-    names = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
-    return after._replace(**{name: getattr(solution, name) for name in names})
+    kept = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    return after._replace(**{name: getattr(solution, name) for name in kept})

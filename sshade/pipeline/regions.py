@@ -26,6 +26,7 @@ from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
 from sshade.options import Options
+from sshade.pipeline.goals import Goals
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy
@@ -65,10 +66,14 @@ class HandleRegions:
         Number of samples.
     graph : VertexGraph
         Of M.
+    volume_goal : float, optional
+        Volume that M' is to have, as a multiple of the volume of M. It is corrected without regions, too.
+    goals : Goals, optional
+        Volume goals of parts of M.
 
     Attributes
     ----------
-    vertices, graph
+    vertices, graph, volume_goal, goals
         The parameters.
     regional : bool
         Whether more than half of the handles are surrounded by others, or handles are more than half of the
@@ -77,23 +82,35 @@ class HandleRegions:
         Whether every vertex is a hard handle.
     number : (n,) int64
         Handle of each vertex, or -1.
+    fixed : (n,) bool
+        Vertices that are hard handles.
     first : (f,) int64
         Vertices to sample first.
     metric : VertexGraph
         Graph that measures distances for sampling the remaining vertices.
     """
 
-    def __init__(self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        handles: Handles,
+        *,
+        vertices: int,
+        graph: VertexGraph,
+        volume_goal: float | None = None,
+        goals: Goals | None = None,
+    ) -> None:
+        self.volume_goal, self.goals = volume_goal, goals
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
         index, self._hard = handles.index, handles.exact
         self.number = np.full(mesh.n, -1)
         self.number[index] = np.arange(len(index))
         handle = self.number >= 0
-        # Hard handle vertices: `_hard_index` has all ids, `_fixed` (n,) marks them, and `_edge` has the ids
+        # Hard handle vertices: `_hard_index` has all ids, `fixed` (n,) marks them, and `_edge` has the ids
         # on the edges of regions.
         self._hard_index = index[self._hard]
-        self._fixed = np.zeros(mesh.n, dtype=bool)
-        self._fixed[self._hard_index] = True
+        self.fixed = np.zeros(mesh.n, dtype=bool)
+        self.fixed[self._hard_index] = True
         self.covered = bool(handles.hard.sum() == mesh.n)
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
@@ -166,7 +183,7 @@ class HandleRegions:
             weight[np.isin(e, prescribed[0])] = 1.0
         moved[v] += (phi[turns] * weight)[:, None] * offset
         movable = vertex[~turns]
-        missed = np.where((self._fixed & ~rotated)[:, None], moved - V, 0.0)
+        missed = np.where((self.fixed & ~rotated)[:, None], moved - V, 0.0)
         if len(movable) and missed.any():
             moved[movable] += harmonic(self.graph, movable, missed)
         return moved
@@ -192,11 +209,20 @@ class HandleRegions:
         if self.regional and len(self._hard_index):
             self._margin, self._maps  # noqa: B018 - cached
 
-    @cached_property
+    @property
     def volume(self) -> float:
-        """Volume of M, in length^3; 0 without regions, or where M encloses no volume."""
-        if not (self.regional and self._mesh.is_closed and self._mesh.is_oriented):
+        """Volume that M' is to have, in length^3.
+
+        It is 0 without regions and without a goal, or where M encloses no volume.
+        """
+        corrects = self.regional or self.volume_goal is not None
+        if not (corrects and self._mesh.is_closed and self._mesh.is_oriented):
             return 0.0
+        return self._rest_volume * (self.volume_goal or 1.0)
+
+    @cached_property
+    def _rest_volume(self) -> float:
+        """Volume of M, in length^3."""
         return float(self._measured(self._mesh.V)[0])
 
     def volume_deficit(self, V: np.ndarray) -> float:
@@ -207,8 +233,12 @@ class HandleRegions:
         """Correct the volume deficit of M' (n, 3): movable vertices move along their normals.
 
         A proxy has few samples inside regions, and does not know all of the volume there. All vertices far
-        from handles move alike, by at most :data:`SHIFT`. M' without regions or with a boundary stays.
+        from handles move alike, by at most :data:`SHIFT`. M' without regions or with a boundary stays, unless
+        there are goals.
         """
+        if self.goals:
+            most = SHIFT * float(np.sqrt(self._mesh.area / self.vertices))
+            return self.goals.corrected(V, self._movable, most=most)
         mesh, (volume, area) = self._mesh, self._measured(V) if self.volume else (0.0, 0.0)
         deficit = self.volume - volume
         if deficit == 0.0:
@@ -217,9 +247,7 @@ class HandleRegions:
         add_gradients(mesh.F.astype(np.uint32), V - mesh.origin, 1.0, 0.0, G, G, 0, mesh.n)
         length = np.linalg.norm(G, axis=1, keepdims=True)
         Z = np.divide(G, length, out=np.zeros((mesh.n, 3)), where=length > 0)
-        vertex, _, phi = self._margin
-        Z[vertex] *= 1 - phi[:, None]
-        Z[self._fixed] = 0.0
+        Z *= self._movable[:, None]
         slope, shift = float((G * Z).sum()), 0.0
         most = SHIFT * np.sqrt(area / self.vertices)
         for _ in range(NEWTON_STEPS if slope > 0 else 0):
@@ -228,6 +256,14 @@ class HandleRegions:
             if abs(deficit) <= ROUNDING * abs(self.volume):
                 break
         return V + shift * Z
+
+    @property
+    def _movable(self) -> np.ndarray:
+        """(n,) weights of moves: 0 at hard handles, 1 away from the edges of regions."""
+        weight, (vertex, _, phi) = np.ones(self._mesh.n), self._margin
+        weight[vertex] *= 1 - phi
+        weight[self.fixed] = 0.0
+        return weight
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         """(2,) volume and area for positions V (n, 3)."""
@@ -247,7 +283,7 @@ class HandleRegions:
     @cached_property
     def _region(self) -> np.ndarray:
         """(n,) int32: number of the connected region of each hard handle vertex; 0 elsewhere."""
-        handles = np.flatnonzero(self._fixed)
+        handles = np.flatnonzero(self.fixed)
         region = np.zeros(self._mesh.n, dtype=np.int32)
         region[handles] = connected_components(self.graph.matrix[handles][:, handles], directed=False)[1]
         return region
@@ -264,7 +300,7 @@ class HandleRegions:
             np.bincount(region[i], minlength=region.max() + 1) for i in (self._hard_index, self._edge)
         )
         F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
-        F = F[self._fixed[F].all(axis=1)]
+        F = F[self.fixed[F].all(axis=1)]
         F = F[(size - edge >= SURROUNDED * size)[region[F[:, 0]]]]
         if len(F) == 0:
             return None
@@ -284,7 +320,7 @@ class HandleRegions:
         fronts = Fronts(graph, self._edge)
         distance, nearest = fronts.distance, self._edge[fronts.cell]
         width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
-        vertex = np.flatnonzero((distance < width) & ~self._fixed)
+        vertex = np.flatnonzero((distance < width) & ~self.fixed)
         phi = _smooth_fall(distance[vertex] / width)
         nearest_region = self._region[nearest]
         owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))

@@ -8,8 +8,8 @@ near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (inte
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
-follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Handles of posed
-bodies are neither dense nor predicted, and the weight is 0.
+follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Handles of
+posed bodies are neither dense nor predicted, and the weight is 0.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.unconstrained import move_rigidly, without_handles
 from sshade.options import Options
@@ -43,7 +44,7 @@ DENSE, SPARSE = 0.05, 0.1
 SURE, UNSURE = 0.03, 0.15
 #: The same for all handles: mean error (root mean square) over the mean motion that is not rigid.
 ALL_SURE, ALL_UNSURE = 0.05, 0.3
-#: Largest weight of volume and area where half of the area is interpolated.
+#: Largest weight of the area where half of it is interpolated.
 YIELDING = 0.1
 #: Largest distance of a weight from 1 that is rounding.
 ROUNDING = 1e-9
@@ -71,10 +72,14 @@ class Warp(NamedTuple):
     portion: float
     exact: bool
 
-    def constraints(self, options: Options) -> dict[str, float]:
-        """Return weights of the constraints with which an elastic deformation gives way to the handles."""
-        largest = YIELDING * (1 - self.portion) / self.portion
-        return {name: min(getattr(options, name), largest) for name in ("volume", "area")}
+    def constraints(self, mesh: Mesh, options: Options) -> dict[str, float]:
+        """Return options of the elastic deformation with which volume and area follow the interpolation."""
+        found = {"area": min(options.area, YIELDING * (1 - self.portion) / self.portion)}
+        if options.volume and mesh.is_closed and mesh.is_oriented:
+            implied = Mesh(self.vertices, mesh.F).volume / mesh.volume
+            ratio = 1 + self.portion * (implied - 1)
+            found |= {"volume_goal": ratio} if ratio > 0 else {"volume": 0.0}
+        return found
 
     def blend(self, V: np.ndarray) -> np.ndarray:
         """Return the weighted mean of the interpolation and elastically deformed positions V (n, 3)."""

@@ -12,14 +12,17 @@ only, because each direction takes a linear solve.
 The volume's derivative with respect to vertex i is a third of the vector area of the triangles at i. This
 form depends on edges alone, unlike the one with cross products of positions, and loses no digits far from
 the origin.
+
+Parts of the surface may have volume constraints of their own, with the weight of the volume. Newton's method
+then has one unknown for each of them.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,7 +34,8 @@ from sshade.threads import ThreadTeam
 
 log = logging.getLogger(__name__)
 
-VOLUME, AREA = 0, 1
+#: Numbers of the quantities; parts follow.
+VOLUME, AREA, PARTS = 0, 1, 2
 #: Steps that share the directions. Two exact constraints need fewer, because an error of one direction cannot
 #: be balanced along the other.
 EVERY, EVERY_OF_BOTH = 8, 4
@@ -57,6 +61,14 @@ MOST_EVALUATIONS = 12
 FACES = 65_536
 
 
+class Part(Protocol):
+    """A part of a surface that has a volume: a :class:`sshade.solver.capped.CappedVolume`."""
+
+    def measure(self, P: np.ndarray) -> np.ndarray: ...
+
+    def add_gradient(self, P: np.ndarray, factor: float, G: np.ndarray) -> None: ...
+
+
 class Surface:
     """The faces of a mesh in the solver's order, with their volume and area at rest.
 
@@ -71,19 +83,29 @@ class Surface:
         Place of each vertex in the solver's order.
     faces : (m, 3) uint32, optional
         The faces in the order of :func:`sshade.solver.order.faces_in_order`, if the solver has them.
+    parts : sequence of Part
+        Parts with a volume constraint each, in the solver's order of vertices.
 
     Attributes
     ----------
     F : (m, 3) uint32
     ranges : list of (slice, int, int)
         See :func:`sshade.solver.order.vertex_ranges`.
-    rest : (2,) float64
-        Volume and area at rest.
+    parts : sequence of Part
+    rest : (2 + parts,) float64
+        Volume and area at rest, and the volumes of the parts.
     without_volume : str
         Why there is no volume to constrain; empty if there is one.
     """
 
-    def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        place: np.ndarray,
+        faces: np.ndarray | None = None,
+        parts: Sequence[Part] = (),
+    ) -> None:
+        self.parts = parts
         self.F = faces_in_order(mesh.F, place)[0] if faces is None else faces
         self.ranges, self.connected = vertex_ranges(self.F, mesh.n), mesh.connectivity.components == 1
         rest = np.empty((mesh.n, 3))
@@ -92,14 +114,28 @@ class Surface:
         self.without_volume = _reason_for_no_volume(mesh, self.rest)
 
     def measure(self, P: np.ndarray, team: ThreadTeam) -> np.ndarray:
-        """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
+        """Return (2 + parts,) volume, area and volumes of parts at positions P (n, 3).
+
+        The bits are the same with any number of threads.
+        """
         origin = P[self.F[0, 0]]
-        return sum(
+        whole = sum(
             team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
         )
+        return np.append(whole, [part.measure(P)[0] for part in self.parts]) if self.parts else whole
 
-    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
+    def report(
+        self,
+        P: np.ndarray,
+        volume: float,
+        area: float,
+        *,
+        volume_goal: float,
+        part_goals: np.ndarray | None = None,
+    ) -> dict[str, Any]:
         """Describe volume and area at positions P (n, 3) after a solve with these weights.
+
+        The error of the volume is the largest error of the whole and of all parts.
 
         Returns
         -------
@@ -115,10 +151,13 @@ class Surface:
         )
         for q, (name, weight, goal, without) in enumerate(cases):
             error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
+            if q == VOLUME and self.parts:
+                of_parts = now[PARTS:] / self.rest[PARTS:] - (1.0 if part_goals is None else part_goals)
+                error = float(np.nanmax([error, *np.abs(of_parts)]))
             reached = "exact" if error <= REACHED else "infeasible"
             state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
             facts |= {f"{name}_error": error, f"{name}_constraint": state}
-        if volume > 0 and self.without_volume:
+        if volume > 0 and self.without_volume and not self.parts:
             facts["volume_constraint"] = f"off: {self.without_volume}"
         return facts
 
@@ -158,16 +197,20 @@ class Constraints:
         team: ThreadTeam,
         single: bool = False,
     ) -> None:
-        if volume > 0 and surface.without_volume:
+        if volume > 0 and surface.without_volume and not surface.parts:
             log.info("the volume constraint is off: %s", surface.without_volume)
         self._kinds = [VOLUME] * (volume > 0 and not surface.without_volume)
+        self._parts = list(range(PARTS, PARTS + len(surface.parts))) if volume > 0 else []
+        self._kinds += self._parts  # before the area, which comes last
         self._kinds += [AREA] * bool(area > 0 and surface.rest[AREA] > 0)
         if self._kinds and not surface.connected:
             raise InputError("constraints on volume and area need a connected mesh: solve for each component")
         self._surface, self._team, self._corners = surface, team, corners
         weights, self._area = np.array([volume, area]), surface.rest[AREA] or 1.0
+        both = np.isinf(weights).all() or (np.isinf(volume) and len(self._parts) > 0)
+        weights = np.append(weights, np.full(len(surface.parts), volume))
         #: Weights asked for. `_lasting` has the weights from now on, and `_weight` the weights of this step.
-        self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
+        self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if both else EVERY
         count, n = len(self._kinds), surface.ranges[-1][2]
         self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
         #: Derivatives of each quantity along each direction, the multipliers, and their last change.
@@ -179,9 +222,14 @@ class Constraints:
         """Number of constrained quantities."""
         return len(self._kinds)
 
-    def aim(self, volume_goal: float) -> None:
-        """Set the goal of the volume, as a multiple of its value at rest, and try an exact area again."""
+    def aim(self, volume_goal: float, part_goals: np.ndarray | None = None) -> None:
+        """Set the goals of volumes, as multiples of their values at rest, and try an exact area again.
+
+        Goals of parts (k,) are 1 if missing.
+        """
         goal = np.where(np.array(self._kinds) == VOLUME, volume_goal, 1.0)
+        if part_goals is not None and self._parts:
+            goal[np.array(self._kinds) >= PARTS] = part_goals
         self._scale = 1.0 / self._surface.rest[self._kinds] / goal
         self._lasting = self._weight = self._asked
         self._failures = 0
@@ -206,7 +254,8 @@ class Constraints:
 
     def _add_gradients(self, P: np.ndarray, scale: np.ndarray, G: np.ndarray) -> None:
         """Add ``scale_q grad C_q(P)`` to each G_q (q, n, 3), or all to G_0 (1, n, 3)."""
-        factor, surface = np.zeros(2), self._surface
+        surface = self._surface
+        factor = np.zeros(len(surface.rest))
         factor[self._kinds] = scale
 
         def add(number: int) -> None:
@@ -214,6 +263,10 @@ class Constraints:
             add_gradients(surface.F[own], P, factor[VOLUME], factor[AREA], G[0], G[-1], first, end)
 
         self._team(add, len(surface.ranges))
+        for q, kind in enumerate(self._kinds):
+            if kind >= PARTS:
+                part = surface.parts[kind - PARTS]
+                part.add_gradient(P, float(scale[q]), G[q] if len(G) == len(self._kinds) else G[0])
 
     def renew_directions(self, P: np.ndarray, solve: Callable[[np.ndarray, np.ndarray], None]) -> None:
         """Move along ``L^-1 grad C_q(P)`` from now on; ``solve(B, X)`` writes L^-1 B to X."""
@@ -309,11 +362,15 @@ class Constraints:
 
 
 def newton_step(J: np.ndarray, active: np.ndarray, compliance: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Newton step ``(J + diag(compliance)) x = -r`` for one or two unknowns; 0 for inactive ones.
+    """Newton step ``(J + diag(compliance)) x = -r`` for the multipliers; 0 for inactive ones.
 
-    If the two gradients are parallel, it is the least-squares step.
+    If gradients are linearly dependent, it is the least-squares step.
     """
     A = J + np.diag(compliance)
+    if len(r) > 2:
+        step = np.zeros(len(r))
+        step[active] = np.linalg.lstsq(A[np.ix_(active, active)], -r[active], rcond=1.0 / PARALLEL)[0]
+        return step
     slopes = np.diag(A)
     if not active.all() or len(r) == 1:
         return np.divide(-r, slopes, out=np.zeros(len(r)), where=active & (slopes != 0.0))

@@ -55,6 +55,8 @@ class Descent:
         Accelerated iterates given up in this solve.
     volume_goal : float
         Volume to reach, as a multiple of the volume at rest.
+    part_goals : (p,) float64 or None
+        The same for the parts.
     """
 
     def __init__(
@@ -94,13 +96,13 @@ class Descent:
         prescribed: tuple[np.ndarray, np.ndarray] | None,
         fraction: np.ndarray | None,
         volume_goal: float,
+        part_goals: np.ndarray | None = None,
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
         if self.slides:
             self.slides.aim(targets)
-        self.volume_goal = volume_goal
-        self._constraints.aim(volume_goal)
+        self.aim_volumes(volume_goal, part_goals)
 
     def begin(self) -> None:
         """Fit the rotations to the present iterate, where a solve begins."""
@@ -170,6 +172,11 @@ class Descent:
         if self.slides:
             self.slides.restore(self.u, self._linear.solve)
         return self._constraints.restore(self.u)
+
+    def aim_volumes(self, volume_goal: float, part_goals: np.ndarray | None) -> None:
+        """Set the goals of volumes alone."""
+        self.volume_goal, self.part_goals = volume_goal, part_goals
+        self._constraints.aim(volume_goal, part_goals)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""

@@ -57,6 +57,7 @@ class LocalGlobal(System):
         window: int = 5,
         max_seconds: float = inf,
         volume_goal: float = 1.0,
+        part_goals: np.ndarray | None = None,
         workers: int = 1,
         progress: Progress = silent,
         **energy: Any,
@@ -93,6 +94,8 @@ class LocalGlobal(System):
             No iteration begins later. The result then depends on the machine.
         volume_goal : float
             Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
+        part_goals : (p,) float64, optional
+            The same for each part; 1 if missing.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         progress : Progress
@@ -118,7 +121,7 @@ class LocalGlobal(System):
             single = self.factorised is None
             window = window if accelerate else 0
             state = Descent(self, options, u, team=team, window=window, single=single)
-            state.aim(targets, prescribed, fraction, volume_goal)
+            state.aim(targets, prescribed, fraction, volume_goal, part_goals)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin()
@@ -141,11 +144,24 @@ class LocalGlobal(System):
             energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
-            **self.surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),
+            **self.surface.report(
+                state.u,
+                options.volume,
+                options.area,
+                volume_goal=state.volume_goal,
+                part_goals=state.part_goals,
+            ),
         )
 
     def project(
-        self, positions: np.ndarray, *, volume: float = 0.0, area: float = 0.0, workers: int = 1
+        self,
+        positions: np.ndarray,
+        *,
+        volume: float = 0.0,
+        area: float = 0.0,
+        volume_goal: float = 1.0,
+        part_goals: np.ndarray | None = None,
+        workers: int = 1,
     ) -> np.ndarray:
         """Project positions onto the exact constraints with the least rise of the energy.
 
@@ -157,6 +173,8 @@ class LocalGlobal(System):
             Near a shape that fulfils the constraints. Hard handles stay.
         volume, area : float
             Weights; only inf has an effect.
+        volume_goal, part_goals
+            See :meth:`solve`.
         workers : int
             Threads; no influence on the result.
 
@@ -168,6 +186,7 @@ class LocalGlobal(System):
         with ThreadTeam(workers) as team:
             u = self.to_system(positions, targets)
             state = Descent(self, Options(volume=volume, area=area), u, team=team)
+            state.aim_volumes(volume_goal, part_goals)
             state.project()
         return self.from_system(state.u, targets)
 
@@ -202,7 +221,7 @@ def local_global(
     Parameters
     ----------
     task : DeformationTask
-        Constraints on volume or area need a connected mesh.
+        Constraints on volume or area need a connected mesh. Its volume goals are ratios of parts.
     energy : {"spokes", "spokes_and_rims"}
         See :class:`sshade.solver.system.System`.
     accelerate : bool
@@ -252,6 +271,7 @@ def local_global(
         multigrid=multigrid,
         exact_steps=EXACT_STEPS,
         bending=solver_options.bending,
+        parts=part_faces(task),
     )
     precomputed = perf_counter()
     solution = solver.solve(
@@ -260,6 +280,7 @@ def local_global(
         prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
         volume_goal=volume_goal,
+        part_goals=part_ratios(task),
         workers=workers,
         progress=progress,
         tolerance=solver_options.tolerance,
@@ -267,3 +288,13 @@ def local_global(
         **solver_options.subset(ENERGY),
     )
     return solution.result({"precompute": precomputed - begin, "solve": perf_counter() - precomputed})
+
+
+def part_faces(task: DeformationTask) -> list[np.ndarray]:
+    """Return the faces of each part that has a volume goal."""
+    return [goal.faces for goal in task.volumes if goal.faces is not None]
+
+
+def part_ratios(task: DeformationTask) -> np.ndarray | None:
+    """Return the goals (p,) of the parts, as ratios of their volumes at rest; None without parts."""
+    return np.array([goal.ratio for goal in task.volumes]) if task.volumes else None

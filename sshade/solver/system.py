@@ -7,6 +7,7 @@ faster in the band ordering, where neighbours stay in cache (at 150,000 vertices
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
@@ -19,6 +20,7 @@ from sshade.errors import InputError
 from sshade.memory import give_back
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
+from sshade.solver.capped import CappedVolume
 from sshade.solver.constraints import Surface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
@@ -74,6 +76,9 @@ class System:
     bending : float
         Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
         area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
+    parts : sequence of (f,) int64
+        Faces of each part whose volume is constrained with the volume of the mesh; see
+        :mod:`sshade.solver.capped`.
 
     Attributes
     ----------
@@ -130,6 +135,7 @@ class System:
         multigrid: bool = False,
         exact_steps: int = 0,
         bending: float = 0.0,
+        parts: Sequence[np.ndarray] = (),
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
@@ -137,6 +143,7 @@ class System:
             raise InputError("bending needs a factorisation, not multigrid")
         if slide is not None and multigrid:
             raise InputError("sliding handles need a factorisation, not multigrid")
+        self._parts = parts
         self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
@@ -231,7 +238,8 @@ class System:
     @cached_property
     def surface(self) -> Surface:
         """The faces in the solver's order, for constraints."""
-        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
+        parts = [CappedVolume(self.place[self.mesh.F[faces]]) for faces in self._parts]
+        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None, parts)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
         """Assemble the matrix of a V-cycle: the Laplacian with weights (m,) of triangles, and pulls."""

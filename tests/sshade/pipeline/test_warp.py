@@ -45,11 +45,26 @@ def test_a_spline_is_the_one_of_scipy_and_its_error_at_a_left_out_point_too():
         assert splines.left_out[point] == pytest.approx(np.linalg.norm(without - y[point]), rel=1e-6)
 
 
+def grown(V: np.ndarray) -> np.ndarray:
+    return V * (1.05 + 0.05 * np.sin(V[:, :1]))
+
+
+def test_dense_soft_handles_give_the_volume_alone():
+    soft = deform(task(grown, weight=5.0))
+    volume = Mesh(grown(BODY.V), BODY.F).volume
+    assert Mesh(soft.vertices, BODY.F).volume == pytest.approx(volume, rel=2e-3)
+    assert soft.extra["released"] == 1 and soft.extra["proxy_vertices"] > 0 and off(soft, grown) < 0.02
+
+
+def test_a_goal_of_the_user_comes_first():
+    found = deform(task(grown), volume_goal=1.0)
+    assert Mesh(found.vertices, BODY.F).volume == pytest.approx(BODY.volume, rel=2e-3)
+    with pytest.raises(InputError, match="handles determine the volume of a warp"):
+        deform(task(grown), volume_goal=1.0, warp="always")
+
+
 @pytest.mark.parametrize("method", ["fast", "fine"])
 def test_dense_handles_are_not_fought(method):
-    def grown(V):
-        return V * (1.05 + 0.05 * np.sin(V[:, :1]))
-
     dense = task(grown)
     found = deform(dense, method=method)
     assert found.extra["warped"] == 1 and off(found, grown) < 5e-4
@@ -80,7 +95,6 @@ def ends_and_more(V, index):
     [
         lambda V: ends_and_more(V, np.flatnonzero(np.abs(V[:, 0]) > 1.2)),  # regions
         lambda V: ends_and_more(V, np.arange(0, len(V), len(V) // 20)),  # points, one half is turned
-        lambda V: Handles(np.arange(300), V[:300] * 1.2, weight=5.0),
         lambda V: Handles(np.arange(300), V[:300] * 1.2, slide=Slide.plane([0, 0, 1])),
         lambda V: Handles(np.arange(300), turned(V[:300])),
     ],

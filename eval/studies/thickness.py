@@ -1,0 +1,109 @@
+"""Local thickness: how far apart opposite points of a surface are, after a deformation and at rest.
+
+A point of the surface and the first point that its inward normal hits at rest are a pair. The distance of a
+pair at rest is the thickness there. The same two points of the surface are measured again in the deformed
+shape, so that no ray can miss. The ratio of the two distances is below 1 where the shape is pinched. Two
+walls that slide along each other raise the ratio; they do not lower it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.mesh.mesh import Mesh
+
+#: Number of pairs by default, and of rays at a time.
+PAIRS, RAYS = 500, 50
+#: Least distance of a hit, as a fraction of the diagonal. Nearer hits are the point itself.
+NEAR = 1e-6
+#: Largest cosine between the normals of a pair. Others are not opposite.
+OPPOSITE = -0.5
+
+
+class Pairs(NamedTuple):
+    """Opposite points of a surface, each a point of a face.
+
+    Attributes
+    ----------
+    face, opposite : (p,) int64
+        Faces of the two points. The first point is the centroid of its face.
+    weight : (p, 3) float64
+        Barycentric coordinates of the second point.
+    """
+
+    face: np.ndarray
+    opposite: np.ndarray
+    weight: np.ndarray
+
+    def lengths(self, V: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return (p,) distances of the pairs for positions V (n, 3) of the vertices of faces F (m, 3)."""
+        other = np.einsum("pk,pkd->pd", self.weight, V[F[self.opposite]])
+        return np.linalg.norm(V[F[self.face]].mean(axis=1) - other, axis=1)
+
+
+def opposite_points(
+    mesh: Mesh, *, pairs: int = PAIRS, faces: np.ndarray | None = None, seed: int = 0
+) -> Pairs:
+    """Find opposite points of a mesh at rest, evenly distributed over its area.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Faces counter-clockwise seen from outside.
+    pairs : int
+        Number of first points. Points without an opposite point are left out.
+    faces : (k,) int, optional
+        Faces of first points; by default all.
+    seed : int
+    """
+    faces = np.arange(mesh.m) if faces is None else np.asarray(faces)
+    chance = mesh.face_areas[faces]
+    rng = np.random.default_rng(seed)
+    face = np.sort(rng.choice(faces, min(pairs, len(faces)), replace=False, p=chance / chance.sum()))
+    hits = [_first_hits(mesh, face[i : i + RAYS]) for i in range(0, len(face), RAYS)]
+    opposite, weight = (np.concatenate(column) for column in zip(*hits, strict=True))
+    cosine = np.einsum("pd,pd->p", mesh.face_normals[face], mesh.face_normals[opposite])
+    found = (opposite >= 0) & (cosine <= OPPOSITE)
+    return Pairs(face[found], opposite[found], weight[found])
+
+
+def _first_hits(mesh: Mesh, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Face (p,) that each inward normal hits first, or -1, and barycentric coordinates (p, 3) there."""
+    a, b, c = (mesh.V[mesh.F[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    begin, along = mesh.V[mesh.F[face]].mean(axis=1), -mesh.face_normals[face]
+    # The ray t -> begin + t along meets a + y u + z v where these determinants say (Moeller and Trumbore).
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p = np.cross(along[:, None], v)
+        inverse = 1.0 / np.einsum("md,pmd->pm", u, p)
+        offset = begin[:, None] - a
+        y = np.einsum("pmd,pmd->pm", offset, p) * inverse
+        q = np.cross(offset, u)
+        z = np.einsum("pd,pmd->pm", along, q) * inverse
+        t = np.einsum("md,pmd->pm", v, q) * inverse
+        inside = (y >= 0) & (z >= 0) & (y + z <= 1) & (t > NEAR * mesh.diagonal)
+    t = np.where(inside, t, np.inf)
+    first = np.argmin(t, axis=1)
+    row = np.arange(len(face))
+    y, z = y[row, first], z[row, first]
+    weight = np.stack([1 - y - z, y, z], axis=1)
+    hit = np.isfinite(t[row, first])
+    return np.where(hit, first, -1), np.where(hit[:, None], weight, 0.0)
+
+
+def local_thickness(rest: Mesh, V: np.ndarray, pairs: Pairs) -> dict[str, float]:
+    """Return the median and the 5th percentile of the ratio of thickness, deformed to rest.
+
+    Parameters
+    ----------
+    rest : Mesh
+    V : (n, 3) float64
+        Deformed positions.
+    pairs : Pairs
+        See :func:`opposite_points`.
+    """
+    ratio = pairs.lengths(V, rest.F) / pairs.lengths(rest.V, rest.F)
+    median, low = np.percentile(ratio, [50, 5]) if len(ratio) else (np.nan, np.nan)
+    return {"median": float(median), "p5": float(low)}

@@ -1,0 +1,347 @@
+"""Goals for the volume of a component and of its parts: on the mesh, and on its proxies.
+
+A part of M stands for the faces of a proxy N that lie in it. Both parts end at slightly different places, so
+that a goal on N gives M' another volume. :class:`sshade.pipeline.engine.BoundProxy` therefore corrects the
+goals on N in a few rounds. A small move along the normals removes the remaining deficit.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.mesh import Mesh, unit_rows
+from sshade.mesh.surface import cut_surface
+from sshade.mesh.unconstrained import without_handles
+from sshade.options import Options, resolve
+from sshade.sampling.fronts import Fronts
+from sshade.sampling.proxy import Sampling
+from sshade.solver.capped import CappedVolume
+from sshade.task import DeformationTask
+from sshade.volume_goals import VolumeGoal, restricted
+
+log = logging.getLogger(__name__)
+
+#: Largest default weight of the area with a volume goal. A body that grows needs more area.
+GOAL_AREA = 0.1
+#: Least volume of a part, as a multiple of area^1.5. The ratio of two volumes near zero means nothing.
+FLAT = 1e-5
+#: Relative difference at which two goals for one volume contradict each other.
+SAME = 1e-9
+#: Relative error of a goal from which on a warning is logged.
+MISSED = 0.01
+#: Largest correction of the volumes of a proxy, as a multiple of the deficits of M'.
+LONGEST = 5.0
+#: Number of Newton steps of the last correction.
+NEWTON_STEPS = 5
+
+
+def with_ratios(
+    task: DeformationTask, method: str, values: Mapping[str, Any]
+) -> tuple[DeformationTask, Mapping[str, Any]]:
+    """Return a task whose volume goals are ratios of parts, and the options with the goal of the whole.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    method : str
+        A key of :data:`sshade.options.PRESETS`.
+    values : mapping
+        Options of the user.
+
+    Raises
+    ------
+    InputError
+        When the whole has two goals, volumes are unconstrained, or the mesh has no volume to compare with.
+    """
+    if not task.volumes:
+        return task, values
+    options = resolve(method, values)
+    if options.volume == 0:
+        raise InputError("volume goals need a weight of the volume, which is 0 here; give volume=inf")
+    if options.coarse is not None:
+        raise InputError("volume goals need our solver; leave `coarse` out")
+    parts, ratio = [], options.volume_goal
+    for goal in task.volumes:
+        value = goal.ratio if goal.volume is None else goal.volume / _rest_volume(task, goal)
+        assert value is not None
+        if goal.faces is not None:
+            parts.append(VolumeGoal(ratio=value, faces=goal.faces, name=goal.name))
+        elif options.volume_goal is not None:
+            raise InputError("the whole mesh has two volume goals; leave the option volume_goal out")
+        else:
+            ratio = value
+    return replace(task, volumes=tuple(parts)), {**values, "volume_goal": ratio}
+
+
+def _rest_volume(task: DeformationTask, goal: VolumeGoal) -> float:
+    """Volume of a part at rest, or of all components that can change; positive also inside of a vessel."""
+    mesh = task.mesh
+    cut = cut_surface(mesh)
+    if cut.one_sided.any():
+        raise InputError("a one-sided surface has no volume; give no volume goal")
+    faces = np.ones(mesh.m, dtype=bool) if goal.faces is None else np.isin(np.arange(mesh.m), goal.faces)
+    stays = np.isin(mesh.component, without_handles(mesh, task.handles.index))
+    faces &= ~stays[mesh.F[:, 0]]
+    # Cutting keeps the order of faces; duplicates of faces are left out before.
+    if len(cut.mesh.F) != mesh.m:
+        raise InputError("a volume in units needs a mesh without duplicate faces; give a ratio, or repair it")
+    measured = CappedVolume(cut.mesh.F[faces]).measure(cut.mesh.V) if faces.any() else np.zeros(2)
+    _require_volume(measured, goal.title)
+    return abs(float(measured[0]))
+
+
+def _require_volume(measured: np.ndarray, title: str) -> None:
+    """Raise InputError if a volume, measured with its area, is nearly zero."""
+    volume, area = measured
+    if not abs(volume) > FLAT * area**1.5:
+        raise InputError(f"{title} has no volume at rest to compare with: its faces and caps are flat")
+
+
+def on_component(
+    mesh: Mesh, volumes: Sequence[VolumeGoal], options: Options, *, area: bool
+) -> tuple[Options, tuple[VolumeGoal, ...]]:
+    """Return the options of a component with the goal of its whole volume, and the goals of its parts.
+
+    A closed component whose parts have goals, and whose whole has none, keeps the volume outside of the
+    parts. The whole of an open component is a part with all faces. Without goals nothing changes.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The component: an oriented manifold.
+    volumes : sequence of VolumeGoal
+        Ratios of disjoint parts.
+    options : Options
+        `volume_goal` is the ratio of the whole, or None.
+    area : bool
+        Whether the user gave a weight of the area.
+
+    Raises
+    ------
+    InputError
+        When goals contradict each other, or a part has no volume at rest.
+    """
+    ratio = options.volume_goal
+    if ratio is None and not volumes:
+        return options, ()
+    if options.volume == 0:
+        raise InputError("volume goals need a weight of the volume, which is 0 here; give volume=inf")
+    all_faces = np.arange(mesh.m)
+    whole = CappedVolume(mesh.F, caps=not mesh.is_closed).measure(mesh.V)
+    _require_volume(whole, "the mesh")
+    parts, implied, covered = list[VolumeGoal](), 1.0, 0
+    for goal in volumes:
+        assert goal.faces is not None and goal.ratio is not None
+        if len(goal.faces) == mesh.m:
+            if ratio is not None and abs(goal.ratio - ratio) > SAME * ratio:
+                raise InputError(
+                    f"{goal.title} is the whole mesh, whose goal is {ratio:g} and not {goal.ratio:g} times "
+                    "its volume; give one goal"
+                )
+            ratio = goal.ratio
+            continue
+        measured = CappedVolume(mesh.F[goal.faces]).measure(mesh.V)
+        _require_volume(measured, goal.title)
+        parts.append(goal)
+        implied += (goal.ratio - 1.0) * measured[0] / whole[0]
+        covered += len(goal.faces)
+    if covered == mesh.m:  # their volumes add up
+        if ratio is not None and abs(implied - ratio) > SAME * ratio:
+            raise InputError(
+                f"the parts cover the mesh, and their goals add up to {implied:g} and not {ratio:g} times "
+                "its volume; leave out the goal of the mesh"
+            )
+        ratio, parts = implied, parts[:-1]
+    if mesh.is_closed:
+        ratio = implied if ratio is None else ratio
+        if not ratio > 0:
+            raise InputError("the goals of the parts leave the mesh no volume; give smaller changes")
+    elif ratio is not None:
+        parts, ratio = [VolumeGoal(ratio=ratio, faces=all_faces, name="the whole"), *parts], None
+    options = replace(options, volume_goal=ratio)
+    if not area:
+        options = replace(options, area=min(options.area, GOAL_AREA))
+    return options, tuple(parts)
+
+
+class Goals:
+    """The volume goals of a component M, and its proxies' parts.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M.
+    ratio : float, optional
+        Goal of the whole of a closed mesh.
+    parts : sequence of VolumeGoal
+        Ratios of parts.
+
+    Attributes
+    ----------
+    parts : tuple of VolumeGoal
+    target : (p,) float64
+        Volumes that the parts are to have.
+    """
+
+    def __init__(self, mesh: Mesh, ratio: float | None, parts: Sequence[VolumeGoal]) -> None:
+        self._mesh, self.parts = mesh, tuple(parts)
+        faces = [goal.faces for goal in parts if goal.faces is not None]
+        self._measures = [CappedVolume(mesh.F[own]) for own in faces]
+        ratios = np.array([goal.ratio for goal in parts], dtype=np.float64)
+        self.target = ratios * self._measured(mesh.V)
+        self._whole = [] if ratio is None else [CappedVolume(mesh.F, caps=False)]
+        self._whole_target = [one.measure(mesh.V)[0] * ratio for one in self._whole]
+
+    def _measured(self, V: np.ndarray) -> np.ndarray:
+        return np.array([one.measure(V)[0] for one in self._measures])
+
+    def deficits(self, V: np.ndarray) -> np.ndarray:
+        """Return (p,) the volumes that the parts of M' (n, 3) lack, in length^3."""
+        return self.target - self._measured(V)
+
+    def relative_error(self, V: np.ndarray) -> float:
+        """Return the largest error of a part's volume in M' (n, 3), as a fraction of its goal."""
+        return float(np.abs(self.deficits(V) / self.target).max(initial=0.0))
+
+    def errors(self, V: np.ndarray) -> dict[str, float]:
+        """Return the relative error of each goal in M' (n, 3), by the names of the parts."""
+        names = ["the mesh"] * len(self._whole) + [goal.name or "a part" for goal in self.parts]
+        goal = np.array([*self._whole_target, *self.target])
+        found = np.array([one.measure(V)[0] for one in [*self._whole, *self._measures]])
+        return {f"{k}: {name}": float(found[k] / goal[k] - 1) for k, name in enumerate(names)}
+
+    def on_proxy(self, proxy: Mesh, sampling: Sampling, fixed: np.ndarray) -> list[np.ndarray]:
+        """Return the faces (f,) of N that stand for each part.
+
+        A vertex of M is in a part if most of its faces are; a face of N if most of its corners are. Vertices
+        of M in `fixed` (n,) are hard handles.
+
+        Raises
+        ------
+        InputError
+            When a part has no face, or there are more goals than movable vertices.
+        """
+        goals, free = len(self._whole) + len(self.parts), int((~fixed[sampling.samples]).sum())
+        if goals > free:
+            raise InputError(
+                f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; "
+                "ask for more vertices"
+            )
+        F, n = self._mesh.F, self._mesh.n
+        count, found = np.bincount(F.ravel(), minlength=n), []
+        for goal in self.parts:
+            assert goal.faces is not None
+            within = np.bincount(F[goal.faces].ravel(), minlength=n)
+            inside = 2 * within > count
+            faces = np.flatnonzero(inside[sampling.samples][proxy.F].sum(axis=1) >= 2)
+            if len(faces) == 0:
+                raise InputError(f"{goal.title} is smaller than the proxy's triangles; ask for more vertices")
+            found.append(np.arange(proxy.m) if len(goal.faces) == len(F) else faces)
+        return found
+
+    def corrected(self, V: np.ndarray, movable: np.ndarray, *, most: float) -> np.ndarray:
+        """Move vertices along their normals until all goals hold; the move fades out at the ends of parts.
+
+        Parameters
+        ----------
+        V : (n, 3) float64
+            M'.
+        movable : (n,) float64
+            Weight of the move of each vertex, from 0 to 1.
+        most : float
+            Largest move, in the unit of length.
+        """
+        measures = [*self._whole, *self._measures]
+        target = np.array([*self._whole_target, *self.target])
+        normal = np.zeros((len(V), 3))
+        CappedVolume(self._mesh.F, caps=False).add_gradient(V, 1.0, normal)
+        normal = unit_rows(normal) * movable[:, None]
+        weight = [np.ones(len(V))] * len(self._whole) + self._fades
+        slope = np.empty((len(measures), len(measures)))
+        for q, measure in enumerate(measures):
+            G = np.zeros((len(V), 3))
+            measure.add_gradient(V, 1.0, G)
+            along = np.einsum("ic,ic->i", G, normal)
+            slope[q] = [along @ own for own in weight]
+        shift, moved, best, smallest = np.zeros(len(measures)), V, V, np.inf
+        for _ in range(NEWTON_STEPS):
+            deficit = target - np.array([measure.measure(moved)[0] for measure in measures])
+            error = float(np.abs(deficit / target).max())
+            if error >= smallest:
+                break
+            best, smallest = moved, error
+            if error <= SAME:
+                break
+            shift = shift + np.linalg.lstsq(slope, deficit, rcond=1e-8)[0]
+            length = sum(m * own for m, own in zip(shift, weight, strict=True))
+            length *= min(1.0, most / (np.abs(length).max() or 1.0))
+            moved = V + length[:, None] * normal
+        return best
+
+    @cached_property
+    def _fades(self) -> list[np.ndarray]:
+        """(n,) weights of each part: 0 outside and at its ends, 1 half-way to its inside."""
+        graph, found = vertex_graph(self._mesh), []
+        for goal, measure in zip(self.parts, self._measures, strict=True):
+            assert goal.faces is not None
+            inside, outside = np.zeros((2, self._mesh.n), dtype=bool)
+            inside[measure.vertex] = True
+            others = np.ones(self._mesh.m, dtype=bool)
+            others[goal.faces] = False
+            outside[self._mesh.F[others]] = True
+            weight, ends = inside.astype(np.float64), np.flatnonzero(inside & outside)
+            if len(ends):
+                distance = np.where(inside, Fronts(graph, ends).distance, 0.0)
+                x = np.minimum(distance / (0.5 * distance.max() or 1.0), 1.0)
+                weight = x * x * (3 - 2 * x)
+            found.append(weight)
+        return found
+
+
+class Secants:
+    """Corrections of a proxy's volumes, from how the volumes of M' answered earlier corrections (Broyden).
+
+    Parameters
+    ----------
+    count : int
+        Number of volumes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._slope = np.eye(count)
+        self.forget_step()
+
+    def forget_step(self) -> None:
+        """Learn nothing from the next deficits: the handles have moved."""
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+
+    def step(self, deficits: np.ndarray) -> np.ndarray:
+        """Return (k,) the changes of the volumes of N that correct the deficits (k,) of M', in length^3."""
+        if self._last is not None:
+            step, before = self._last
+            answer, square = before - deficits, float(step @ step)
+            self._slope += np.outer(answer - self._slope @ step, step) / (square or 1.0)
+        step = np.linalg.lstsq(self._slope, deficits, rcond=1e-3)[0]
+        longest = LONGEST * float(np.linalg.norm(deficits))
+        step *= min(1.0, longest / (float(np.linalg.norm(step)) or 1.0))
+        self._last = step, deficits
+        return step
+
+
+def warn_of_missed(errors: Mapping[str, float]) -> None:
+    """Warn of volumes that are farther than :data:`MISSED` from their goals."""
+    for name, error in errors.items():
+        if abs(error) > MISSED:
+            where = name.split(": ", 1)[1]
+            log.warning("the volume of %s is %.2g %% from its goal", where, 100 * abs(error))
+
+
+__all__ = ["GOAL_AREA", "Goals", "on_component", "restricted", "warn_of_missed", "with_ratios"]
