@@ -3,8 +3,9 @@
 A handle is predicted if a smooth map through the other handles (:mod:`sshade.pipeline.interpolation`) comes
 near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
 
-- If all handles are predicted, the weight is 1 everywhere: handles that scale, shear or bend a shape smoothly
-  determine it however few they are, from eight on.
+- If the errors of all predictions are small in the mean, the weight is 1, except around handles that are far
+  from predicted. So handles that scale, shear or bend a shape smoothly determine it however few they are, from
+  eight on.
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
@@ -42,6 +43,8 @@ DENSE, SPARSE = 0.05, 0.1
 #: Error of a prediction over the distance to other handles, up to which a handle is predicted, and from which
 #: on it is not.
 SURE, UNSURE = 0.03, 0.15
+#: The same where most handles are predicted.
+NEAR, FAR = 0.05, 0.3
 #: The same for all handles: mean error (root mean square) over the mean motion that is not rigid.
 ALL_SURE, ALL_UNSURE = 0.05, 0.3
 #: Largest weight of the area where half of it is interpolated.
@@ -133,7 +136,9 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         apart = cKDTree(x[thinned]).query(x[thinned[spread]], k=4)[0][:, 1:].mean(axis=1)
         all_sure = _falling(_root_mean_square(alone) / _root_mean_square(bent[thinned]), ALL_SURE, ALL_UNSURE)
         dense = _falling(spacing, DENSE, SPARSE)
-        reliable = np.maximum(all_sure, dense * _falling(alone / apart, SURE, UNSURE))
+        strain = alone / apart
+        reliable = all_sure * _falling(strain, NEAR, FAR)
+        reliable = np.maximum(reliable, dense * _falling(strain, SURE, UNSURE))
         if not reliable.any():
             return None
     progress("warp", 0, 1)
