@@ -4,8 +4,7 @@ A handle is predicted if a smooth map through the other handles (:mod:`sshade.pi
 near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
 
 - If the errors of all predictions are small in the mean, the weight is 1, except around handles that are far
-  from predicted. So handles that scale, shear or bend a shape smoothly determine it however few they are, from
-  eight on.
+  from predicted. Eight handles are enough for a shape that is scaled or sheared.
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
