@@ -2,8 +2,8 @@
 
 The command generates shapes with handles at both ends, deforms them with goals for volumes, and prints the
 goals and the volumes of the results. A second table has the local thickness
-(:mod:`eval.studies.thickness`) of vessels and other shapes, bent by 90 degrees. Half of the cases are held
-out: no setting was chosen by them.
+(:mod:`eval.studies.thickness`) of vessels and other shapes, bent by 90 degrees, without and with the option
+`thickness`. Half of the cases are held out: no setting was chosen by them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from sshade.task import DeformationTask, Handles
 from sshade.volume_goals import VolumeGoal
 
 METHODS = ("fast", "fine")
+#: Weights of the thickness in the second table.
+WEIGHTS = (0.0, 1.0)
 #: Portion of the length at each end that is a handle region, and points around a shape.
 END, AROUND = 0.08, 64
 
@@ -228,10 +230,13 @@ def thickness(methods: tuple[str, ...]) -> list[list[str]]:
         pairs = opposite_points(mesh, faces=np.flatnonzero(free))
         goal = ", ".join(f"{name} {ratio:g}" for name, (ratio, _) in case.asked().items())
         shapes = {} if goal else {"exact bend": bent(mesh.V, 90.0)}
-        shapes |= {method: deform(case.task, method=method).vertices for method in methods}
+        for method in methods:
+            for weight in WEIGHTS:
+                name = f"{method}, thickness {weight:g}" if weight else method
+                shapes[name] = deform(case.task, method=method, thickness=weight).vertices
         for method, V in shapes.items():
             ratio = local_thickness(mesh, V, pairs)
-            cells = f"{ratio['median']:.3f}", f"{ratio['p5']:.3f}"
+            cells = f"{ratio['p5']:.3f}", f"{ratio['median']:.3f}", f"{ratio['p95']:.3f}"
             rows.append([case.task.name, _held(case), method, goal or "none", *cells])
     return rows
 
@@ -255,5 +260,5 @@ def command(options: argparse.Namespace) -> int:
     print("\n".join(markdown_lines(header, volumes(methods), left=left)), flush=True)  # noqa: T201
     left = ["case", "held out", "method", "volume goal"]
     print("\nThickness as a fraction of the thickness at rest, bent by 90 degrees\n")  # noqa: T201
-    print("\n".join(markdown_lines([*left, "median", "5 %"], thickness(methods), left=left)))  # noqa: T201
+    print("\n".join(markdown_lines([*left, "5 %", "median", "95 %"], thickness(methods), left=left)))  # noqa: T201
     return 0

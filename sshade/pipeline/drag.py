@@ -125,7 +125,10 @@ class Drag:
             return self._solver.solve(targets, start=guess, **context).result()
 
         def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
-            solver = {**energy, **options.subset(("attachment", "bending", "thickness", "max_iterations", "start"))}
+            solver = {
+                **energy,
+                **options.subset(("attachment", "bending", "thickness", "max_iterations", "start")),
+            }
             return local_global(task, **solver, **context)
 
         ratios = () if goals["part_goals"] is None else goals["part_goals"]

@@ -10,7 +10,9 @@ R_i its rotation, which both energies share. A relative change of the thickness 
 strain of the surface, at any scale and resolution.
 
 The opposite vertex lies on the largest ball inside the surface that touches it at vertex i. The ball shrinks
-until no vertex is inside; vertices whose normals do not point away from each other get no strut.
+until no vertex is inside. In a round limb it may end at a vertex beside i, whose normal is nearly the same.
+Then the ray along the inward normal goes on from the far side of the ball, in steps of the distance to the
+nearest vertex, until this vertex has an opposite normal. A ray that leaves the surface gives no strut.
 
 J. Ma, S. W. Bae, S. Choi, "3D medial axis point approximation using nearest neighbors and the normal field",
 2012 (shrinking balls).
@@ -26,14 +28,17 @@ from scipy.spatial import cKDTree
 
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.solver.terms import Term
+from sshade.threads import available_cpus
 
 #: Largest number of balls at a vertex; about 10 are usual.
 BALLS = 40
 #: Relative difference below which a ball does not shrink any more.
 SAME_BALL = 1e-6
+#: Largest number of steps of a ray; its step is at least `LEAST_STEP` times the mean edge.
+STEPS, LEAST_STEP = 60, 0.5
 #: Largest cosine between the normals of opposite vertices.
 OPPOSITE = -0.5
-#: Least thickness, as a fraction of the mean distance of neighbouring vertices.
+#: Least thickness, as a fraction of the mean edge.
 LEAST = 0.05
 
 
@@ -59,7 +64,7 @@ def opposite_vertices(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
             break
         centre = V[active] + radius[active, None] * inward[active]
         # The vertex itself is always on the ball.
-        _, near = tree.query(centre, k=2)
+        _, near = tree.query(centre, k=2, workers=available_cpus())
         near = np.where(near[:, 0] == active, near[:, 1], near[:, 0])
         arm = V[near] - V[active]
         along = np.einsum("pd,pd->p", arm, inward[active])
@@ -69,12 +74,35 @@ def opposite_vertices(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
         shrinks = smaller < (1 - SAME_BALL) * radius[active]
         active, near = active[shrinks], near[shrinks]
         radius[active], touched[active] = smaller[shrinks], near
+    cosine = np.einsum("pd,pd->p", inward, inward[touched])
+    missed = np.flatnonzero((touched < 0) | (cosine > OPPOSITE))
+    touched[missed] = _along_rays(mesh, tree, inward, missed, 2.0 * radius[missed])
     first = np.flatnonzero(touched >= 0)
     second = touched[first]
-    cosine = np.einsum("pd,pd->p", inward[first], inward[second])
-    length = np.linalg.norm(V[first] - V[second], axis=1)
-    apart = (cosine <= OPPOSITE) & (length > LEAST * mesh.mean_edge)
+    apart = np.linalg.norm(V[first] - V[second], axis=1) > LEAST * mesh.mean_edge
     return first[apart], second[apart]
+
+
+def _along_rays(
+    mesh: Mesh, tree: cKDTree, inward: np.ndarray, vertex: np.ndarray, begin: np.ndarray
+) -> np.ndarray:
+    """Return the first opposite vertex (p,) on the rays from vertices (p,) at distances `begin` on; or -1.
+
+    `inward` (n, 3) are the normals of all vertices.
+    """
+    found, t, edge = np.full(len(vertex), -1), begin.copy(), mesh.mean_edge
+    active = np.flatnonzero(begin < mesh.diagonal)
+    for _ in range(STEPS):
+        if len(active) == 0:
+            break
+        own = vertex[active]
+        distance, near = tree.query(mesh.V[own] + t[active, None] * inward[own], workers=available_cpus())
+        cosine = np.einsum("pd,pd->p", inward[own], inward[near])
+        arrived = (cosine <= OPPOSITE) & (distance <= edge)
+        found[active[arrived]] = near[arrived]
+        t[active] += np.maximum(distance - LEAST_STEP * edge, LEAST_STEP * edge)
+        active = active[~arrived & (t[active] < mesh.diagonal)]
+    return found
 
 
 class Struts(NamedTuple):
