@@ -99,8 +99,8 @@ class Options:
         Length over which a fold is spread, as a fraction of the square root of the area. Raise it if the
         surface creases beside handle regions; 0 turns it off.
     thickness : float
-        Weight with which opposite points of a wall or a body keep their distance. Raise it, from 1 on, if walls
-        of a vessel swell or limbs pinch where they bend; 0 turns it off.
+        Weight with which opposite points of a wall or a limb keep their distance. Raise it, first to 1, if
+        the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
         of the bounding-box diagonal. Lower it for a more exact minimum; 0 never stops early.
@@ -174,8 +174,8 @@ class Options:
         return replace(self, **energy, strain_limit=inf, polish=False)
 
 
-#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending`` and ``thickness`` change
-#: the matrix and are therefore not here.
+#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending`` and
+#: ``thickness`` change the matrix and are therefore not here.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {

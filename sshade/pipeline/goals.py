@@ -232,8 +232,8 @@ class Goals:
         goals, free = len(self._whole) + len(self.parts), int((~fixed[sampling.samples]).sum())
         if goals > free:
             raise InputError(
-                f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; ask "
-                "for more vertices"
+                f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; "
+                "ask for more vertices"
             )
         F, n = self._mesh.F, self._mesh.n
         count, found = np.bincount(F.ravel(), minlength=n), []

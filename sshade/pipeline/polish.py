@@ -121,7 +121,12 @@ def _bind(task: DeformationTask, weight: float, thickness: float) -> tuple[Local
         stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
         targets = targets.copy()
     parts = part_faces(task)
-    bound = {"stiffness": stiffness, "multigrid": True, "thickness": thickness, "parts": parts}
+    bound: dict[str, Any] = {
+        "stiffness": stiffness,
+        "multigrid": True,
+        "thickness": thickness,
+        "parts": parts,
+    }
     solver = LocalGlobal(task.mesh, attachment.vertex, **bound)
     return solver, targets, perf_counter() - begin
 
