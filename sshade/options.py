@@ -98,6 +98,9 @@ class Options:
     bending : float
         Length over which a fold is spread, as a fraction of the square root of the area. Raise it if the
         surface creases beside handle regions; 0 turns it off.
+    thickness : float
+        Weight with which opposite points of a wall or a limb keep their distance. Raise it, first to 1, if
+        the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
         of the bounding-box diagonal. Lower it for a more exact minimum; 0 never stops early.
@@ -147,6 +150,7 @@ class Options:
     strain_limit: float = _option(inf, "(0, inf]")
     attachment: float = _option(0.0, "[0, inf)")
     bending: float = _option(0.0, "[0, inf)")
+    thickness: float = _option(0.0, "[0, inf)")
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
     start: Any = _option("rest", "rest rigid")
@@ -174,13 +178,13 @@ class Options:
         return replace(self, **energy, strain_limit=inf, polish=False)
 
 
-#: Options of the energy that may change without a new factorisation. ``attachment`` and ``bending`` change
-#: the matrix and are therefore not here.
+#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending`` and
+#: ``thickness`` change the matrix and are therefore not here.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
-    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending"),
+    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness"),
     "Warp": ("warp",),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start"),
@@ -193,7 +197,7 @@ TRANSFER_SAMPLINGS = 10
 #: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
 #: Options of the solver, :func:`sshade.solver.local_global.local_global`.
-SOLVER = (*ENERGY, "attachment", "bending", *ITERATION)
+SOLVER = (*ENERGY, "attachment", "bending", "thickness", *ITERATION)
 
 _FAST = Options(
     vertices=12_000,

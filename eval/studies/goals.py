@@ -2,8 +2,8 @@
 
 The command generates shapes with handles at both ends, deforms them with goals for volumes, and prints the
 goals and the volumes of the results. A second table has the local thickness
-(:mod:`eval.studies.thickness`) of vessels and other shapes, bent by 90 degrees. Half of the cases are held
-out: no setting was chosen by them.
+(:mod:`eval.studies.thickness`) of vessels and other shapes, bent by 90 degrees, without and with the option
+`thickness`. Half of the cases are held out: no setting was chosen by them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from sshade.task import DeformationTask, Handles
 from sshade.volume_goals import VolumeGoal
 
 METHODS = ("fast", "fine")
+#: Weights of the thickness in the second table.
+WEIGHTS = (0.0, 1.0)
 #: Portion of the length at each end that is a handle region, and points around a shape.
 END, AROUND = 0.08, 64
 
@@ -92,7 +94,7 @@ def lathe(profile: np.ndarray, *, around: int = AROUND, wrap: bool = False) -> M
 
 
 def capsule(length: float, *, bumps: float = 0.0, rings: int = 160) -> Mesh:
-    """Return a closed rod of radius 1, with a bulge of the given height at each third."""
+    """Return a closed rod of radius 1, with three bulges of the given height, or waists if it is negative."""
     z = np.linspace(0, length, rings)
     edge = np.minimum(np.minimum(z, length - z), 1.0)
     radius = np.sqrt(np.maximum(1 - (1 - edge) ** 2, 0.0)) * (1 + bumps * np.sin(3 * np.pi * z / length) ** 2)
@@ -185,10 +187,10 @@ def cases() -> Iterator[Case]:
 
 def bends() -> Iterator[Case]:
     """Yield shapes without goals that are bent by 90 degrees, for the thickness."""
-    for wall, held_out in ((0.2, False), (0.35, True)):
+    for wall, held_out in ((0.2, False), (0.1, True)):
         yield Case(task_of(f"vessel, wall {wall:g}", vessel(8.0, wall), 90.0), held_out)
-    yield Case(task_of("rod", capsule(8.0), 90.0), False)
-    yield Case(task_of("rod with bulges", capsule(9.0, bumps=0.35), 90.0), True)
+    for name, bumps, held_out in (("bulges", 0.35, False), ("waists", -0.3, True)):
+        yield Case(task_of(f"rod with {name}", capsule(9.0, bumps=bumps), 90.0), held_out)
 
 
 def reached(case: Case, V: np.ndarray) -> dict[str, float]:
@@ -228,10 +230,13 @@ def thickness(methods: tuple[str, ...]) -> list[list[str]]:
         pairs = opposite_points(mesh, faces=np.flatnonzero(free))
         goal = ", ".join(f"{name} {ratio:g}" for name, (ratio, _) in case.asked().items())
         shapes = {} if goal else {"exact bend": bent(mesh.V, 90.0)}
-        shapes |= {method: deform(case.task, method=method).vertices for method in methods}
+        for method in methods:
+            for weight in WEIGHTS:
+                name = f"{method}, thickness {weight:g}" if weight else method
+                shapes[name] = deform(case.task, method=method, thickness=weight).vertices
         for method, V in shapes.items():
             ratio = local_thickness(mesh, V, pairs)
-            cells = f"{ratio['median']:.3f}", f"{ratio['p5']:.3f}"
+            cells = f"{ratio['p5']:.3f}", f"{ratio['median']:.3f}", f"{ratio['p95']:.3f}"
             rows.append([case.task.name, _held(case), method, goal or "none", *cells])
     return rows
 
@@ -255,5 +260,5 @@ def command(options: argparse.Namespace) -> int:
     print("\n".join(markdown_lines(header, volumes(methods), left=left)), flush=True)  # noqa: T201
     left = ["case", "held out", "method", "volume goal"]
     print("\nThickness as a fraction of the thickness at rest, bent by 90 degrees\n")  # noqa: T201
-    print("\n".join(markdown_lines([*left, "median", "5 %"], thickness(methods), left=left)))  # noqa: T201
+    print("\n".join(markdown_lines([*left, "5 %", "median", "95 %"], thickness(methods), left=left)))  # noqa: T201
     return 0

@@ -94,7 +94,7 @@ def _first_hits(mesh: Mesh, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def local_thickness(rest: Mesh, V: np.ndarray, pairs: Pairs) -> dict[str, float]:
-    """Return the median and the 5th percentile of the ratio of thickness, deformed to rest.
+    """Return the 5th percentile, median and 95th percentile of the ratio of thickness, deformed to rest.
 
     Parameters
     ----------
@@ -105,5 +105,5 @@ def local_thickness(rest: Mesh, V: np.ndarray, pairs: Pairs) -> dict[str, float]
         See :func:`opposite_points`.
     """
     ratio = pairs.lengths(V, rest.F) / pairs.lengths(rest.V, rest.F)
-    median, low = np.percentile(ratio, [50, 5]) if len(ratio) else (np.nan, np.nan)
-    return {"median": float(median), "p5": float(low)}
+    percents = {"p5": 5, "median": 50, "p95": 95}
+    return {name: float(np.percentile(ratio, p)) if len(ratio) else np.nan for name, p in percents.items()}

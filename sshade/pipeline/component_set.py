@@ -191,6 +191,8 @@ class ComponentSet:
             )
         if sides == 2:  # the sides enclose nothing
             changes = {**changes, "volume": 0.0}
+            if self._options.thickness:
+                changes["thickness"] = 0.0
         if not isinstance(self._options.frame_function, str):
             changes = {**changes, "frame_function": self._values_of(self._options.frame_function)[origin]}
         goals = self._goals_of(component)

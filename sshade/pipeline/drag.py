@@ -53,6 +53,7 @@ class Drag:
             stiffness=attachment.stiffness,
             slide=attachment.slide,
             bending=options.bending,
+            thickness=options.thickness,
             parts=parts,
         )
         self.reset()
@@ -124,7 +125,10 @@ class Drag:
             return self._solver.solve(targets, start=guess, **context).result()
 
         def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
-            solver = {**energy, **options.subset(("attachment", "bending", "max_iterations", "start"))}
+            solver = {
+                **energy,
+                **options.subset(("attachment", "bending", "thickness", "max_iterations", "start")),
+            }
             return local_global(task, **solver, **context)
 
         ratios = () if goals["part_goals"] is None else goals["part_goals"]

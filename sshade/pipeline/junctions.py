@@ -87,7 +87,7 @@ def deform_joined(
         handles.sampled(handle[samples[on]], number[on], parts.V),
         guess=None if guess is None else guess[samples[one]],
     )
-    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0)
+    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0)
     solved = solve_proxy(task, free, seed=options.seed, progress=renamed(progress, "junctions"))
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
     return binding.carry(solved.vertices[number], rotations=solved.extra["rotations"][number])[0]

@@ -66,7 +66,7 @@ def polished(
     begin = perf_counter()
     give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:
-        solver_ready = pool.submit(_bind, task, options.attachment)
+        solver_ready = pool.submit(_bind, task, options.attachment, options.thickness)
         proxy = deform()
         arrived = perf_counter()
         progress("polish", 0, options.polish_iterations, "preparing")
@@ -110,7 +110,7 @@ def polished(
     return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
 
 
-def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray, float]:
+def _bind(task: DeformationTask, weight: float, thickness: float) -> tuple[LocalGlobal, np.ndarray, float]:
     """The solver at full resolution, the targets of handles and attached vertices, and the time taken."""
     begin = perf_counter()
     attachment = Attachment(task.mesh, task.handles, weight, fold=True)
@@ -121,7 +121,13 @@ def _bind(task: DeformationTask, weight: float) -> tuple[LocalGlobal, np.ndarray
         stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
         targets = targets.copy()
     parts = part_faces(task)
-    solver = LocalGlobal(task.mesh, attachment.vertex, stiffness=stiffness, multigrid=True, parts=parts)
+    bound: dict[str, Any] = {
+        "stiffness": stiffness,
+        "multigrid": True,
+        "thickness": thickness,
+        "parts": parts,
+    }
+    solver = LocalGlobal(task.mesh, attachment.vertex, **bound)
     return solver, targets, perf_counter() - begin
 
 

@@ -11,6 +11,7 @@ from sshade.solver.terms import Term
 from sshade.solver.terms.arap import Arap
 from sshade.solver.terms.bending import Bending
 from sshade.solver.terms.pulls import Pulls
+from sshade.solver.terms.struts import Strutting
 from sshade.threads import ThreadTeam
 
 
@@ -44,6 +45,8 @@ class Energy:
         self._terms: list[Term] = [self._arap, self._pulls]
         if system.plate:
             self._terms.insert(1, Bending(system.plate, ranges))
+        if system.struts:
+            self._terms.append(Strutting(system.struts, ranges))
         self._Q, self.R, self.forces = np.tile([1.0, 0, 0, 0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
 
     @property

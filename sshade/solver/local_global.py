@@ -271,6 +271,7 @@ def local_global(
         multigrid=multigrid,
         exact_steps=EXACT_STEPS,
         bending=solver_options.bending,
+        thickness=solver_options.thickness,
         parts=part_faces(task),
     )
     precomputed = perf_counter()

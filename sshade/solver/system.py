@@ -36,6 +36,7 @@ from sshade.solver.sliding import PROXIMAL, Sliding
 from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
 from sshade.solver.terms.pulls import Springs
+from sshade.solver.terms.struts import Struts
 from sshade.threads import ThreadTeam
 
 #: Least strain weight of a triangle in the metric of a V-cycle. Weights change during a solve, because strain
@@ -76,6 +77,8 @@ class System:
     bending : float
         Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
         area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
+    thickness : float
+        Weight of the local thickness; 0 for none. See :mod:`sshade.solver.terms.struts`.
     parts : sequence of (f,) int64
         Faces of each part whose volume is constrained with the volume of the mesh; see
         :mod:`sshade.solver.capped`.
@@ -110,6 +113,8 @@ class System:
         Energy of each element shrunk to a point: 6 A for a triangle, positive.
     plate : Plate or None
         The bending energy.
+    struts : Struts or None
+        The springs that keep the local thickness.
     rest_energy : float
         Energy of the whole mesh shrunk to a point; unit length^2.
     matrix : (n, n) csr_array or None
@@ -135,6 +140,7 @@ class System:
         multigrid: bool = False,
         exact_steps: int = 0,
         bending: float = 0.0,
+        thickness: float = 0.0,
         parts: Sequence[np.ndarray] = (),
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
@@ -152,6 +158,7 @@ class System:
         h = half_cotangents(mesh)
         self._laplacian = None if multigrid else laplacian_matrix(mesh.n, *edge_weights(mesh, h))
         self.corners = 2 if energy == "spokes" else 3
+        self.struts = Struts.of(mesh, self.place, thickness, self.corners) if thickness else None
         with ThreadPoolExecutor(max_workers=1) as pool:
             bound = pool.submit(self._bind)  # the factorisation takes longest
             self._list_elements(h)
@@ -202,6 +209,8 @@ class System:
         if len(self._loose):
             proximal = np.full(len(self._loose), PROXIMAL), (self._loose, self._loose)
             self.matrix = csr_array(self.matrix + coo_array(proximal, shape=self.matrix.shape))
+        if self.struts:
+            self.matrix = csr_array(self.matrix + self.struts.matrix(self.mesh.n))
         if self._length:
             stiffness = bending_stiffness(self.mesh, laplacian, fixed, self._length)
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
@@ -233,7 +242,8 @@ class System:
 
     @property
     def rest_energy(self) -> float:
-        return self._elements_rest_energy + (self.plate.rest_energy if self.plate else 0.0)
+        terms = [term.rest_energy for term in (self.plate, self.struts) if term]
+        return self._elements_rest_energy + sum(terms)
 
     @cached_property
     def surface(self) -> Surface:
@@ -249,6 +259,9 @@ class System:
             diagonal = L.diagonal()
             diagonal[self.springs.place] += self.springs.stiffness
             L.setdiag(diagonal)
+        if self.struts:
+            ends = np.stack([self.struts.first, self.struts.second])
+            L = csr_array(L + self.struts.matrix(self.mesh.n, ends=ends))
         return L
 
     def linear(self, weight: np.ndarray | None, *, team: ThreadTeam) -> Linear:
