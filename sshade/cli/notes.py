@@ -51,6 +51,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     percent = {
         name: f"{100 * facts.get(name, 0):.2g} % of the diagonal" for name in ("gap", "side_gap", "opening")
     }
+    asked_to_warp = facts["options"].get("warp") == "always"
     on_samples = {}
     if warped < 1:
         on_samples = _on_samples(
@@ -67,7 +68,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
         "the handles determine the shape, which interpolates between them: --warp never deforms it "
-        "elastically instead": warped == 1,
+        "elastically instead": warped == 1 and not asked_to_warp,
         f"the handles determine {100 * warped:.0f} % of the surface, which interpolates between them: --warp "
         "never deforms all of it elastically": 0 < warped < 1,
         "the handles determine volume and area, which change with them: --warp never keeps both as at rest": (
