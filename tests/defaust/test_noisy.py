@@ -117,7 +117,7 @@ def test_a_build_is_sound_and_the_same_again(folder, tmp_path):
     document = build(NoisyBodies(noise=4.0), tmp_path / "again", options=OPTIONS, workers=1)
     assert contents(tmp_path / "again") == contents(folder)
     assert document["name"] == "defaust-noisy_4mm" and document["source"]["noise_mm"] == 4.0
-    assert len(contents(folder)) == 2 + 2 + 2 * 5
+    assert len(contents(folder)) == 3 + 2 + 2 * 5
     card = (folder / "README.md").read_text(encoding="utf-8")
     assert "4 mm of noise" in card and "registered target poses with noise" in card
     assert "as ground truth" not in card
