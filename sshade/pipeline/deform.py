@@ -195,11 +195,10 @@ def deform(
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
         diagonal (``hard_handle_error``), the largest relative error of a volume goal
-        (``volume_goal_error``), the number of ``degenerate_frames``, the fraction of vertices that
+        (``volume_goal_error``), the number of ``degenerate_frames``, the fraction of the area that
         interpolates between dense handles (``warped``; ``released`` if soft handles change the volume
-        instead), and facts of the proxies:
-        ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
-        :func:`sshade.pipeline.components.by_components`.
+        instead), and facts of the proxies: ``proxy_energy``, ``proxy_volume_error`` and others. Facts of
+        several components: see :func:`sshade.pipeline.components.by_components`.
 
     Raises
     ------
