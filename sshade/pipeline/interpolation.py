@@ -30,6 +30,8 @@ from sshade.kernels import kernel, subroutine
 
 #: Number of points of a spline: the nearest ones, and in equal number the nearest ones of a thinned set.
 POINTS = 50
+#: Number of nearest points among which points of other clusters are sought.
+ELSEWHERE = 300
 #: Number of splines that are blended at a node.
 BLENDED = 6
 #: Cells of the grid along the diagonal of the bounding box.
@@ -72,19 +74,16 @@ class Splines:
     left_out: np.ndarray
 
 
-def fit_splines(x: np.ndarray, y: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> Splines:
+def fit_splines(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Splines:
     """Fit a spline around each centre.
 
     Parameters
     ----------
     x, y : (k, 3) float64
         Points at rest, all different, and their images.
-    thinned : (t,) int
-        Points of a set without clusters.
-    centres : (c,) int
-        Points that are centres.
+    points : (c, p) int
+        Points of each spline, its centre first, see :func:`neighbours` and :func:`points_elsewhere`.
     """
-    points = _neighbours(x, thinned, centres)
     c, p = points.shape
     linear, offset, scale = np.empty((c, 3, 3)), np.empty((c, 3)), np.empty(c)
     weights, left_out = np.empty((c, p, 3)), np.empty(c)
@@ -101,11 +100,21 @@ def fit_splines(x: np.ndarray, y: np.ndarray, thinned: np.ndarray, centres: np.n
         linear[part] = R + P[:, 1:].transpose(0, 2, 1) / size[:, None, None]
         offset[part] = image[:, 0] + P[:, 0]
         left_out[part] = np.linalg.norm(missed, axis=1)
-    return Splines(cKDTree(x[centres]), points, x, linear, offset, weights, scale, left_out)
+    return Splines(cKDTree(x[points[:, 0]]), points, x, linear, offset, weights, scale, left_out)
 
 
-def _neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Return the points (c, p) of each spline: its centre, the nearest points, and nearest thinned points."""
+def neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Return the points (c, p) of each spline: its centre, the nearest points, and nearest thinned points.
+
+    Parameters
+    ----------
+    x : (k, 3) float64
+        Points at rest, all different.
+    thinned : (t,) int
+        Points of a set without clusters.
+    centres : (c,) int
+        Points that are centres.
+    """
     p = min(POINTS, len(x))
     near = cKDTree(x).query(x[centres], k=p)[1].reshape(len(centres), p)
     if p == len(x):
@@ -126,6 +135,28 @@ def _neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.n
     rows = use.all(axis=1)
     points[np.ix_(rows, half + column)] = far[rows, :width]
     return points
+
+
+def points_elsewhere(
+    x: np.ndarray, thinned: np.ndarray, centres: np.ndarray, cluster: np.ndarray, hole: float
+) -> np.ndarray:
+    """Return centres and the nearest thinned points (c, p) that are in another cluster or beyond a distance.
+
+    Parameters
+    ----------
+    x, thinned, centres
+        As in :func:`neighbours`.
+    cluster : (k,) int
+        Cluster of each point.
+    hole : float
+        Distance from which points of the centre's cluster are allowed.
+    """
+    distance, near = cKDTree(x[thinned]).query(x[centres], k=min(ELSEWHERE, len(thinned)))
+    near = thinned[near]
+    here = (cluster[near] == cluster[centres][:, None]) & (distance < hole)
+    p = min(POINTS - 1, int((~here).sum(axis=1).min()))
+    first = np.argsort(here, axis=1, kind="stable")[:, :p]
+    return np.column_stack([centres, np.take_along_axis(near, first, axis=1)])
 
 
 def _best_rotations(X: np.ndarray, Y: np.ndarray) -> np.ndarray:

@@ -1,10 +1,12 @@
 """Warps: where dense handles determine the deformation, interpolate between them instead of solving.
 
-A handle is predicted if a smooth map through the other handles (:mod:`sshade.pipeline.interpolation`) comes
-near its target. Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
+A handle is predicted if a smooth map through handles elsewhere (:mod:`sshade.pipeline.interpolation`) comes
+near its target. The handles of a line or patch predict each other, which tells nothing about the surface
+between lines and patches. Such a cluster is predicted from other clusters, or from handles that are far away.
+Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
 
 - If the errors of all predictions are small in the mean, the weight is 1, except around handles that are far
-  from predicted. Eight handles are enough for a shape that is scaled or sheared.
+  from predicted. Eight handles apart from each other are enough for a shape that is scaled or sheared.
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
@@ -17,6 +19,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sshade.errors import InputError
@@ -24,16 +28,17 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.unconstrained import move_rigidly, without_handles
 from sshade.options import Options
-from sshade.pipeline.interpolation import fit_splines, interpolate
+from sshade.pipeline.interpolation import fit_splines, interpolate, neighbours, points_elsewhere
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 
-#: Least number of handles, without clusters, that can determine a deformation.
+#: Least number of clusters of handles that can determine a deformation.
 LEAST = 8
+#: Distances over the distance to the nearest handle that the surface has: neighbouring handles of a cluster are
+#: nearer than LINKED, handles of a cluster predict each other from FAR_AWAY on, centres of splines are THINNED.
+LINKED, FAR_AWAY, THINNED = 0.25, 2.0, 0.5
 #: Largest number of splines.
 SPLINES = 2000
-#: Portion of handles in a set without clusters, below which handles lie in clusters.
-CLUSTERED = 0.6
 #: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
 PROBES, NEARLY_ALL = 20_000, 0.95
 #: Distance to the nearest handle, as a fraction of the square root of the area: handles are dense up to the
@@ -119,27 +124,28 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     if len(x) < 4:
         raise InputError(f"a warp needs handles at four places; there are {len(x)}")
     root = float(np.sqrt(mesh.area))
-    spacing = _distance_to_handles(task) / root
-    thinned = _thinned(x, 0.5 * spacing * root)
+    spacing = _distance_to_handles(task)
+    thinned, cluster = _thinned(x, THINNED * spacing), _clusters(x, LINKED * spacing)
     R, t = rigid_motion(x, y)
     bent = np.linalg.norm(x @ R.T + t - y, axis=1)
-    if mode == "auto" and (bent.max() <= RIGID * mesh.diagonal or len(thinned) < LEAST or _are_regions(task)):
+    if mode == "auto" and (
+        bent.max() <= RIGID * mesh.diagonal or cluster.max() + 1 < LEAST or _are_regions(task)
+    ):
         return None
-    spread = np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)
-    splines = fit_splines(x, y, thinned, thinned[spread])
-    reliable = np.ones(len(spread))
+    centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
+    reliable = np.ones(len(centres))
     if mode == "auto":
-        alone = splines.left_out
-        if len(thinned) < CLUSTERED * len(x):  # a handle says nothing of other handles in its cluster
-            alone = fit_splines(x[thinned], y[thinned], np.arange(len(thinned)), spread).left_out
-        apart = cKDTree(x[thinned]).query(x[thinned[spread]], k=4)[0][:, 1:].mean(axis=1)
-        all_sure = _falling(_root_mean_square(alone) / _root_mean_square(bent[thinned]), ALL_SURE, ALL_UNSURE)
-        dense = _falling(spacing, DENSE, SPARSE)
-        strain = alone / apart
-        reliable = all_sure * _falling(strain, NEAR, FAR)
-        reliable = np.maximum(reliable, dense * _falling(strain, SURE, UNSURE))
+        predicting = _thinned(x, LINKED * spacing)
+        elsewhere = points_elsewhere(x, predicting, centres, cluster, FAR_AWAY * spacing)
+        error = fit_splines(x, y, elsewhere).left_out
+        apart = np.linalg.norm(x[elsewhere[:, 1:4]] - x[centres][:, None], axis=2).mean(axis=1)
+        all_sure = _falling(_root_mean_square(error) / _root_mean_square(bent[thinned]), ALL_SURE, ALL_UNSURE)
+        dense = _falling(spacing / root, DENSE, SPARSE)
+        reliable = all_sure * _falling(error / apart, NEAR, FAR)
+        reliable = np.maximum(reliable, dense * _falling(error / apart, SURE, UNSURE))
         if not reliable.any():
             return None
+    splines = fit_splines(x, y, neighbours(x, thinned, centres))
     progress("warp", 0, 1)
     V, weight = interpolate(splines, mesh.V - mesh.origin, reliable)
     V[handles.index] = handles.target
@@ -182,11 +188,16 @@ def _distance_to_handles(task: DeformationTask) -> float:
     return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
+def _clusters(x: np.ndarray, radius: float) -> np.ndarray:
+    """Return the cluster (k,) of each point: points nearer than the radius are in the same."""
+    near = cKDTree(x).query_pairs(radius, output_type="ndarray")
+    graph = coo_array((np.ones(len(near), dtype=bool), near.T), shape=(len(x), len(x)))
+    return connected_components(graph, directed=False)[1]
+
+
 def _thinned(x: np.ndarray, radius: float) -> np.ndarray:
     """Return points (t,) of a set in which no two are nearer than a radius."""
     near = cKDTree(x).query_pairs(radius, output_type="ndarray")
-    if not len(near):
-        return np.arange(len(x))
     near = np.sort(near, axis=1)
     near = near[np.argsort(near[:, 1], kind="stable")]
     kept = np.ones(len(x), dtype=bool)

@@ -32,7 +32,7 @@ def scattered(share: float, target, *, noise: float = 0.0, level: int = 5) -> De
 def test_the_surface_is_as_even_as_the_minimum_at_full_resolution(name, share, noise):
     task = scattered(share, lambda V: bent(V, 0.1), noise=noise)
     assert has_regions(task.mesh, task.handles.index, Options(vertices=VERTICES))
-    V = METHODS[name](task, vertices=VERTICES, warp="never").vertices
+    V = METHODS[name](task, vertices=VERTICES).vertices
     np.testing.assert_array_equal(V[task.handles.index], task.handles.target)
     ours, full = (Deformed(task, V), Deformed(task, local_global(task, start="rigid").vertices))
     assert edge(ours) < 1.15 * edge(full)

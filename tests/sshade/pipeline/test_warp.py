@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, InputError, Mesh, Slide, deform
-from sshade.pipeline.interpolation import fit_splines, interpolate
+from sshade.pipeline.interpolation import fit_splines, interpolate, neighbours
 from sshade.pipeline.warp import find_warp
 from tests.shapes import bent, block, bumpy, icosphere, rotation, torus
 
@@ -36,7 +36,7 @@ def test_a_spline_is_the_one_of_scipy_and_its_error_at_a_left_out_point_too():
     x = np.random.default_rng(1).uniform(-1, 1, (30, 3))
     y, V = bent(x), np.random.default_rng(2).uniform(-0.7, 0.7, (200, 3))
     every = np.arange(len(x))
-    splines = fit_splines(x, y, every, every)
+    splines = fit_splines(x, y, neighbours(x, every, every))
     oracle = RBFInterpolator(x, y, kernel="cubic", degree=1)(V)
     assert np.abs(interpolate(splines, V, np.ones(len(x)))[0] - oracle).max() < 2e-5
     for point in (0, 7):
@@ -82,6 +82,17 @@ def test_between_dense_and_sparse_the_result_blends():
     assert mixed.extra["proxy_vertices"] > 0
     assert np.array_equal(mixed.vertices[between.handles.index], between.handles.target)
     assert off(warped, bent) < off(mixed, bent) < off(elastic, bent)
+
+
+@pytest.mark.parametrize(("lines", "nearer"), [(3, "never"), (12, "always")])
+def test_lines_of_handles_determine_the_shape_only_if_other_lines_predict_them(lines, nearer):
+    on_lines = np.abs(BODY.V[:, :1] - np.linspace(-1.9, 1.9, lines)).min(axis=1) < 0.03
+    index = np.flatnonzero(on_lines)
+    contours = DeformationTask("contours", BODY, Handles(index, bent(BODY.V)[index]))
+    portion = getattr(find_warp(contours, "auto"), "portion", 0.0)
+    assert portion == (1 if nearer == "always" else 0)
+    errors = {mode: off(deform(contours, warp=mode), bent) for mode in ("never", "always")}
+    assert min(errors, key=errors.__getitem__) == nearer
 
 
 def ends_and_more(V, index):
