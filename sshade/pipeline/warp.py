@@ -34,8 +34,8 @@ from sshade.task import DeformationTask
 
 #: Least number of clusters of handles that can determine a deformation.
 LEAST = 8
-#: Distances over the distance to the nearest handle that the surface has: neighbouring handles of a cluster are
-#: nearer than LINKED, handles of a cluster predict each other from FAR_AWAY on, centres of splines are THINNED.
+#: Over the distance to the nearest handle that the surface has: neighbouring handles of a cluster are nearer
+#: than LINKED, handles of a cluster predict each other from FAR_AWAY on, and centres of splines are THINNED.
 LINKED, FAR_AWAY, THINNED = 0.25, 2.0, 0.5
 #: Largest number of splines.
 SPLINES = 2000
