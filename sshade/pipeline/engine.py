@@ -11,6 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
+from threading import Lock
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +21,7 @@ from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.options import SOLVER, Options
+from sshade.options import SOLVER, Options, complete
 from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
@@ -28,9 +29,9 @@ from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, renamed, silent
 from sshade.sampling.proxy import Sampling, proxy_mesh
 from sshade.solver.capped import CappedVolume
-from sshade.solver.local_global import local_global
+from sshade.solver.local_global import Bound, bind_task, local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
-from sshade.threads import ThreadTeam
+from sshade.threads import ThreadTeam, available_cpus
 from sshade.volume_goals import VolumeGoal
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
@@ -90,19 +91,42 @@ def solve_proxy(
     """
     energy = options.subset(SOLVER)
     tolerance = energy.pop("tolerance")
-    if solve is None:
-        solve = partial(local_global, accelerate=options.accelerate, **energy)
-    if not options.coarser_start:
-        return solve(task, tolerance=tolerance, **context)
-    guide = None
-    if options.guide_attachment:
-        stiff = {"attachment": options.guide_attachment, "stiffness": 1.0}
-        area = min(options.area, GUIDE_AREA)
-        guide = partial(local_global, **{**energy, **stiff, "area": area})
-    coarsely = partial(deform_coarsely, seed=options.seed, progress=coarser_progress)
-    return initialised(
-        task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
-    )
+    context["workers"] = options.workers or available_cpus() if options.samplings == 1 else 1
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        if solve is None:
+            solve = _SharedBinding(pool, accelerate=options.accelerate, **energy)
+            solve.bind(task)
+        if not options.coarser_start:
+            return solve(task, tolerance=tolerance, **context)
+        guide = None
+        if options.guide_attachment:
+            stiff = {"attachment": options.guide_attachment, "stiffness": 1.0}
+            area = min(options.area, GUIDE_AREA)
+            guide = partial(local_global, **{**energy, **stiff, "area": area})
+        coarsely = partial(deform_coarsely, seed=options.seed, progress=coarser_progress)
+        return initialised(
+            task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
+        )
+
+
+class _SharedBinding:
+    """Calls of :func:`local_global` that share a solver on the same mesh; threads of a pool bind solvers."""
+
+    def __init__(self, pool: ThreadPoolExecutor, *, accelerate: bool, **options: Any) -> None:
+        self._pool, self._accelerate, self._options = pool, accelerate, options
+        self._bound: dict[int, Future[Bound]] = {}
+        self._lock = Lock()
+
+    def bind(self, task: DeformationTask) -> Future[Bound]:
+        with self._lock:
+            known = id(task.mesh)  # meshes live as long as their solver
+            if known not in self._bound:
+                self._bound[known] = self._pool.submit(bind_task, task, complete(self._options))
+            return self._bound[known]
+
+    def __call__(self, task: DeformationTask, **context: Any) -> DeformationResult:
+        bound = self.bind(task).result()
+        return local_global(task, bound=bound, accelerate=self._accelerate, **self._options, **context)
 
 
 def deform_coarsely(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -91,8 +92,10 @@ def _better(
     task: DeformationTask, *, solve: Solve, guide: Solve, facts: dict[str, str], **options: Any
 ) -> DeformationResult:
     """Solve from the minimum of the guide energy and from the plain start, and return the better result."""
-    guided = solve(replace(task, guess=guide(task, **options).vertices), **options)
-    plain = solve(task, **options)
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        started = pool.submit(solve, task, **options)
+        guided = solve(replace(task, guess=guide(task, **options).vertices), **options)
+        plain = started.result()
     lower = plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"]
     facts["initialisation"] = "handles" if lower else "guide"
     return plain if lower else guided

@@ -57,8 +57,14 @@ PARALLEL = 1e10
 SLOW = 0.1
 #: Largest number of evaluations of the equations; 3 are usual.
 MOST_EVALUATIONS = 12
+#: Actions of a planned step, see :func:`_plan`.
+STAY, MOVE, MOVE_LAST, RENEW, SOLVE = range(5)
 #: Number of faces that a thread measures at a time.
 FACES = 65_536
+
+
+#: ``solve(B, X)`` writes L^-1 B_q to X_q, for B and X (q, n, 3).
+Solves = Callable[[np.ndarray, np.ndarray], None]
 
 
 class Part(Protocol):
@@ -268,11 +274,10 @@ class Constraints:
                 part = surface.parts[kind - PARTS]
                 part.add_gradient(P, float(scale[q]), G[q] if len(G) == len(self._kinds) else G[0])
 
-    def renew_directions(self, P: np.ndarray, solve: Callable[[np.ndarray, np.ndarray], None]) -> None:
-        """Move along ``L^-1 grad C_q(P)`` from now on; ``solve(B, X)`` writes L^-1 B to X."""
+    def renew_directions(self, P: np.ndarray, solve: Solves) -> None:
+        """Move along ``L^-1 grad C_q(P)`` from now on."""
         self.write_gradients(P, self._G)
-        for G, Z in zip(self._G, self._Z, strict=True):
-            solve(G, Z)
+        solve(self._G, self._Z)
         self._slope[:] = self._along(self._G)
 
     def _along(self, G: np.ndarray) -> np.ndarray:
@@ -283,9 +288,7 @@ class Constraints:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
         self._team.ranges(lambda *own: _shift(*own, B, self._G, self._grown), len(B))
 
-    def project(
-        self, P: np.ndarray, before: np.ndarray, solve: Callable[[np.ndarray, np.ndarray], None]
-    ) -> None:
+    def project(self, P: np.ndarray, before: np.ndarray, solve: Solves) -> None:
         """Move P along the directions until the equations hold, and update the multipliers.
 
         Every few steps the directions are renewed at the positions `before` the step.
@@ -326,58 +329,30 @@ class Constraints:
         the step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
         """
         active = np.ones(len(self._kinds), dtype=bool) if active is None else active
-        compliance, full_step = 1.0 / (self._weight * self._area), np.zeros(len(active))
-        best, G = math.inf, np.empty(0)
+        compliance, best = 1.0 / (self._weight * self._area), math.inf
+        step, full_step, G = *np.zeros((2, len(active))), np.empty(0)
         for left in range(MOST_EVALUATIONS - 1, -1, -1):
             value = self._surface.measure(P, self._team)[self._kinds]
             residual = np.where(active, self._scale * value - 1.0 + compliance * multiplier, 0.0)
-            error = float(np.abs(residual).max())
-            stalled = best < ROUNDING and error > 0.5 * best
-            final, done = stalled or left == 0, stalled or error <= CLOSE
-            step = np.zeros(len(active))
-            if error > best:
-                fraction = 1.0 if final else 0.5
-                step = -fraction * full_step
-                full_step = full_step + step
-            else:
-                if error > SLOW * best:
-                    G = G if len(G) else np.empty_like(self._Z)
-                    self.write_gradients(P, G)
-                    self._slope[:] = self._along(G)
-                elif full_step.any():  # Broyden's update
-                    self._slope += np.outer(residual, full_step) / (full_step**2).sum()
-                predicted = error * error / best if best < math.inf else math.inf
-                best = error
-                if error > CLOSE and not final:
-                    step = full_step = newton_step(self._slope, active, compliance, residual)
-                    if predicted <= CERTAIN:
-                        best, done = predicted, True
-            multiplier += step
-            if not step.any():
+            equations = residual, active, compliance, self._slope, full_step, step
+            action, error = _plan(*equations, best, left == 0, False)
+            if action == RENEW:
+                G = G if len(G) else np.empty_like(self._Z)
+                self.write_gradients(P, G)
+                self._slope[:] = self._along(G)
+                action, error = _plan(*equations, best, left == 0, True)
+            if action == SOLVE:
+                A = self._slope[np.ix_(active, active)] + np.diag(compliance[active])
+                step[active] = np.linalg.lstsq(A, -residual[active], rcond=1.0 / PARALLEL)[0]
+                full_step[:] = step
+            best = error
+            if action == STAY:
                 break
-            self._team.ranges(lambda *own, step=step: _shift(*own, P, self._Z, step), len(P))
-            if done:
+            multiplier += step
+            self._team.ranges(lambda *own: _shift(*own, P, self._Z, step), len(P))
+            if action == MOVE_LAST:
                 break
         return best
-
-
-def newton_step(J: np.ndarray, active: np.ndarray, compliance: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Newton step ``(J + diag(compliance)) x = -r`` for the multipliers; 0 for inactive ones.
-
-    If gradients are linearly dependent, it is the least-squares step.
-    """
-    A = J + np.diag(compliance)
-    if len(r) > 2:
-        step = np.zeros(len(r))
-        step[active] = np.linalg.lstsq(A[np.ix_(active, active)], -r[active], rcond=1.0 / PARALLEL)[0]
-        return step
-    slopes = np.diag(A)
-    if not active.all() or len(r) == 1:
-        return np.divide(-r, slopes, out=np.zeros(len(r)), where=active & (slopes != 0.0))
-    determinant, square = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0], (A**2).sum()
-    if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
-        return np.array([A[0, 1] * r[1] - A[1, 1] * r[0], A[1, 0] * r[0] - A[0, 0] * r[1]]) / determinant
-    return -(A.T @ r) / square if square > 0.0 else np.zeros(2)
 
 
 def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
@@ -437,6 +412,76 @@ def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
                     to_area[corner, 0] += x
                     to_area[corner, 1] += y
                     to_area[corner, 2] += z
+
+
+@kernel
+def _plan(residual, active, compliance, slope, full_step, step, best, final, fresh):
+    """Plan the next Newton step for residuals (q,) of the equations.
+
+    Parameters
+    ----------
+    residual, active, compliance : (q,)
+    slope : (q, q)
+        Derivatives along the directions; improved by Broyden's update.
+    full_step, step : (q,)
+        The last step from the best positions, and the step planned now; both are written.
+    best : float
+        Least error so far.
+    final : bool
+        No evaluation follows.
+    fresh : bool
+        The slopes belong to the present positions.
+
+    Returns
+    -------
+    int
+        STAY; MOVE by `step`; MOVE_LAST, without another evaluation; RENEW the slopes and plan again; or
+        SOLVE for the step of more than two equations and move.
+    float
+        The least error, which a last move predicts.
+    """
+    error = 0.0
+    for r in residual:
+        error = max(error, abs(r))
+    stalled = best < ROUNDING and error > 0.5 * best
+    final = final or stalled
+    if error > best:
+        step[:] = (-1.0 if final else -0.5) * full_step
+        full_step += step
+        if not step.any():
+            return STAY, best
+        return MOVE_LAST if stalled else MOVE, best
+    if not fresh:
+        if error > SLOW * best:
+            return RENEW, best
+        square = (full_step * full_step).sum()
+        if square > 0.0:
+            for q in range(len(residual)):
+                for p in range(len(residual)):
+                    slope[q, p] += residual[q] * full_step[p] / square
+    if not error > CLOSE or final:
+        return STAY, error
+    if len(residual) > 2:
+        return SOLVE, error
+    step[:] = 0.0
+    if len(residual) == 1 or not active.all():
+        for q in range(len(residual)):
+            if active[q] and slope[q, q] + compliance[q] != 0.0:
+                step[q] = -residual[q] / (slope[q, q] + compliance[q])
+    else:
+        a, b, c, d = slope[0, 0] + compliance[0], slope[0, 1], slope[1, 0], slope[1, 1] + compliance[1]
+        determinant, square = a * d - b * c, a * a + b * b + c * c + d * d
+        if PARALLEL * abs(determinant) > square:  # the condition is about square / determinant
+            step[0] = (b * residual[1] - d * residual[0]) / determinant
+            step[1] = (c * residual[0] - a * residual[1]) / determinant
+        elif square > 0.0:  # the least-squares step
+            step[0] = -(a * residual[0] + c * residual[1]) / square
+            step[1] = -(b * residual[0] + d * residual[1]) / square
+    full_step[:] = step
+    if not step.any():
+        return STAY, error
+    predicted = error * error / best if best < math.inf else math.inf
+    return (MOVE_LAST, predicted) if predicted <= CERTAIN else (MOVE, error)
 
 
 @kernel

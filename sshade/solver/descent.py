@@ -135,10 +135,16 @@ class Descent:
         return float(largest_move(g, u)) / self._system.mesh.diagonal
 
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
-        """Write a direction M B along the slides to X."""
-        self._linear.solve(B, X)
-        if self.slides:
-            self.slides.restrict(X, self._linear.solve)
+        """Write directions M B_q along the slides to X_q, for B and X (q, n, 3)."""
+
+        def solve(q: int) -> None:
+            self._linear.solve(B[q], X[q])
+            if self.slides:
+                self.slides.restrict(X[q], self._linear.solve)
+
+        # Slides and V-cycles have work arrays of their own.
+        alone = self.slides is not None or self._linear is not self._system.factorised
+        (ThreadTeam(1) if alone else self._team)(solve, len(B))
 
     def end_step(self, short: bool) -> bool:
         return self._linear.end_step(short)

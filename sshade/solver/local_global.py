@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from math import inf
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -204,12 +204,49 @@ class LocalGlobal(System):
         return positions
 
 
+class Bound(NamedTuple):
+    """A solver bound to a task, targets of its handles and attached vertices, and the time that it took."""
+
+    solver: LocalGlobal
+    targets: np.ndarray
+    seconds: float
+
+
+def bind_task(
+    task: DeformationTask,
+    options: Options,
+    *,
+    energy: Energy = "spokes_and_rims",
+    factorised: bool | None = None,
+) -> Bound:
+    """Bind a solver to the mesh and the handles of a task; parameters as of :func:`local_global`."""
+    begin = perf_counter()
+    needed = options.bending > 0 or task.handles.slide is not None
+    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
+    attachment = Attachment(task.mesh, task.handles, options.attachment, fold=True)
+    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
+    solver = LocalGlobal(
+        task.mesh,
+        attachment.vertex,
+        energy=energy,
+        stiffness=attachment.stiffness,
+        slide=attachment.slide,
+        multigrid=multigrid,
+        exact_steps=EXACT_STEPS,
+        bending=options.bending,
+        thickness=options.thickness,
+        parts=part_faces(task),
+    )
+    return Bound(solver, targets, perf_counter() - begin)
+
+
 def local_global(
     task: DeformationTask,
     *,
     energy: Energy = "spokes_and_rims",
     accelerate: bool = True,
     factorised: bool | None = None,
+    bound: Bound | None = None,
     volume_goal: float = 1.0,
     workers: int = 1,
     seed: int = 0,
@@ -231,6 +268,8 @@ def local_global(
         need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
         default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending or sliding
         handles.
+    bound : Bound, optional
+        Result of :func:`bind_task` for the same mesh, handles and options; bound here if missing.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
@@ -254,29 +293,12 @@ def local_global(
     FloatingPointError
         When an iterate is not finite.
     """
-    begin = perf_counter()
     solver_options = complete(options)
-    bends = solver_options.bending > 0
-    needed = bends or task.handles.slide is not None
-    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
     guess = initial_guess(task, solver_options.start)
-    attachment = Attachment(task.mesh, task.handles, solver_options.attachment, fold=True)
-    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
-    solver = LocalGlobal(
-        task.mesh,
-        attachment.vertex,
-        energy=energy,
-        stiffness=attachment.stiffness,
-        slide=attachment.slide,
-        multigrid=multigrid,
-        exact_steps=EXACT_STEPS,
-        bending=solver_options.bending,
-        thickness=solver_options.thickness,
-        parts=part_faces(task),
-    )
-    precomputed = perf_counter()
-    solution = solver.solve(
-        targets,
+    bound = bound or bind_task(task, solver_options, energy=energy, factorised=factorised)
+    begin = perf_counter()
+    solution = bound.solver.solve(
+        bound.targets,
         start=guess,
         prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
@@ -288,7 +310,7 @@ def local_global(
         max_iterations=solver_options.max_iterations,
         **solver_options.subset(ENERGY),
     )
-    return solution.result({"precompute": precomputed - begin, "solve": perf_counter() - precomputed})
+    return solution.result({"precompute": bound.seconds, "solve": perf_counter() - begin})
 
 
 def part_faces(task: DeformationTask) -> list[np.ndarray]:

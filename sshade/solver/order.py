@@ -15,8 +15,9 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sort_by_id
 from sshade.threads import in_ranges
 
-#: Number of vertices in a range, which a thread works on at a time.
-CHUNK = 32_768
+#: Largest number of vertices in a range, which a thread works on at a time, and smallest number of vertices
+#: in each of two ranges.
+CHUNK, HALF = 32_768, 3_000
 
 
 def band_order(mesh: Mesh) -> np.ndarray:
@@ -66,7 +67,8 @@ def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
     """
     column = [*corners.T]  # NumPy takes twenty times as long along rows of two or three numbers
     low, high = np.minimum.reduce(column), np.maximum.accumulate(np.maximum.reduce(column))
-    bounds = [*range(0, n, CHUNK), n]
+    size = min(CHUNK, max(HALF, -(-n // 2)))
+    bounds = [*range(0, n, size), n]
     return [
         (slice(int(np.searchsorted(high, first)), int(np.searchsorted(low, end))), first, end)
         for first, end in zip(bounds, bounds[1:], strict=False)

@@ -32,8 +32,9 @@ from sshade.threads import ThreadTeam
 CURVED = 1e-10
 #: Number that stands for "no pair".
 NONE = -1
-#: Number of coordinates that a kernel works on at a time, and number that a thread takes at a time.
-BLOCK, CHUNK = 1024, 96 * 1024
+#: Number of coordinates that a kernel works on at a time. A thread takes half of all coordinates at a time,
+#: but at least LEAST and at most CHUNK of them.
+BLOCK, LEAST, CHUNK = 1024, 9 * 1024, 96 * 1024
 
 
 class QuasiNewton:
@@ -140,7 +141,8 @@ class QuasiNewton:
         self._chunks(lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))
 
     def _chunks(self, kernel: Callable[[int, int], Any]) -> list[Any]:
-        return self._team.ranges(kernel, len(self._F), rows=CHUNK)
+        half = -(-len(self._F) // (2 * BLOCK)) * BLOCK
+        return self._team.ranges(kernel, len(self._F), rows=min(CHUNK, max(LEAST, half)))
 
 
 @kernel
