@@ -117,7 +117,8 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
     moved = np.linalg.norm(found.vertices - task.mesh.V, axis=1)
     if levels == 1:
         assert np.allclose(moved, 0 if own_wins else 3)
-        assert begun == [(task.mesh.n, False), (task.mesh.n, True)]
+        assert sorted(begun) == [(task.mesh.n, False), (task.mesh.n, True)]  # at the same time
     else:
         assert np.median(moved) < 0.1 if own_wins else np.median(moved) > 2.9
-        assert [own for _, own in begun] == [False, True, False] and begun[2][0] == task.mesh.n > begun[0][0]
+        assert sorted(own for _, own in begun[:2]) == [False, True]
+        assert not begun[2][1] and begun[2][0] == task.mesh.n > begun[0][0]
