@@ -12,7 +12,7 @@ import numpy as np
 from sshade.carry.neighbours import sums_by_index
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options
-from sshade.pipeline.engine import ratios_of, solve_proxy
+from sshade.pipeline.engine import ratios_of, solve_proxy, solver_threads
 from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
@@ -92,7 +92,8 @@ class Drag:
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         pulls: dict[str, Any] = {"prescribed": handles.prescribed_rotations, "fraction": fraction}
         goals: dict[str, Any] = {"volume_goal": volume_goal, "part_goals": part_goals}
-        energy = self._options.subset(ENERGY)
+        energy: dict[str, Any] = self._options.subset(ENERGY)
+        energy["workers"] = solver_threads(self._options)
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)

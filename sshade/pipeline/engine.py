@@ -91,7 +91,7 @@ def solve_proxy(
     """
     energy = options.subset(SOLVER)
     tolerance = energy.pop("tolerance")
-    context["workers"] = options.workers or available_cpus() if options.samplings == 1 else 1
+    context["workers"] = solver_threads(options)
     with ThreadPoolExecutor(max_workers=2) as pool:
         if solve is None:
             solve = _SharedBinding(pool, accelerate=options.accelerate, **energy)
@@ -107,6 +107,11 @@ def solve_proxy(
         return initialised(
             task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
         )
+
+
+def solver_threads(options: Options) -> int:
+    """Return the number of threads that share an iteration on a proxy: one if samplings share the CPUs."""
+    return (options.workers or available_cpus()) if options.samplings == 1 else 1
 
 
 class _SharedBinding:

@@ -25,12 +25,13 @@ from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.normal_shift import shifted
 from sshade.options import Options
 from sshade.pipeline.goals import Goals
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy
-from sshade.solver.constraints import ROUNDING, add_gradients, volume_and_area
+from sshade.solver.constraints import ROUNDING, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import in_ranges
 
@@ -38,8 +39,8 @@ from sshade.threads import in_ranges
 INSIDE = 1 / 3
 #: At most a quarter of the samples, or 100 if more, lie on region edges.
 EDGE_RATIO, EDGE_SAMPLES = 4, 100
-#: Largest move of a vertex by the volume correction, in distances between samples, and number of steps.
-SHIFT, NEWTON_STEPS = 0.1, 4
+#: Largest move of a vertex by the volume correction, in distances between samples.
+SHIFT = 0.1
 #: Least fraction of a region's handles that are surrounded by handles, for the region to have a rotation.
 #: Among single vertices some triples happen to be faces, whose rotation means nothing.
 SURROUNDED = 0.1
@@ -171,21 +172,22 @@ class HandleRegions:
             return V
         moved = V.copy()
         moved[self._hard_index] = handles.goals(V)[self._hard]
-        vertex, nearest, phi = self._margin
-        R = self._rotations(moved, handles)
+        (vertex, nearest, phi), edge = self._margin, self._edge
+        R, prescribed = self._rotations(moved, handles)
         rotated = np.isfinite(R[:, 0, 0])
         turns = rotated[nearest]
-        v, e = vertex[turns], nearest[turns]
-        arm = self._mesh.V[v] - self._mesh.V[e]
-        offset = np.einsum("ijk,ik->ij", R[e], arm) + moved[e] - V[v]
+        v, e = (vertex, nearest) if turns.all() else (vertex[turns], nearest[turns])
+        arm = self._mesh.V[v] - self._mesh.V[edge[e]]
+        offset = np.einsum("ijk,ik->ij", R[e], arm) + moved[edge[e]] - V[v]
         weight = self._crease_weights(e, np.linalg.norm(offset, axis=1), np.linalg.norm(arm, axis=1))
-        if prescribed := handles.prescribed_rotations:
-            weight[np.isin(e, prescribed[0])] = 1.0
+        weight[prescribed[e]] = 1.0
         moved[v] += (phi[turns] * weight)[:, None] * offset
-        movable = vertex[~turns]
-        missed = np.where((self.fixed & ~rotated)[:, None], moved - V, 0.0)
+        movable, free = vertex[~turns], edge[~rotated]
+        missed = moved[free] - V[free]
         if len(movable) and missed.any():
-            moved[movable] += harmonic(self.graph, movable, missed)
+            known = np.zeros_like(V)
+            known[free] = missed
+            moved[movable] += harmonic(self.graph, movable, known)
         return moved
 
     def _crease_weights(self, e: np.ndarray, offset: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -194,20 +196,23 @@ class HandleRegions:
         At an edge vertex e (b,), the angle is the sum of `offset` (b,) divided by the sum of `arm` (b,). Both
         sums run over the vertices near to e and near to its neighbours along the edge.
         """
-        sums = np.stack([np.bincount(e, length, self._mesh.n)[self._edge] for length in (offset, arm)])
+        sums = np.stack([np.bincount(e, length, len(self._edge)) for length in (offset, arm)])
+        for _ in range(RINGS):
+            sums = sums + sums @ self._along
+        angle = sums[0] / np.where(sums[1] > 0, sums[1], 1.0)
+        return _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))[e]
+
+    @cached_property
+    def _along(self) -> csr_array:
+        """(k, k) neighbours of the edge vertices along the edges: entries of 1."""
         along = self.graph.matrix[self._edge][:, self._edge]
         along.data[:] = 1.0
-        for _ in range(RINGS):
-            sums = sums + sums @ along
-        angle = sums[0] / np.where(sums[1] > 0, sums[1], 1.0)
-        weight = np.ones(self._mesh.n)
-        weight[self._edge] = _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))
-        return weight[e]
+        return along
 
     def prepare(self) -> None:
         """Compute the rest-shape data of :meth:`on_targets`, in a thread that has time."""
         if self.regional and len(self._hard_index):
-            self._margin, self._maps  # noqa: B018 - cached
+            self._margin, self._maps, self._along  # noqa: B018 - cached
 
     @property
     def volume(self) -> float:
@@ -239,25 +244,13 @@ class HandleRegions:
         if self.goals:
             most = SHIFT * float(np.sqrt(self._mesh.area / self.vertices))
             return self.goals.corrected(V, self._movable, most=most)
-        mesh, (volume, area) = self._mesh, self._measured(V) if self.volume else (0.0, 0.0)
-        deficit = self.volume - volume
-        if deficit == 0.0:
+        if not self.volume:
             return V
-        G = np.zeros((mesh.n, 3))
-        add_gradients(mesh.F.astype(np.uint32), V - mesh.origin, 1.0, 0.0, G, G, 0, mesh.n)
-        length = np.linalg.norm(G, axis=1, keepdims=True)
-        Z = np.divide(G, length, out=np.zeros((mesh.n, 3)), where=length > 0)
-        Z *= self._movable[:, None]
-        slope, shift = float((G * Z).sum()), 0.0
-        most = SHIFT * np.sqrt(area / self.vertices)
-        for _ in range(NEWTON_STEPS if slope > 0 else 0):
-            shift = float(np.clip(shift + deficit / slope, -most, most))
-            deficit = self.volume_deficit(V + shift * Z)
-            if abs(deficit) <= ROUNDING * abs(self.volume):
-                break
-        return V + shift * Z
+        volume, area = self._measured(V)
+        most, error = SHIFT * np.sqrt(area / self.vertices), ROUNDING * abs(self.volume)
+        return shifted(V, self._faces, self._movable, self.volume - volume, most=most, error=error)
 
-    @property
+    @cached_property
     def _movable(self) -> np.ndarray:
         """(n,) weights of moves: 0 at hard handles, 1 away from the edges of regions."""
         weight, (vertex, _, phi) = np.ones(self._mesh.n), self._margin
@@ -267,18 +260,36 @@ class HandleRegions:
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         """(2,) volume and area for positions V (n, 3)."""
-        F, origin = self._mesh.F, V[self._mesh.F[0, 0]]
+        F, origin = self._faces, V[self._faces[0, 0]]
         return sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))
 
-    def _rotations(self, moved: np.ndarray, handles: Handles) -> np.ndarray:
-        """(n, 3, 3) rotations of the regions at the vertices of their edges, NaN where none is known."""
-        R = np.full((self._mesh.n, 3, 3), np.nan)
+    @cached_property
+    def _faces(self) -> np.ndarray:
+        """(m, 3) uint32: the faces of M."""
+        return self._mesh.F.astype(np.uint32)
+
+    def _rotations(self, moved: np.ndarray, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rotations of the regions at the k vertices of their edges.
+
+        Returns
+        -------
+        (k, 3, 3) float64
+            NaN where none is known.
+        (k,) bool
+            Where a rotation is prescribed.
+        """
+        R, prescribed = np.full((len(self._edge), 3, 3), np.nan), np.zeros(len(self._edge), dtype=bool)
         if self._maps:
-            vertex, maps = self._maps
-            R[vertex] = nearest_rotations(maps(moved[vertex])[0])
-        if prescribed := handles.prescribed_rotations:
-            R[prescribed[0]] = prescribed[1]
-        return R
+            vertex, of_edge, maps = self._maps
+            A = maps(moved[vertex])[0]
+            R[of_edge >= 0] = nearest_rotations(A[of_edge[of_edge >= 0]])
+        if handles.prescribed_rotations:
+            number = np.full(self._mesh.n, -1)
+            number[handles.prescribed_rotations[0]] = np.arange(len(handles.prescribed_rotations[0]))
+            number = number[self._edge]
+            prescribed = number >= 0
+            R[prescribed] = handles.prescribed_rotations[1][number[prescribed]]
+        return R, prescribed
 
     @cached_property
     def _region(self) -> np.ndarray:
@@ -289,10 +300,11 @@ class HandleRegions:
         return region
 
     @cached_property
-    def _maps(self) -> tuple[np.ndarray, VertexMaps] | None:
+    def _maps(self) -> tuple[np.ndarray, np.ndarray, VertexMaps] | None:
         """Vertices of faces between handles at the edges of regions, and the affine maps around them.
 
-        None if no region has enough surrounded handles for a rotation.
+        Between them stands the number of the vertex, -1 if none, for each of the k vertices of edges. None if
+        no region has enough surrounded handles for a rotation.
         """
         at_edge, region = np.zeros(self._mesh.n, dtype=bool), self._region
         at_edge[self._edge] = True
@@ -305,11 +317,13 @@ class HandleRegions:
         if len(F) == 0:
             return None
         vertex, F = np.unique(F, return_inverse=True)
-        return vertex, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
+        number = np.full(self._mesh.n, -1)
+        number[vertex] = np.arange(len(vertex))
+        return vertex, number[self._edge], VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
 
     @cached_property
     def _margin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Movable vertices beside the edges, the nearest vertex of an edge for each, and phi.
+        """Movable vertices beside the edges, the number of the nearest edge vertex for each, and phi.
 
         phi is 0 half-way between two regions, where the nearest edge changes, and at soft handles, which the
         solver has placed.
@@ -329,7 +343,7 @@ class HandleRegions:
         if len(between):
             near, other = distance[vertex], Fronts(graph, between).distance[vertex]
             phi = phi * (1 - _smooth_fall(other / np.maximum(near, other)))
-        return vertex, nearest[vertex], phi
+        return vertex, fronts.cell[vertex], phi
 
 
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:

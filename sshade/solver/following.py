@@ -43,6 +43,8 @@ class Following:
         Values for the targets; as of :meth:`LocalGlobal.solve`.
     window : int
         Number of stored quasi-Newton steps.
+    workers : int
+        Threads that share each iteration; no influence on the result.
     **energy
         See :data:`sshade.options.ENERGY`.
 
@@ -64,10 +66,11 @@ class Following:
         volume_goal: float = 1.0,
         part_goals: np.ndarray | None = None,
         window: int = 10,
+        workers: int = 1,
         **energy: Any,
     ) -> None:
         assert solver.matrix is not None and solver.factorised is not None
-        self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(1)
+        self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(workers)
         self._factorised = solver.factorised
         #: Columns of the matrix for the hard handles: how their moves pull on all vertices.
         self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]

@@ -1,0 +1,106 @@
+"""Move the vertices of a closed surface along their normals until it encloses a given volume.
+
+The volume of a surface whose vertices move by ``s z_i`` is a cubic polynomial of s. One pass over the faces
+finds its coefficients.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sshade.kernels import kernel
+from sshade.threads import in_ranges
+
+#: Number of Newton steps for the root of the polynomial.
+NEWTON_STEPS = 8
+
+
+def shifted(
+    V: np.ndarray, F: np.ndarray, weight: np.ndarray, deficit: float, *, most: float, error: float
+) -> np.ndarray:
+    """Move vertices along their normals, all by one distance times their weights.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+    F : (m, 3) uint32
+        Faces of a closed and consistently oriented surface.
+    weight : (n,) float64
+    deficit : float
+        Volume to gain, in length^3.
+    most : float
+        Largest distance.
+    error : float
+        Error of the volume that is left.
+
+    Returns
+    -------
+    (n, 3) float64
+        V itself where no move is needed.
+    """
+    if deficit == 0.0:
+        return V
+    n, origin = len(V), V[F[0, 0]]
+    Z = _normals(F, V, weight)
+    total = sum(in_ranges(lambda first, end: _volume(first, end, F, V, Z, origin), len(F)))
+    a, b, c = total.tolist()
+    shift = 0.0
+    for _ in range(NEWTON_STEPS):
+        missing, slope = deficit - shift * (a + shift * (b + shift * c)), a + shift * (2 * b + shift * 3 * c)
+        if abs(missing) <= error or slope <= 0.0:
+            break
+        shift = float(np.clip(shift + missing / slope, -most, most))
+    out = np.empty_like(V)
+    in_ranges(lambda first, end: _add(first, end, V, shift, Z, out), n)
+    return out
+
+
+@kernel
+def _normals(F, V, weight):
+    """Unit normals (n, 3) of vertices, by area, times weights; 0 where areas cancel."""
+    Z = np.zeros_like(V)
+    for t in range(len(F)):
+        i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
+        bx, by, bz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        for corner in (i, j, k):
+            Z[corner, 0] += x
+            Z[corner, 1] += y
+            Z[corner, 2] += z
+    for i in range(len(Z)):
+        length = np.sqrt(Z[i, 0] * Z[i, 0] + Z[i, 1] * Z[i, 1] + Z[i, 2] * Z[i, 2])
+        factor = weight[i] / length if length > 0.0 else 0.0
+        for c in range(3):
+            Z[i, c] *= factor
+    return Z
+
+
+@kernel
+def _volume(first, end, F, V, Z, origin):
+    """(3,) coefficients of s, s^2 and s^3 of the volume of V + s Z, over a range of faces."""
+    one, two, three = 0.0, 0.0, 0.0
+    for t in range(first, end):
+        i, j, k = F[t, 0], F[t, 1], F[t, 2]
+        px, py, pz = V[i, 0] - origin[0], V[i, 1] - origin[1], V[i, 2] - origin[2]
+        ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
+        bx, by, bz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
+        zx, zy, zz = Z[i, 0], Z[i, 1], Z[i, 2]
+        cx, cy, cz = Z[j, 0] - zx, Z[j, 1] - zy, Z[j, 2] - zz
+        dx, dy, dz = Z[k, 0] - zx, Z[k, 1] - zy, Z[k, 2] - zz
+        # (a + s c) x (b + s d) = n + s m + s^2 l
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        mx, my = ay * dz - az * dy + cy * bz - cz * by, az * dx - ax * dz + cz * bx - cx * bz
+        mz = ax * dy - ay * dx + cx * by - cy * bx
+        lx, ly, lz = cy * dz - cz * dy, cz * dx - cx * dz, cx * dy - cy * dx
+        one += zx * nx + zy * ny + zz * nz + px * mx + py * my + pz * mz
+        two += zx * mx + zy * my + zz * mz + px * lx + py * ly + pz * lz
+        three += zx * lx + zy * ly + zz * lz
+    return np.array([one, two, three]) / 6.0
+
+
+@kernel
+def _add(first, end, V, shift, Z, out):
+    for i in range(first, end):
+        for c in range(3):
+            out[i, c] = V[i, c] + shift * Z[i, c]
