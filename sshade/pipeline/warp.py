@@ -123,15 +123,15 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     x, y = _different(mesh.V[handles.index] - mesh.origin, handles.target)
     if len(x) < 4:
         raise InputError(f"a warp needs handles at four places; there are {len(x)}")
-    root = float(np.sqrt(mesh.area))
-    spacing = _distance_to_handles(task)
-    thinned, cluster = _thinned(x, THINNED * spacing), _clusters(x, LINKED * spacing)
     R, t = rigid_motion(x, y)
     bent = np.linalg.norm(x @ R.T + t - y, axis=1)
-    if mode == "auto" and (
-        bent.max() <= RIGID * mesh.diagonal or cluster.max() + 1 < LEAST or _are_regions(task)
-    ):
+    if mode == "auto" and (bent.max() <= RIGID * mesh.diagonal or _are_regions(task)):
         return None
+    root, spacing = float(np.sqrt(mesh.area)), _distance_to_handles(task)
+    cluster = _clusters(x, LINKED * spacing)
+    if mode == "auto" and cluster.max() + 1 < LEAST:
+        return None
+    thinned = _thinned(x, THINNED * spacing)
     centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
     reliable = np.ones(len(centres))
     if mode == "auto":
