@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from math import inf, isfinite
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sshade.edit.preview import VERTICES, Preview, preview
+from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Motion, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
-from sshade.io.entries import REST, parsed_slide
+from sshade.io.entries import REST
 from sshade.options import require_method
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
@@ -23,7 +23,7 @@ from sshade.slides import Slide
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
 #: Commands that are methods of the session. The last two take the number of a group.
-REVERTING = ("undo", "redo", "remove", "restore")
+REVERTING = ("undo", "redo", "recover", "discard", "remove", "restore")
 
 
 class Commands:
@@ -159,8 +159,7 @@ class Commands:
                 raise InputError(f'the page takes the surface "{REST}" only; open a handle file for another')
             normal = self._session.normal(number).tolist()
             given = {kind: normal if value is None else value for kind, value in given.items()}
-        slide = parsed_slide(given, Path())
-        return Slide.on(self._session.mesh, name=REST) if isinstance(slide, str) else slide
+        return slide_of({"slide": given}, self._session.mesh)
 
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
@@ -218,6 +217,10 @@ class Commands:
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
+            "trouble": session.trouble,
+            "recovery": [
+                {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers
+            ],
         }
         return packet(facts, arrays)
 

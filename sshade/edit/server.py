@@ -3,7 +3,7 @@
 The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes per vertex
 suffice, have no brush or lasso, and answer any page of the browser. The page asks for one step of a drag
 after the other, so that it draws every computed step. The request "alive" never ends: its answer reports the
-progress of computations, and its end tells the server that the page was closed.
+progress of computations. A page that is closed may come back at any time.
 
 The server answers a request only if the address contains the secret token, the Host header names this
 machine (which protects against DNS rebinding), and no page of another origin sent the request.
@@ -48,13 +48,12 @@ HEADERS = {
 }
 #: Greatest size of a request in bytes, plus 4 for each vertex.
 LARGEST = 100_000_000
-#: Seconds between signs of life to a page, from the closing of the last page to the end of the server, and
-#: until an incomplete request is dropped.
-BEAT, GRACE, PATIENCE = 0.5, 3.0, 60.0
+#: Seconds between signs of life to a page, and until an incomplete request is dropped.
+BEAT, PATIENCE = 0.5, 60.0
 
 
 class Server(ThreadingHTTPServer):
-    """Serve an editor on 127.0.0.1 until its page is closed or ends the editor.
+    """Serve an editor on 127.0.0.1 until a page ends it or :meth:`close` is called.
 
     Parameters
     ----------
@@ -83,7 +82,7 @@ class Server(ThreadingHTTPServer):
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
         self._changed = Condition()
         self._stage: dict[str, Any] | None = None
-        self._pages, self._closed = 0, False
+        self._closed = False
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
         """Report the progress of a computation to the page."""
@@ -101,24 +100,13 @@ class Server(ThreadingHTTPServer):
 
     def stages(self, write: Any) -> None:
         """Write each new stage, and a line from time to time, until the page is closed."""
-        with self._changed:
-            self._pages += 1
         last = None
-        try:
-            while not self._closed:
-                with self._changed:
-                    if self._stage is last:
-                        self._changed.wait(BEAT)
-                    stage, new, last = self._stage, self._stage is not last, self._stage
-                write((json.dumps(stage) if new else "").encode() + b"\n")
-        finally:
+        while not self._closed:
             with self._changed:
-                self._pages -= 1
-            if not self._closed:
-                with self._changed:  # a page that is reloaded comes back soon
-                    back = self._changed.wait_for(lambda: self._pages > 0, timeout=GRACE)
-                if not back:
-                    self.close()
+                if self._stage is last:
+                    self._changed.wait(BEAT)
+                stage, new, last = self._stage, self._stage is not last, self._stage
+            write((json.dumps(stage) if new else "").encode() + b"\n")
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore lost connections, which browsers cause all the time."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
+from sshade.edit.recovery import Recovery
 from sshade.edit.state import Group, History, Kind, Motion, Settings, State, selected
 from sshade.errors import InputError
 from sshade.handles import Handles
@@ -52,6 +53,10 @@ class Session:
     history : History
     mesh : Mesh
         The surface in the file that can be deformed.
+    recovery : Recovery
+        Keeps the unsaved work in a file beside the handles.
+    trouble : str
+        Why the recovery file could not be written; empty if it was.
     shown : (n, 3) float64
         Latest positions of the mesh: of a drag, or converged.
 
@@ -75,10 +80,13 @@ class Session:
         welding["carry"] = carry_unconstrained
         self.document = Document(path, output=output, handles=handles_output, **welding)
         self.mesh = mesh = self.document.mesh
+        self.recovery = Recovery(self.document.outputs["handles"].parent, self.document.name, mesh)
+        self.trouble = ""
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))
         self._revision, self._number = 0, 1
         self._saved: tuple[tuple[Group, ...], Settings] = (), settings
+        self._saved_selection = self.state.selection
         self._lock, self._following = RLock(), RLock()
         self._follower = Follower(mesh)
         #: Whether the handles moved since the last step of a drag.
@@ -160,8 +168,11 @@ class Session:
     def end(self, patience: float) -> None:
         """Wait for the current computation, up to some seconds, and let no further computation begin.
 
-        A thread that returns from compiled code while the interpreter ends would abort the process.
+        A thread that returns from compiled code while the interpreter ends would abort the process. The
+        recovery file stays if there are unsaved groups.
         """
+        if not self.is_unsaved:
+            self.recovery.remove()
         self._following.acquire(timeout=patience)
 
     def remove(self, number: int) -> None:
@@ -227,6 +238,35 @@ class Session:
         """
         with self._lock:
             self._take(self.document.received_groups(content, name, first=self._number))
+
+    def recover(self, path: Path | None = None) -> None:
+        """Replace groups, settings and selection by those of a recovery file, by default of the first offer.
+
+        An offered file is removed after the recovery file of this session was written.
+
+        Raises
+        ------
+        InputError
+            When there is no offer, or the file is unreadable or belongs to another mesh.
+        """
+        with self._lock:
+            path = self._offered() if path is None else path
+            found = self.recovery.read(path, first=self._number)
+            self._number += len(found.groups)
+            self._push(found)
+            self._jumped = True
+            if not self.trouble:
+                self.recovery.withdraw(path)
+
+    def discard(self) -> None:
+        """Remove the first recovery file that is offered; raise InputError when there is none."""
+        with self._lock:
+            self.recovery.withdraw(self._offered())
+
+    def _offered(self) -> Path:
+        if not self.recovery.offers:
+            raise InputError("there is nothing to recover")
+        return self.recovery.offers[0].path
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
@@ -353,6 +393,8 @@ class Session:
         with self._lock:
             self.document.write_handles(self.state, path)
             self._saved = self.state.groups, self.state.settings
+            self._saved_selection = self.state.selection
+            self._keep()
         return path, ()
 
     # Helpers.
@@ -372,12 +414,26 @@ class Session:
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
         self.history.push(state)
         self._advance(before)
+        self._keep()
+
+    def _keep(self) -> None:
+        """Write the recovery file, or remove it if everything is saved."""
+        picked = self.state.selection
+        self.trouble = ""
+        if not self.is_unsaved and (len(picked) == 0 or picked is self._saved_selection):
+            self.recovery.remove()
+            return
+        try:
+            self.recovery.write(self.state)
+        except InputError as error:  # the work goes on without it
+            self.trouble = str(error)
 
     def _go(self, step: int) -> None:
         with self._lock:
             before = self.state
             self.history.go(step)
             self._jumped |= self._advance(before)
+            self._keep()
 
     def _advance(self, before: State) -> bool:
         """Return whether groups or settings differ from `before`; then computations are out of date."""

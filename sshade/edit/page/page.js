@@ -13,6 +13,8 @@ const HINTS = {
   lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
 };
 const stage = byId("stage");
+// Attempts to reach the program again, and milliseconds between them.
+const TRIES = 4, WAIT = 500;
 
 // three.js computes with linear colours.
 const linear = (css) => new THREE.Color(css).toArray();
@@ -312,12 +314,9 @@ window.addEventListener("keydown", (event) => {
 });
 
 byId("quit").addEventListener("click", async () => {
-  if (facts?.unsaved && !window.confirm("The handles are not saved. End the editor?")) return;
+  if (facts?.unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
   await request("quit", "").catch(() => {});
   ended("The editor has ended; this page can be closed.");
-});
-window.addEventListener("beforeunload", (event) => {
-  if (facts?.unsaved && !document.body.classList.contains("ended")) event.preventDefault();
 });
 
 function ended(sentence) {
@@ -339,6 +338,18 @@ async function listen() {
   }
 }
 
+// A browser may drop the connection of a page in the background, so a lost connection is tried again.
+async function stayConnected() {
+  for (let lost = 0; lost < TRIES && !document.body.classList.contains("ended"); lost += 1) {
+    const begin = performance.now();
+    await listen().catch(() => {});
+    if (performance.now() - begin > WAIT) lost = 0;
+    await new Promise((resolve) => setTimeout(resolve, WAIT));
+  }
+  if (document.body.classList.contains("ended")) return;
+  ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
+}
+
 picking.use("view");
 byId("hint").textContent = HINTS.view;
 request(`whole?drawn=${view.drawn}`)
@@ -348,6 +359,4 @@ request(`whole?drawn=${view.drawn}`)
     take(said);
   })
   .catch(complain);
-listen()
-  .catch(() => {})
-  .then(() => document.body.classList.contains("ended") || ended("The editor has ended; this page can be closed."));
+stayConnected();

@@ -30,7 +30,10 @@ export class Panel {
     for (const kind of ["static", "moving"]) {
       byId(kind).addEventListener("click", () => ask("mark", { kind }));
     }
-    for (const name of ["undo", "redo"]) byId(name).addEventListener("click", () => ask(name));
+    for (const name of ["undo", "redo", "recover"]) byId(name).addEventListener("click", () => ask(name));
+    byId("discard").addEventListener("click", () => {
+      if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
+    });
     for (const name of ["method", "volume", "area"]) {
       byId(name).addEventListener("change", () =>
         ask("set_up", { method: byId("method").value, volume: byId("volume").checked, area: byId("area").checked }),
@@ -51,6 +54,13 @@ export class Panel {
     byId("volume").checked = settings.volume;
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;
+    byId("recovery").hidden = facts.recovery.length === 0;
+    for (const { name, time, groups } of facts.recovery.slice(0, 1)) {
+      const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
+      byId("found").textContent = `${name} has unsaved work of ${when}: ${groups} ${groups === 1 ? "group" : "groups"}.`;
+    }
+    byId("trouble").hidden = !facts.trouble;
+    byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
     for (const what of ["handles", "mesh"]) {
       const { name } = byId(`save-${what}`).elements;
       if (document.activeElement !== name && !name.dataset.edited) name.value = facts.outputs[what];

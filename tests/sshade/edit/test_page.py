@@ -15,7 +15,8 @@ from sshade.io.meshes import read_arrays, write_mesh
 from tests.browser import changed, pixels
 from tests.full import few
 from tests.shapes import bumpy
-from tests.sshade.edit.lent import lent
+from tests.sshade.cli.test_edit import get, running
+from tests.sshade.edit.lent import lent, unpacked
 
 BODY = bumpy(4)
 
@@ -321,3 +322,36 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     group = session.state.groups[1]
     assert np.array_equal(session.shown[group.vertices], group.target)
     assert page.said == []
+
+
+def test_after_a_killed_program_the_page_recovers_the_same_handles(browser, session):
+    V = session.mesh.V
+    with running("body.ply", "--no-browser") as (process, address):
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(address)
+        page.wait_for_selector("#stage[data-state=converged]")
+        mark(page, session, where(page, V, V))
+        place = page.locator("#stage").get_attribute("data-gizmo")
+        drag(page, [float(x) for x in place.split(",")], (60, -30))
+        release(page)
+        before = unpacked(get(f"{address}whole"))
+        process.kill()
+        page.wait_for_selector("body.ended", timeout=20_000)
+        assert "offers work that was not saved" in page.locator("#message").inner_text()
+    with running("body.ply", "--no-browser") as (process, address):
+        page.goto(address)
+        page.wait_for_selector("#recovery:has-text('2 groups')")
+        asked(page, "recover", page.get_by_role("button", name="Recover").click)
+        page.wait_for_selector("#groups li:nth-child(2)")
+        page.wait_for_selector("#stage[data-state=converged]")
+        assert page.locator("#recovery").is_hidden()
+        after = unpacked(get(f"{address}whole"))
+        assert np.array_equal(after["labels"], before["labels"]) and after["groups"] == before["groups"]
+        assert np.array_equal(after["positions"], before["positions"])
+        moved = (before["positions"].reshape(-1, 3) * session.mesh.diagonal)[before["labels"] == 2]
+        assert np.abs(moved - (V - 0.5 * (V.min(axis=0) + V.max(axis=0)))[before["labels"] == 2]).max() > 0.1
+        asked(page, "save", page.get_by_role("button", name="Save handles").click)
+        page.get_by_role("button", name="End").click()
+        assert process.wait(20) == 0
+    page.close()
+    assert list(Path().glob("*.npz")) == [] and Path("body_handles.json").exists()
