@@ -95,7 +95,7 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
             page.goto(address, timeout=PATIENCE)
             page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
             loaded = perf_counter() - begin
-            page.get_by_role("button", name="drag", exact=True).click()
+            page.get_by_role("button", name="choose hand").click()
             sleep(5)  # the editor binds the mesh meanwhile
             stage = page.locator("#stage")
             box, place = stage.bounding_box(), stage.get_attribute("data-gizmo")

@@ -45,6 +45,11 @@ class Commands:
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Preview | None] = {}
 
+    @property
+    def version(self) -> int:
+        """Version of the session."""
+        return self._session.version
+
     def __call__(self, name: str, arguments: Any) -> bytes:
         """Execute a command and return the answer.
 
@@ -79,6 +84,24 @@ class Commands:
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
         return self._answer("faces", "change", *CHANGED, further=further)
 
+    def now(self) -> bytes:
+        """Return everything that changes, for a page that another page left behind."""
+        return self._answer(*CHANGED)
+
+    def rest(self) -> bytes:
+        """Return the rest positions."""
+        return packet({}, {"positions": self._positions(self._session.mesh.V)})
+
+    def surface(self, arguments: Mapping[str, Any]) -> bytes:
+        """Return the surface on which a group slides."""
+        number = arguments.get("group", "")
+        group = self._session.state.group(int(number) if number.isdecimal() else -1)
+        if group.slide is None or group.slide.surface is None:
+            raise InputError(f"{group.name} slides on no surface")
+        surface = group.slide.surface
+        faces = surface.F.astype(np.uint32)
+        return packet({}, {"positions": self._positions(surface.V), "faces": faces})
+
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Select vertices (k,) int."""
         self._session.select(vertices, how)
@@ -108,6 +131,27 @@ class Commands:
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
         group = self._session.state.group(_given(arguments, "group", int))
         return self.select(group.vertices, "replace")
+
+    def do_reach(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.reach(_numbers(arguments, "distance", ()))
+        return self._answer("selection")
+
+    def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+        return self._answer(*CHANGED)
+
+    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
+        axis = _given(arguments, "axis", str)
+        if axis not in ("x", "y", "z"):
+            raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
+        self._session.mirror(_given(arguments, "group", int), "xyz".index(axis))
+        return self._answer(*CHANGED)
+
+    def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
+        from scipy.spatial.transform import Rotation
+
+        R = self._session.frame(_given(arguments, "group", int))
+        return packet({"frame": Rotation.from_matrix(R).as_quat().tolist()}, {})
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
         method = require_method(_given(arguments, "method", str), METHODS)
@@ -148,18 +192,20 @@ class Commands:
     def _slide(self, number: int, given: Any) -> Slide | None:
         """Return the slide of a group: none, "free" or in the form of handle files.
 
-        A plane or line without a direction gets the normal of the group. The page opens no files of surfaces.
+        A plane or line without a direction gets the normal of the group. A surface lies in the folder of the
+        mesh.
         """
+        document = self._session.document
         if given is None:
             return None
         if given == "free":
             return Slide.anywhere()
         if isinstance(given, dict):
-            if given.get("surface", REST) != REST:
-                raise InputError(f'the page takes the surface "{REST}" only; open a handle file for another')
+            if given.get("surface", REST) not in (REST, *document.neighbours):
+                raise InputError(f"{given['surface']}: is no mesh file in the folder {document.folder}")
             normal = self._session.normal(number).tolist()
             given = {kind: normal if value is None else value for kind, value in given.items()}
-        return slide_of({"slide": given}, self._session.mesh)
+        return slide_of({"slide": given}, self._session.mesh, document.folder)
 
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
@@ -209,6 +255,9 @@ class Commands:
         ]
         facts |= {
             "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
+            "scale": self._scale,
+            "version": session.version,
+            "files": session.document.neighbours,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,

@@ -155,8 +155,10 @@ class Recovery:
         return self._digest
 
 
-def slide_of(record: dict[str, Any], mesh: Mesh) -> Slide:
-    """Return the slide with a record of :class:`sshade.slides.Slide`; `mesh` is the rest shape.
+def slide_of(record: dict[str, Any], mesh: Mesh, folder: Path = Path()) -> Slide:
+    """Return the slide with a record of :class:`sshade.slides.Slide`.
+
+    `mesh` is the rest shape, and paths of surfaces are relative to `folder`.
 
     Raises
     ------
@@ -165,7 +167,7 @@ def slide_of(record: dict[str, Any], mesh: Mesh) -> Slide:
     """
     if "free" in record:
         return Slide.anywhere()
-    slide = parsed_slide(record["slide"], Path())
+    slide = parsed_slide(record["slide"], folder)
     return Slide.on(mesh, name=REST) if isinstance(slide, str) else slide
 
 

@@ -98,15 +98,22 @@ class Server(ThreadingHTTPServer):
         if not already:
             Thread(target=self.shutdown, daemon=True).start()
 
+    def tell(self) -> None:
+        """Let :meth:`stages` look for changes of the session."""
+        with self._changed:
+            self._changed.notify_all()
+
     def stages(self, write: Any) -> None:
-        """Write each new stage, and a line from time to time, until the page is closed."""
-        last = None
+        """Write each new stage and version of the session, and a line from time to time, to one page."""
+        last: tuple[Any, int] = None, -1
         while not self._closed:
             with self._changed:
-                if self._stage is last:
+                if (self._stage, self.commands.version) == last:
                     self._changed.wait(BEAT)
-                stage, new, last = self._stage, self._stage is not last, self._stage
-            write((json.dumps(stage) if new else "").encode() + b"\n")
+                now = self._stage, self.commands.version
+            told = {"stage": now[0] if now[0] is not last[0] else None, "version": now[1]}
+            write((json.dumps(told) if now != last else "").encode() + b"\n")
+            last = now
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore lost connections, which browsers cause all the time."""
@@ -156,6 +163,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(threejs.source().encode(), "text/javascript; charset=utf-8")
         elif name == "whole":
             self._send(self.server.commands.whole(self._query))
+        elif name == "now":
+            self._send(self.server.commands.now())
+        elif name == "rest":
+            self._send(self.server.commands.rest())
+        elif name == "surface":
+            self._send(self.server.commands.surface(self._query))
         elif name == "alive":
             self.close_connection = True
             self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
@@ -181,6 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
             except (ValueError, RecursionError) as error:
                 raise InputError("commands must be sent as JSON") from error
             self._send(commands(name, arguments))
+        self.server.tell()
 
     @property
     def _query(self) -> dict[str, str]:
