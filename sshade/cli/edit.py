@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
+from functools import partial
 from pathlib import Path
 from time import localtime, strftime
 from typing import TYPE_CHECKING
@@ -57,6 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
+    up = "axis of the mesh that points up on the page (default: y)"
+    parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
     recover = "recovery file of this mesh to continue from, as an earlier session left it"
     parser.add_argument("--recover", type=Path, metavar="FILE", help=recover)
     # --overwrite does not apply to the mesh: the saved handles belong to it.
@@ -104,12 +107,15 @@ def _edit(options: argparse.Namespace) -> int:
         when = strftime("%d %b, %H:%M", localtime(offer.time))
         say(f"note: {offer.path} has unsaved work of {when}; recover it on the page or with --recover")
     try:
-        server = Server(session, port=options.port)
+        server = Server(
+            session, port=options.port, up=options.up, another=partial(Session, settings=settings, **further)
+        )
     except OSError as error:
         raise InputError(f"port {options.port} of this machine cannot be used ({reason(error)})") from error
     try:
         _serve(server, browser=not options.no_browser)
     finally:  # also when a signal ends the program
+        session = server.session
         if session.is_unsaved:
             kept = session.trouble or f"{session.recovery.path} keeps them for the next start"
             say(f"note: the handles were not saved; {kept}")

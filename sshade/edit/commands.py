@@ -37,18 +37,20 @@ class Commands:
     ----------
     session : Session
     progress : Progress
+    up : {"y", "z"}
+        Axis that points up when the page opens.
+    number : int
+        Tells a page whether another mesh was opened.
     """
 
-    def __init__(self, session: Session, progress: Progress = silent) -> None:
+    def __init__(
+        self, session: Session, progress: Progress = silent, *, up: str = "y", number: int = 0
+    ) -> None:
         self._session, self._progress = session, progress
+        self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Preview | None] = {}
-
-    @property
-    def version(self) -> int:
-        """Version of the session."""
-        return self._session.version
 
     def __call__(self, name: str, arguments: Any) -> bytes:
         """Execute a command and return the answer.
@@ -82,7 +84,7 @@ class Commands:
         few = self._preview(arguments)
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
-        return self._answer("faces", "change", *CHANGED, further=further)
+        return self._answer("faces", "change", *CHANGED, further=further, **self._opened)
 
     def now(self) -> bytes:
         """Return everything that changes, for a page that another page left behind."""
@@ -91,6 +93,13 @@ class Commands:
     def rest(self) -> bytes:
         """Return the rest positions."""
         return packet({}, {"positions": self._positions(self._session.mesh.V)})
+
+    def colours(self) -> bytes:
+        """Return the colours of the file."""
+        colours = self._session.document.colours
+        if colours is None:
+            raise InputError(f"{self._session.document.name}: the file has no colours of vertices")
+        return packet({}, {"colours": colours.ravel()})
 
     def surface(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the surface on which a group slides."""

@@ -184,6 +184,21 @@ class Document:
         return self._file.lost(path)
 
     @property
+    def colours(self) -> np.ndarray | None:
+        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.io.document.MeshFile`.
+
+        A vertex that a seam doubles has the colour of its first copy.
+        """
+        if self._file.colours is None:
+            return None
+        return (255 * self._file.colours()[self._id].clip(0, 1)).round().astype(np.uint8)
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether the file has colours of vertices."""
+        return self._file.colours is not None
+
+    @property
     def neighbours(self) -> list[str]:
         """Names of the mesh files in the folder of the mesh."""
         with suppress(OSError):

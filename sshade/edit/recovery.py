@@ -26,6 +26,8 @@ from sshade.slides import Slide
 FIELDS = ("name", "kind", "is_prescribed")
 #: Largest difference in seconds between two readings of the time at which a process began.
 SAME_START = 1.0
+#: Files of sessions of this process that have ended.
+_ENDED: set[Path] = set()
 
 
 class Offer(NamedTuple):
@@ -75,7 +77,7 @@ class Recovery:
         for path in folder.glob(f"{escape(name)}.recovery-*.npz"):
             with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
                 facts = json.loads(str(_read(path, "facts")["facts"]))
-                if not _is_running(facts["process"]):
+                if path in _ENDED or not _is_running(facts["process"]):
                     self.offers.append(Offer(path, path.stat().st_mtime, len(facts["groups"])))
         self.offers.sort(key=lambda offer: -offer.time)
 
@@ -132,6 +134,12 @@ class Recovery:
             if isinstance(error, InputError):
                 raise
             raise _not_a_recovery(path, error) from error
+
+    def end(self, *, keep: bool) -> None:
+        """End the session; later sessions offer its file if it is kept."""
+        _ENDED.add(self.path)
+        if not keep:
+            self.remove()
 
     def remove(self) -> None:
         """Remove the file of this session, if it exists."""

@@ -229,8 +229,7 @@ class Session:
         A thread that returns from compiled code while the interpreter ends would abort the process. The
         recovery file stays if there are unsaved groups.
         """
-        if not self.is_unsaved:
-            self.recovery.remove()
+        self.recovery.end(keep=self.is_unsaved)
         self._following.acquire(timeout=patience)
 
     def remove(self, number: int) -> None:

@@ -28,6 +28,8 @@ STATES, BYTES = 1000, 500_000_000
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
 LINE = 1e-6
+#: Greatest portion of a group whose mirror image may lie in the group itself.
+OVERLAP = 0.25
 #: Greatest length of a group's name.
 LONGEST = 80
 
@@ -459,8 +461,8 @@ def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
     Raises
     ------
     InputError
-        When the other side has no vertices within the mean length of an edge, or the group slides on a
-        surface from a file.
+        When the group lies on both sides, the other side has no vertices within the mean length of an edge,
+        or the group slides on a surface from a file.
     """
     from scipy.spatial import cKDTree
 
@@ -468,6 +470,8 @@ def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
     S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
     rest, slide = mesh.V[group.vertices], group.slide
     distance, found = cKDTree(mesh.V).query((rest - middle) @ S + middle)
+    if np.isin(found, group.vertices).mean() > OVERLAP:
+        raise InputError(f"{group.name} lies on both sides of the middle; mirror a group of one side")
     vertices = np.setdiff1d(found[distance <= mesh.mean_edge], group.vertices)
     if len(vertices) == 0:
         raise InputError(f"the mesh has no vertices on the other side of {group.name}")

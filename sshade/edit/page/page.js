@@ -22,6 +22,8 @@ const linear = (css) => new THREE.Color(css).toArray();
 const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
 const COLOURS = { static: "#2166ac", moving: "#f2c200" };
 const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
+// Linear values of the bytes of colours in files.
+const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(`rgb(${byte},0,0)`)[0]);
 const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
 const RAMP = Array.from({ length: 256 }, (_, i) => {
   const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
@@ -267,6 +269,7 @@ function colour() {
     toColour = false;
     const { labels, selection, change } = arrays, { found, how } = painted ?? {};
     const shows = byId("errors").checked && change;
+    const base = byId("colours").checked && arrays.colours;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
     byId("legend").hidden = !shows;
     byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
@@ -274,6 +277,12 @@ function colour() {
       for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
         let picked = selection[v] && !(found && how === "replace");
         if (found && found[v]) picked = how !== "remove";
+        if (!picked && !labels[v] && !shows && base) {
+          colours[i] = LINEAR[base[i]];
+          colours[i + 1] = LINEAR[base[i + 1]];
+          colours[i + 2] = LINEAR[base[i + 2]];
+          continue;
+        }
         const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
         colours[i] = own[0];
         colours[i + 1] = own[1];
@@ -387,6 +396,20 @@ byId("snap").addEventListener("change", () => {
 byId("pivot").addEventListener("change", () => {
   if (byId("pivot").checked) byId("gizmo-bar").querySelector("[value=translate]").click();
 });
+byId("change").addEventListener("change", async ({ target }) => {
+  const name = target.value, kept = facts.unsaved ? "The handles are not saved; a recovery file keeps them. " : "";
+  target.value = "";
+  if (!name || (kept && !window.confirm(`${kept}Open ${name}?`))) return;
+  byId("busy").hidden = false;
+  byId("stage-text").textContent = `reading ${name}`;
+  await fetch(`change?name=${encodeURIComponent(name)}`, { method: "POST", body: "" }).then(async (response) => {
+    if (!response.ok) throw new Error((await response.json()).error);
+    location.reload();
+  }).catch(complain).finally(() => {
+    byId("busy").hidden = true;
+  });
+});
+byId("colours").addEventListener("change", colour);
 byId("reach").addEventListener("submit", (event) => {
   event.preventDefault();
   say(null);
@@ -475,7 +498,8 @@ async function listen() {
     const lines = text.split("\n");
     text = lines.pop();
     for (const line of lines.filter(Boolean)) {
-      const { stage: at, version } = JSON.parse(line);
+      const { stage: at, version, number } = JSON.parse(line);
+      if (facts && number !== facts.number) location.reload(); // another page opened another mesh
       if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
       heard = version;
       behind ||= view.gizmo.dragging && version > facts?.version;
@@ -505,6 +529,16 @@ request(`whole?drawn=${view.drawn}`)
     const step = (fraction) => Number((fraction * said.scale).toPrecision(1));
     byId("snap-step").value = step(0.01);
     byId("reach").elements.distance.value = step(0.05);
+    byId("up").value = said.up;
+    view.setUp(said.up);
+    view.home();
+    byId("coloured").hidden = !said.coloured;
+    if (said.coloured) {
+      request("colours").then(({ sent }) => {
+        arrays.colours = sent.colours;
+        colour();
+      }).catch(complain);
+    }
     take(said);
   })
   .catch(complain);

@@ -80,10 +80,13 @@ export class Panel {
     this.list(facts, active);
   }
 
-  list({ groups, files, scale }, active) {
+  list({ mesh, groups, files, scale }, active) {
     const text = JSON.stringify([groups, files, active]);
     if (text === this.listed) return; // keep an input in which the user is typing
     this.listed = text;
+    const others = files.filter((file) => file !== mesh.name);
+    byId("change").hidden = others.length === 0;
+    byId("change").replaceChildren(...["Open mesh …", ...others].map((file, i) => element("option", { value: i ? file : "", textContent: file })));
     const at = document.activeElement?.dataset.at; // the same place keeps the focus
     byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
     if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });
