@@ -479,8 +479,8 @@ class Session:
         state = replace(self.state, groups=groups)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
-        self._push(state)
         self._saved, self._jumped = (groups, state.settings), True
+        self._push(state)
 
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""

@@ -138,13 +138,13 @@ export class Panel {
       this.ask("alter", { group: number, weight: weight.value === "" ? null : Number(weight.value) });
     };
     const far = input("distance of the falloff", { min: "0", value: Number((0.2 * scale).toPrecision(1)) });
-    const axis = element("select", {}, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
+    const axis = element("select", { className: "axis" }, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
     axis.setAttribute("aria-label", "axis of the mirror");
     const rows = [
       this.slide(group, files),
       element("div", { className: "row small" }, element("label", {}, "weight ", weight),
         button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
-        button("back to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
+        button("to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
     ];
     if (kind !== "moving") return rows;
     const three = (word, unit) => ["x", "y", "z"].map((c) => input(`${word} ${c}`, { placeholder: `${c} ${unit}`.trim() }));

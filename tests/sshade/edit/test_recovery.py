@@ -67,6 +67,9 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
     assert files() == [session.recovery.path] and files()[0].read_bytes() != before
     session.save("handles", "pose.json")
     assert files() == []
+    for opened in begun(handles=Path("pose.json")), begun():
+        opened.open(Path("pose.json").read_bytes(), "pose.json")
+        assert files() == [] and len(opened.state.groups) == 1  # a file has this work
     session.undo()
     assert len(files()) == 1
     session.end(1)  # without a save: the work stays
