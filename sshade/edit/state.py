@@ -435,10 +435,15 @@ def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
         raise InputError("no vertex is picked from which a distance could be measured")
     if not distance > 0:
         raise InputError(f"a distance is a number above 0, not {distance:g}")
-    i, j = mesh.edges.T
+    found, (i, j) = np.zeros(mesh.n, dtype=bool), mesh.edges.T
+    found[vertices] = True
+    border = np.unique(mesh.edges[found[i] != found[j]])  # paths from the vertices begin there
+    border = border[found[border]]
+    if len(border) == 0:
+        return found
     length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
     graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return np.isfinite(dijkstra(graph, directed=False, indices=vertices, min_only=True, limit=distance))
+    return found | np.isfinite(dijkstra(graph, directed=False, indices=border, min_only=True, limit=distance))
 
 
 def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
@@ -469,7 +474,7 @@ def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
     middle = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
     S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
     rest, slide = mesh.V[group.vertices], group.slide
-    distance, found = cKDTree(mesh.V).query((rest - middle) @ S + middle)
+    distance, found = cKDTree(mesh.V, balanced_tree=False).query((rest - middle) @ S + middle)
     if np.isin(found, group.vertices).mean() > OVERLAP:
         raise InputError(f"{group.name} lies on both sides of the middle; mirror a group of one side")
     vertices = np.setdiff1d(found[distance <= mesh.mean_edge], group.vertices)
