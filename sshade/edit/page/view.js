@@ -88,6 +88,7 @@ function guide({ kind, at, direction, positions, faces, colour }) {
     });
     const mesh = new THREE.Mesh(geometry, material);
     mesh.frustumCulled = false;
+    mesh.userData.isSurface = kind === "surface";
     return mesh;
   };
   if (kind === "surface") return [made(positions, faces, 0.3)];
@@ -362,6 +363,8 @@ export class View {
       this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.pressed));
       this.solid.visible = !this.coarse.visible;
       if (this.wires) this.wires.visible = this.solid.visible;
+      // The rest surface would shine through the preview.
+      for (const made of this.guides) made.visible = this.solid.visible || !made.userData.isSurface;
       const fine = this.solid.visible || this.drawn === "card";
       if (fine !== this.fine) {
         this.fine = fine;
