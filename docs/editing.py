@@ -1,7 +1,8 @@
 """Measure the editor in a browser and write the table of edit.md: ``python -m docs.editing``.
 
-Run ``make bench`` first, which builds the bodies. The script drags a group of a body in Chromium as a person
-would. There is no graphics card, so the processor also draws. The machine must do nothing else.
+``python -m docs.editing --picture`` only makes the picture of the page, from a body of ``make tables``. Run
+``make bench`` before measuring, which builds the bodies. The script drags a group of a body in Chromium as a
+person would. There is no graphics card, so the processor also draws. The machine must do nothing else.
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from math import cos, pi, sin
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +21,7 @@ from time import perf_counter, sleep
 
 import igl
 import numpy as np
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from defaust.tasks import load_task
@@ -29,6 +34,9 @@ from sshade.edit.state import Motion
 from sshade.io.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
+PICTURE = Path(__file__).parent / "figures" / "edit.png"
+#: Body of the picture, and how its hand moves: by lengths in metres and degrees along x, y and z.
+SHOWN, MOVE, TURN = "data/defaust_20k", (0.12, 0.55, 0.1), (0, 0, 80)
 #: Folders of bodies, and how often their triangles are split in four.
 BODIES = {"data/defaust_170k": 0, "data/bench/15625": 3}
 #: Number of drags, seconds of each, and radius in pixels of the circle that the mouse follows in two seconds.
@@ -84,32 +92,57 @@ def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
     return float(page.locator("#stage").get_attribute("data-rate") or 0), *at
 
 
-def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
-    """Return the seconds until the mesh appears, and the steps per second of each drag."""
+@contextmanager
+def opened(browser: Browser, folder: Path, height: int) -> Iterator[tuple[Page, float]]:
+    """Yield a page of the editor with the hand chosen, and the seconds until the mesh appeared."""
     command = [sys.executable, "-m", "sshade", "edit", "body.ply", "handles.json", "--no-browser"]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as running:
         try:
             assert running.stdout is not None
             address, begin = running.stdout.readline().strip(), perf_counter()
-            page = browser.new_page(viewport={"width": 1280, "height": 900})
+            page = browser.new_page(viewport={"width": 1280, "height": height})
             page.goto(address, timeout=PATIENCE)
             page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
             loaded = perf_counter() - begin
-            page.get_by_role("button", name="drag", exact=True).click()
-            sleep(5)  # the editor binds the mesh meanwhile
-            stage = page.locator("#stage")
-            box, place = stage.bounding_box(), stage.get_attribute("data-gizmo")
-            assert box is not None and place is not None
-            x, y = (float(number) for number in place.split(","))
-            x, y, rates = x + box["x"], y + box["y"], []
-            for _ in range(DRAGS):
-                rate, x, y = drag(page, x, y)
-                rates.append(rate)
-                sleep(1)
+            page.get_by_role("button", name="choose hand").click()
+            yield page, loaded
             page.close()
         finally:
             running.terminate()
+
+
+def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
+    """Return the seconds until the mesh appears, and the steps per second of each drag."""
+    with opened(browser, folder, 900) as (page, loaded):
+        sleep(5)  # the editor binds the mesh meanwhile
+        stage = page.locator("#stage")
+        box, place = stage.bounding_box(), stage.get_attribute("data-gizmo")
+        assert box is not None and place is not None
+        x, y = (float(number) for number in place.split(","))
+        x, y, rates = x + box["x"], y + box["y"], []
+        for _ in range(DRAGS):
+            rate, x, y = drag(page, x, y)
+            rates.append(rate)
+            sleep(1)
     return loaded, rates
+
+
+def picture(browser: Browser) -> None:
+    """Take the picture of the page with a raised hand, coloured by the change of edge length."""
+    with TemporaryDirectory() as folder:
+        write_task(SHOWN, 0, Path(folder))
+        with opened(browser, Path(folder), 800) as (page, _):
+            for word, values in ("move", MOVE), ("turn", TURN):
+                for axis, value in zip("xyz", values, strict=True):
+                    page.get_by_label(f"{word} {axis}", exact=True).fill(str(value))
+            with page.expect_response("**/settle"):
+                page.get_by_role("button", name="apply").click()
+            page.locator("#errors").check()
+            page.wait_for_selector("#legend:visible")
+            page.locator("#panels").evaluate("panels => panels.scrollTo(0, 280)")
+            sleep(2)
+            image = Image.open(BytesIO(page.screenshot())).convert("RGB")
+            image.quantize(256, dither=Image.Dither.NONE).save(PICTURE, optimize=True)
 
 
 def main() -> int:
@@ -118,6 +151,9 @@ def main() -> int:
     rows = []
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        picture(browser)
+        if "--picture" in sys.argv[1:]:
+            return 0
         for root, level in BODIES.items():
             with TemporaryDirectory() as folder:
                 write_task(root, level, Path(folder))

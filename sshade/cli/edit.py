@@ -7,7 +7,8 @@ the paths of -o and --handles-out. The saved handle file also has the method and
   sshade deform MESH SAVED_HANDLES --options SAVED_HANDLES -o OUT
 
 computes the same shape, and `sshade edit MESH SAVED_HANDLES --options SAVED_HANDLES` continues the session.
-The program ends when the page is closed, by its button End, or by Ctrl-C.
+The program runs until you click End on the page or press Ctrl-C; closing the page does not end it. Unsaved
+work is kept in a recovery file beside the handles, which the next start offers.
 
 examples:
   sshade edit body.ply
@@ -18,7 +19,9 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
+from functools import partial
 from pathlib import Path
+from time import localtime, strftime
 from typing import TYPE_CHECKING
 
 from sshade.cli.arguments import (
@@ -55,6 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
+    up = "axis of the mesh that points up on the page (default: y)"
+    parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
+    recover = "recovery file of this mesh to continue from, as an earlier session left it"
+    parser.add_argument("--recover", type=Path, metavar="FILE", help=recover)
     # --overwrite does not apply to the mesh: the saved handles belong to it.
     parser.set_defaults(inputs=("handles",))
     browser = "do not open a browser, only print the address"
@@ -94,15 +101,24 @@ def _edit(options: argparse.Namespace) -> int:
         session = Session(options.mesh, **files, settings=settings, **further)
     for note in session.document.notes:
         say(f"note: {options.mesh}: {note}")
+    if options.recover is not None:
+        session.recover(options.recover)
+    for offer in session.recovery.offers:
+        when = strftime("%d %b, %H:%M", localtime(offer.time))
+        say(f"note: {offer.path} has unsaved work of {when}; recover it on the page or with --recover")
     try:
-        server = Server(session, port=options.port)
+        server = Server(
+            session, port=options.port, up=options.up, another=partial(Session, settings=settings, **further)
+        )
     except OSError as error:
         raise InputError(f"port {options.port} of this machine cannot be used ({reason(error)})") from error
     try:
         _serve(server, browser=not options.no_browser)
     finally:  # also when a signal ends the program
+        session = server.session
         if session.is_unsaved:
-            say("note: the handles were not saved")
+            kept = session.trouble or f"{session.recovery.path} keeps them for the next start"
+            say(f"note: the handles were not saved; {kept}")
         session.end(PATIENCE)
     return 0
 
@@ -113,6 +129,7 @@ def _serve(server: Server, *, browser: bool) -> None:
         print(server.address, flush=True)  # noqa: T201
         if browser and not webbrowser.open(server.address):
             say("note: no browser could be opened; open the address in one")
+        say("The editor runs until you click End on its page or press Ctrl-C here.")
         try:
             server.serve_forever(poll_interval=0.1)
         except KeyboardInterrupt:

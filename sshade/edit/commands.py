@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from math import inf, isfinite
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sshade.edit.preview import VERTICES, Preview, preview
+from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Motion, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
-from sshade.io.entries import REST, parsed_slide
+from sshade.io.entries import REST
 from sshade.options import require_method
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
@@ -23,7 +23,7 @@ from sshade.slides import Slide
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
 #: Commands that are methods of the session. The last two take the number of a group.
-REVERTING = ("undo", "redo", "remove", "restore")
+REVERTING = ("undo", "redo", "recover", "discard", "remove", "restore")
 
 
 class Commands:
@@ -37,10 +37,17 @@ class Commands:
     ----------
     session : Session
     progress : Progress
+    up : {"y", "z"}
+        Axis that points up when the page opens.
+    number : int
+        Tells a page whether another mesh was opened.
     """
 
-    def __init__(self, session: Session, progress: Progress = silent) -> None:
+    def __init__(
+        self, session: Session, progress: Progress = silent, *, up: str = "y", number: int = 0
+    ) -> None:
         self._session, self._progress = session, progress
+        self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Preview | None] = {}
@@ -77,7 +84,32 @@ class Commands:
         few = self._preview(arguments)
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
-        return self._answer("faces", "change", *CHANGED, further=further)
+        return self._answer("faces", "change", *CHANGED, further=further, **self._opened)
+
+    def now(self) -> bytes:
+        """Return everything that changes, for a page that another page left behind."""
+        return self._answer(*CHANGED)
+
+    def rest(self) -> bytes:
+        """Return the rest positions."""
+        return packet({}, {"positions": self._positions(self._session.mesh.V)})
+
+    def colours(self) -> bytes:
+        """Return the colours of the file."""
+        colours = self._session.document.colours
+        if colours is None:
+            raise InputError(f"{self._session.document.name}: the file has no colours of vertices")
+        return packet({}, {"colours": colours.ravel()})
+
+    def surface(self, arguments: Mapping[str, Any]) -> bytes:
+        """Return the surface on which a group slides."""
+        number = arguments.get("group", "")
+        group = self._session.state.group(int(number) if number.isdecimal() else -1)
+        if group.slide is None or group.slide.surface is None:
+            raise InputError(f"{group.name} slides on no surface")
+        surface = group.slide.surface
+        faces = surface.F.astype(np.uint32)
+        return packet({}, {"positions": self._positions(surface.V), "faces": faces})
 
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Select vertices (k,) int."""
@@ -108,6 +140,27 @@ class Commands:
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
         group = self._session.state.group(_given(arguments, "group", int))
         return self.select(group.vertices, "replace")
+
+    def do_reach(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.reach(_numbers(arguments, "distance", ()))
+        return self._answer("selection")
+
+    def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+        return self._answer(*CHANGED)
+
+    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
+        axis = _given(arguments, "axis", str)
+        if axis not in ("x", "y", "z"):
+            raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
+        self._session.mirror(_given(arguments, "group", int), "xyz".index(axis))
+        return self._answer(*CHANGED)
+
+    def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
+        from scipy.spatial.transform import Rotation
+
+        R = self._session.frame(_given(arguments, "group", int))
+        return packet({"frame": Rotation.from_matrix(R).as_quat().tolist()}, {})
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
         method = require_method(_given(arguments, "method", str), METHODS)
@@ -148,19 +201,20 @@ class Commands:
     def _slide(self, number: int, given: Any) -> Slide | None:
         """Return the slide of a group: none, "free" or in the form of handle files.
 
-        A plane or line without a direction gets the normal of the group. The page opens no files of surfaces.
+        A plane or line without a direction gets the normal of the group. A surface lies in the folder of the
+        mesh.
         """
+        document = self._session.document
         if given is None:
             return None
         if given == "free":
             return Slide.anywhere()
         if isinstance(given, dict):
-            if given.get("surface", REST) != REST:
-                raise InputError(f'the page takes the surface "{REST}" only; open a handle file for another')
+            if given.get("surface", REST) not in (REST, *document.neighbours):
+                raise InputError(f"{given['surface']}: is no mesh file in the folder {document.folder}")
             normal = self._session.normal(number).tolist()
             given = {kind: normal if value is None else value for kind, value in given.items()}
-        slide = parsed_slide(given, Path())
-        return Slide.on(self._session.mesh, name=REST) if isinstance(slide, str) else slide
+        return slide_of({"slide": given}, self._session.mesh, document.folder)
 
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
@@ -210,6 +264,9 @@ class Commands:
         ]
         facts |= {
             "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
+            "scale": self._scale,
+            "version": session.version,
+            "files": session.document.neighbours,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
@@ -218,6 +275,10 @@ class Commands:
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
+            "trouble": session.trouble,
+            "recovery": [
+                {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers
+            ],
         }
         return packet(facts, arrays)
 

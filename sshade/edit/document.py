@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from sshade.task import DeformationTask
 FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
 #: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
+#: Greatest number of files that a page lists.
+MANY = 200
 
 
 class FileExists(InputError):
@@ -179,6 +182,34 @@ class Document:
         write_file(path, self._file, self._surface.placed(self._file.V, V))
         self._propose("mesh", path)
         return self._file.lost(path)
+
+    @property
+    def colours(self) -> np.ndarray | None:
+        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.io.document.MeshFile`.
+
+        A vertex that a seam doubles has the colour of its first copy.
+        """
+        if self._file.colours is None:
+            return None
+        return (255 * self._file.colours()[self._id].clip(0, 1)).round().astype(np.uint8)
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether the file has colours of vertices."""
+        return self._file.colours is not None
+
+    @property
+    def neighbours(self) -> list[str]:
+        """Names of the mesh files in the folder of the mesh."""
+        with suppress(OSError):
+            found = [path.name for path in self.folder.iterdir() if path.suffix.lower() in SUFFIXES]
+            return sorted(name for name in found if not name.startswith("."))[:MANY]
+        return []
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the mesh."""
+        return self._path.parent
 
     @property
     def command(self) -> str:

@@ -3,7 +3,7 @@
 The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes per vertex
 suffice, have no brush or lasso, and answer any page of the browser. The page asks for one step of a drag
 after the other, so that it draws every computed step. The request "alive" never ends: its answer reports the
-progress of computations, and its end tells the server that the page was closed.
+progress of computations. A page that is closed may come back at any time.
 
 The server answers a request only if the address contains the secret token, the Host header names this
 machine (which protects against DNS rebinding), and no page of another origin sent the request.
@@ -15,9 +15,11 @@ import json
 import logging
 import secrets
 import socket
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from pathlib import Path
 from select import select
 from threading import Condition, Thread
 from typing import Any
@@ -48,22 +50,27 @@ HEADERS = {
 }
 #: Greatest size of a request in bytes, plus 4 for each vertex.
 LARGEST = 100_000_000
-#: Seconds between signs of life to a page, from the closing of the last page to the end of the server, and
-#: until an incomplete request is dropped.
-BEAT, GRACE, PATIENCE = 0.5, 3.0, 60.0
+#: Seconds between signs of life to a page, and until an incomplete request is dropped.
+BEAT, PATIENCE = 0.5, 60.0
 
 
 class Server(ThreadingHTTPServer):
-    """Serve an editor on 127.0.0.1 until its page is closed or ends the editor.
+    """Serve an editor on 127.0.0.1 until a page ends it or :meth:`close` is called.
 
     Parameters
     ----------
     session : Session
     port : int
         0 selects a free port.
+    up : {"y", "z"}
+        Axis that points up when the page opens.
+    another : callable, optional
+        ``another(path)`` returns a session of another mesh; without it the page opens no other mesh.
 
     Attributes
     ----------
+    session : Session
+        Current session.
     address : str
         Address to open in a browser.
 
@@ -75,15 +82,43 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, session: Session, *, port: int = 0) -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        port: int = 0,
+        up: str = "y",
+        another: Callable[[Path], Session] | None = None,
+    ) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.commands, self.vertices = Commands(session, self.progress), session.mesh.n
+        self._up, self._another, self._number = up, another, 0
+        self._use(session)
         super().__init__(("127.0.0.1", port), _Handler)
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
         self._changed = Condition()
         self._stage: dict[str, Any] | None = None
-        self._pages, self._closed = 0, False
+        self._closed = False
+
+    def _use(self, session: Session) -> None:
+        self.session, self.vertices = session, session.mesh.n
+        self._number += 1
+        self.commands = Commands(session, self.progress, up=self._up, number=self._number)
+
+    def change(self, name: str) -> None:
+        """Open another mesh in the folder of the mesh. Unsaved work of this mesh stays in its recovery file.
+
+        Raises
+        ------
+        InputError
+            When there is no such mesh file, or it cannot be read.
+        """
+        document = self.session.document
+        if self._another is None or name not in document.neighbours:
+            raise InputError(f"{name}: is no mesh file in the folder {document.folder}")
+        new, old = self._another(document.folder / name), self.session
+        self._use(new)
+        old.end(0)
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
         """Report the progress of a computation to the page."""
@@ -99,26 +134,22 @@ class Server(ThreadingHTTPServer):
         if not already:
             Thread(target=self.shutdown, daemon=True).start()
 
-    def stages(self, write: Any) -> None:
-        """Write each new stage, and a line from time to time, until the page is closed."""
+    def tell(self) -> None:
+        """Let :meth:`stages` look for changes of the session."""
         with self._changed:
-            self._pages += 1
-        last = None
-        try:
-            while not self._closed:
-                with self._changed:
-                    if self._stage is last:
-                        self._changed.wait(BEAT)
-                    stage, new, last = self._stage, self._stage is not last, self._stage
-                write((json.dumps(stage) if new else "").encode() + b"\n")
-        finally:
+            self._changed.notify_all()
+
+    def stages(self, write: Any) -> None:
+        """Write each new stage and version of the session, and a line from time to time, to one page."""
+        last: tuple[Any, int, int] = None, -1, 0
+        while not self._closed:
             with self._changed:
-                self._pages -= 1
-            if not self._closed:
-                with self._changed:  # a page that is reloaded comes back soon
-                    back = self._changed.wait_for(lambda: self._pages > 0, timeout=GRACE)
-                if not back:
-                    self.close()
+                if (self._stage, self.session.version, self._number) == last:
+                    self._changed.wait(BEAT)
+                now = self._stage, self.session.version, self._number
+            told = {"stage": now[0] if now[0] is not last[0] else None, "version": now[1], "number": now[2]}
+            write((json.dumps(told) if now != last else "").encode() + b"\n")
+            last = now
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore lost connections, which browsers cause all the time."""
@@ -168,6 +199,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(threejs.source().encode(), "text/javascript; charset=utf-8")
         elif name == "whole":
             self._send(self.server.commands.whole(self._query))
+        elif name == "now":
+            self._send(self.server.commands.now())
+        elif name == "rest":
+            self._send(self.server.commands.rest())
+        elif name == "colours":
+            self._send(self.server.commands.colours())
+        elif name == "surface":
+            self._send(self.server.commands.surface(self._query))
         elif name == "alive":
             self.close_connection = True
             self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
@@ -184,6 +223,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(commands.select(vertices, self._query.get("how", "")))
         elif name == "open":
             self._send(commands.open(content, self._query.get("name", "the file")[:200]))
+        elif name == "change":
+            self.server.change(self._query.get("name", ""))
+            self._send(b"{}", "application/json")
         elif name == "quit":
             self._send(b"{}", "application/json")
             self.server.close()
@@ -193,6 +235,7 @@ class _Handler(BaseHTTPRequestHandler):
             except (ValueError, RecursionError) as error:
                 raise InputError("commands must be sent as JSON") from error
             self._send(commands(name, arguments))
+        self.server.tell()
 
     @property
     def _query(self) -> dict[str, str]:

@@ -13,7 +13,19 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
-from sshade.edit.state import Group, History, Kind, Motion, Settings, State, selected
+from sshade.edit.recovery import Recovery
+from sshade.edit.state import (
+    LONGEST,
+    Group,
+    History,
+    Kind,
+    Motion,
+    Settings,
+    State,
+    mirrored,
+    near,
+    selected,
+)
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.progress import Progress, silent
@@ -52,6 +64,12 @@ class Session:
     history : History
     mesh : Mesh
         The surface in the file that can be deformed.
+    recovery : Recovery
+        Keeps the unsaved work in a file beside the handles.
+    version : int
+        Increases with each change that a page shows, except for steps of a drag.
+    trouble : str
+        Why the recovery file could not be written; empty if it was.
     shown : (n, 3) float64
         Latest positions of the mesh: of a drag, or converged.
 
@@ -75,11 +93,15 @@ class Session:
         welding["carry"] = carry_unconstrained
         self.document = Document(path, output=output, handles=handles_output, **welding)
         self.mesh = mesh = self.document.mesh
+        self.recovery = Recovery(self.document.outputs["handles"].parent, self.document.name, mesh)
+        self.trouble = ""
+        self.version = 0
         self.shown = mesh.V
         self.history = History(State(settings=settings, shape=mesh.V))
         self._revision, self._number = 0, 1
         self._saved: tuple[tuple[Group, ...], Settings] = (), settings
-        self._lock, self._following = RLock(), RLock()
+        self._saved_selection = self.state.selection
+        self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(mesh)
         #: Whether the handles moved since the last step of a drag.
         self._jumped = False
@@ -142,11 +164,7 @@ class Session:
             vertices = self.state.selection
             if len(vertices) == 0:
                 raise InputError("no vertex is picked; pick some by click, brush, rectangle or lasso")
-            target, rest = self.shown[vertices], self.mesh.V[vertices]
-            if kind == "static" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
-                target = rest
-            number, self._number = self._number, self._number + 1
-            self._push(self.state.marked(Group(number, f"group {number}", kind, vertices, target)))
+            number = self._mark(kind, vertices)
             handles, settings = self.state.handles(self.mesh), self.state.settings
 
         def prepare() -> None:
@@ -157,11 +175,61 @@ class Session:
         Thread(target=prepare, daemon=True).start()
         return number
 
+    def _mark(self, kind: Kind, vertices: np.ndarray, name: str = "") -> int:
+        """Create a group of vertices at their current positions; return its number."""
+        target, rest = self.shown[vertices], self.mesh.V[vertices]
+        if kind == "static" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
+            target = rest
+        number, self._number = self._number, self._number + 1
+        self._push(self.state.marked(Group(number, name or f"group {number}", kind, vertices, target)))
+        return number
+
+    def reach(self, distance: float) -> None:
+        """Select everything within a distance of the selection; see :func:`sshade.edit.state.near`."""
+        with self._lock:
+            self.select(np.flatnonzero(near(self.mesh, self.state.selection, distance)), "replace")
+
+    def limit(self, number: int, distance: float) -> int:
+        """Fix everything farther than a distance from a group, except other groups; return the new number.
+
+        The surface in between then bends, so that a move falls off within the distance.
+
+        Raises
+        ------
+        InputError
+            See :func:`sshade.edit.state.near`; also when no vertex is so far away.
+        """
+        with self._lock:
+            group = self.state.group(number)
+            far = ~near(self.mesh, group.vertices, distance)
+            for other in self.state.groups:
+                far[other.vertices] = False
+            if not far.any():
+                raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
+            return self._mark("static", np.flatnonzero(far), f"beyond {group.name}"[:LONGEST])
+
+    def mirror(self, number: int, axis: int) -> int:
+        """Create the mirrored group of a group, or update it; return its number.
+
+        Raises
+        ------
+        InputError
+            See :func:`sshade.edit.state.mirrored`.
+        """
+        with self._lock:
+            new = mirrored(self.mesh, self.state.group(number), axis, number=self._number)
+            self._number += 1
+            self._push(replace(self.state.marked(new), selection=self.state.selection))
+            self._jumped = True
+        return new.number
+
     def end(self, patience: float) -> None:
         """Wait for the current computation, up to some seconds, and let no further computation begin.
 
-        A thread that returns from compiled code while the interpreter ends would abort the process.
+        A thread that returns from compiled code while the interpreter ends would abort the process. The
+        recovery file stays if there are unsaved groups.
         """
+        self.recovery.end(keep=self.is_unsaved)
         self._following.acquire(timeout=patience)
 
     def remove(self, number: int) -> None:
@@ -203,6 +271,20 @@ class Session:
         mean = np.cross(b - a, c - a).sum(axis=0)
         return mean if mean.any() else np.array([0.0, 0.0, 1.0])
 
+    def frame(self, number: int) -> np.ndarray:
+        """Return the local axes of a group, columns (3, 3), which turn with it: z is its normal."""
+        group, z = self.state.group(number), self.normal(number)
+        z = z / np.linalg.norm(z)
+        rest = self.mesh.V[group.vertices] - self.mesh.V[group.vertices].mean(axis=0)
+        flat = rest - np.outer(rest @ z, z)
+        x = np.linalg.svd(flat, full_matrices=False)[2][0] if len(flat) > 1 and flat.any() else np.zeros(3)
+        if np.linalg.norm(x - z * (x @ z)) < 0.5:  # a single vertex, or vertices along the normal
+            x = np.eye(3)[np.argmin(np.abs(z))]
+        x = x - z * (x @ z)
+        x = x / np.linalg.norm(x)
+        R = np.stack([x, np.cross(z, x), z], axis=1)
+        return R if group.turn is None else group.turn @ R
+
     def set_up(self, settings: Settings) -> None:
         """Change the method or the constraints."""
         with self._lock:
@@ -227,6 +309,37 @@ class Session:
         """
         with self._lock:
             self._take(self.document.received_groups(content, name, first=self._number))
+
+    def recover(self, path: Path | None = None) -> None:
+        """Replace groups, settings and selection by those of a recovery file, by default of the first offer.
+
+        An offered file is removed after the recovery file of this session was written.
+
+        Raises
+        ------
+        InputError
+            When there is no offer, or the file is unreadable or belongs to another mesh.
+        """
+        with self._lock:
+            path = self._offered() if path is None else path
+            found = self.recovery.read(path, first=self._number)
+            self._number += len(found.groups)
+            self._push(found)
+            self._jumped = True
+            if not self.trouble:
+                self.recovery.withdraw(path)
+            self.version += 1
+
+    def discard(self) -> None:
+        """Remove the first recovery file that is offered; raise InputError when there is none."""
+        with self._lock:
+            self.recovery.withdraw(self._offered())
+            self.version += 1
+
+    def _offered(self) -> Path:
+        if not self.recovery.offers:
+            raise InputError("there is nothing to recover")
+        return self.recovery.offers[0].path
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
@@ -301,22 +414,24 @@ class Session:
         Superseded
             When the handles changed during the computation.
         """
-        with self._lock:
-            state, revision = self.state, self._revision
+        with self._settling:  # pages that show one session wait for the same shape
+            with self._lock:
+                state, revision = self.state, self._revision
 
-        def watched(stage: str, done: int, total: int, note: str = "") -> None:
-            if self._revision != revision:
-                raise Superseded
-            progress(stage, done, total, note)
+            def watched(stage: str, done: int, total: int, note: str = "") -> None:
+                if self._revision != revision:
+                    raise Superseded
+                progress(stage, done, total, note)
 
-        V = state.shape
-        if V is None:
-            V = converged(self.document.task(state), state.settings, progress=watched).vertices
-        with self._lock:
-            if self._revision != revision:
-                raise Superseded
-            self.history.store_shape(state, V)
-            self.shown = V
+            V = state.shape
+            if V is None:
+                V = converged(self.document.task(state), state.settings, progress=watched).vertices
+            with self._lock:
+                if self._revision != revision:
+                    raise Superseded
+                self.history.store_shape(state, V)
+                self.version += state.shape is None
+                self.shown = V
 
     # Files.
 
@@ -353,6 +468,8 @@ class Session:
         with self._lock:
             self.document.write_handles(self.state, path)
             self._saved = self.state.groups, self.state.settings
+            self._saved_selection = self.state.selection
+            self._keep()
         return path, ()
 
     # Helpers.
@@ -362,8 +479,8 @@ class Session:
         state = replace(self.state, groups=groups)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
-        self._push(state)
         self._saved, self._jumped = (groups, state.settings), True
+        self._push(state)
 
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
@@ -372,12 +489,27 @@ class Session:
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
         self.history.push(state)
         self._advance(before)
+        self._keep()
+
+    def _keep(self) -> None:
+        """Write the recovery file, or remove it if everything is saved."""
+        picked = self.state.selection
+        self.version += 1
+        self.trouble = ""
+        if not self.is_unsaved and (len(picked) == 0 or picked is self._saved_selection):
+            self.recovery.remove()
+            return
+        try:
+            self.recovery.write(self.state)
+        except InputError as error:  # the work goes on without it
+            self.trouble = str(error)
 
     def _go(self, step: int) -> None:
         with self._lock:
             before = self.state
             self.history.go(step)
             self._jumped |= self._advance(before)
+            self._keep()
 
     def _advance(self, before: State) -> bool:
         """Return whether groups or settings differ from `before`; then computations are out of date."""

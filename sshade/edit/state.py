@@ -11,7 +11,9 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES
 from sshade.handles import Handles
+from sshade.io.entries import REST
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
 from sshade.slides import Slide
 
 Kind = Literal["static", "moving"]
@@ -20,12 +22,14 @@ Kind = Literal["static", "moving"]
 METHODS = ("fast", "fine", "paper")
 
 #: Ways to change a selection. The first three take vertices.
-WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink")
+WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
 #: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
 STATES, BYTES = 1000, 500_000_000
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
 LINE = 1e-6
+#: Greatest portion of a group whose mirror image may lie in the group itself.
+OVERLAP = 0.25
 #: Greatest length of a group's name.
 LONGEST = 80
 
@@ -373,7 +377,7 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
         Vertices for "replace", "add" and "remove".
     how : str
         A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
-        vertices with a neighbour that is not selected.
+        vertices with a neighbour that is not selected; "linked" adds all vertices of their components.
 
     Returns
     -------
@@ -400,4 +404,97 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     elif how in ("grow", "shrink"):
         ends = chosen[mesh.edges]
         chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
+    elif how == "linked":
+        chosen = np.isin(mesh.component, mesh.component[before])
     return np.flatnonzero(chosen)
+
+
+def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
+    """Find the vertices within a distance of other vertices, measured along the edges of the rest shape.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    vertices : (k,) int64
+    distance : float
+        In the unit of the mesh.
+
+    Returns
+    -------
+    (n,) bool
+
+    Raises
+    ------
+    InputError
+        When there are no vertices, or the distance is not above 0.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    if len(vertices) == 0:
+        raise InputError("no vertex is picked from which a distance could be measured")
+    if not distance > 0:
+        raise InputError(f"a distance is a number above 0, not {distance:g}")
+    found, (i, j) = np.zeros(mesh.n, dtype=bool), mesh.edges.T
+    found[vertices] = True
+    border = np.unique(mesh.edges[found[i] != found[j]])  # paths from the vertices begin there
+    border = border[found[border]]
+    if len(border) == 0:
+        return found
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
+    return found | np.isfinite(dijkstra(graph, directed=False, indices=border, min_only=True, limit=distance))
+
+
+def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
+    """Mirror a group in the middle plane of the rest shape.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    group : Group
+    axis : int
+        Coordinate whose sign changes: 0, 1 or 2.
+    number : int
+        Number of the new group.
+
+    Returns
+    -------
+    Group
+        The vertices nearest to the mirrored vertices, without those of `group`, moved by the mirrored motion.
+
+    Raises
+    ------
+    InputError
+        When the group lies on both sides, the other side has no vertices within the mean length of an edge,
+        or the group slides on a surface from a file.
+    """
+    from scipy.spatial import cKDTree
+
+    middle = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
+    S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
+    rest, slide = mesh.V[group.vertices], group.slide
+    distance, found = cKDTree(mesh.V, balanced_tree=False).query((rest - middle) @ S + middle)
+    if np.isin(found, group.vertices).mean() > OVERLAP:
+        raise InputError(f"{group.name} lies on both sides of the middle; mirror a group of one side")
+    vertices = np.setdiff1d(found[distance <= mesh.mean_edge], group.vertices)
+    if len(vertices) == 0:
+        raise InputError(f"the mesh has no vertices on the other side of {group.name}")
+    if slide is not None and "slide" in slide.record:
+        ((kind, value),) = slide.record["slide"].items()
+        if kind == "surface" and value != REST:
+            raise InputError(f"{group.name} slides on a surface, which has no mirrored surface")
+        if kind in ("plane", "line"):
+            slide = (Slide.plane if kind == "plane" else Slide.line)(S @ value)
+    R, t = rigid_motion(rest, group.target)
+    R, t = S @ R @ S, S @ (R @ middle + t - middle) + middle - S @ R @ S @ middle
+    still = np.array_equal(group.target, rest)
+    return replace(
+        group,
+        number=number,
+        name=f"{group.name[: LONGEST - 9]} mirrored",
+        vertices=vertices,
+        target=mesh.V[vertices] if still else mesh.V[vertices] @ R.T + t,
+        turn=None if group.turn is None else S @ group.turn @ S,
+        slide=slide,
+    )

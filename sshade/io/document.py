@@ -59,6 +59,9 @@ class MeshFile:
     rounding : (3,) float64, optional
         Rounding steps of the coordinates. None if the numbers of the file tell: see
         :func:`sshade.mesh.surface.surface`.
+    colours : callable, optional
+        ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
+        file has none, or is of a format whose colours are not read (.off, .glb, .gltf).
     """
 
     V: np.ndarray
@@ -69,6 +72,7 @@ class MeshFile:
     notes: tuple[str, ...] = ()
     rounding: np.ndarray | None = None
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
+    colours: Callable[[], np.ndarray] | None = None
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them

@@ -115,9 +115,22 @@ def read_obj(path: Path) -> MeshFile:
     places = np.stack(text.line_ends(libraries))
     obj = _Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
+    coloured = bool((text.size[vertices] >= 7).all())
     return MeshFile(
-        positions.value, F, holds, (".obj",), content, tuple(n for n, there in notes.items() if there)
+        positions.value,
+        F,
+        holds,
+        (".obj",),
+        content,
+        tuple(n for n, there in notes.items() if there),
+        colours=partial(_colours, text, vertices) if coloured else None,
     )
+
+
+def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
+    """Return colours (n, 3) from 0 to 1. Some programs write numbers from 0 to 255."""
+    colours = text.vectors(vertices, 4, "a colour").value
+    return colours / 255 if colours.max() > 1 else colours
 
 
 def _faces(

@@ -79,7 +79,16 @@ def read_ply(path: Path) -> MeshFile:
     holds = _holds(ply, int((face >= 0).sum()))
     kinds = [vertices.properties[number].kind for number in vertices.numbers("x y z")]
     stored = unchanged if ply.words else partial(_stored, kinds)
-    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored)
+    coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)
+    colours = partial(_colours, vertices, coloured) if coloured else None
+    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored, colours)
+
+
+def _colours(vertices: Element, properties: list[int]) -> np.ndarray:
+    """Return colours (n, 3) from 0 to 1; whole numbers are parts of the largest number of their type."""
+    kinds = [vertices.properties[i].kind for i in properties]
+    full = [np.iinfo(kind).max if kind.kind in "iu" else 1.0 for kind in kinds]
+    return vertices.columns(properties) / full
 
 
 def _stored(kinds: list[np.dtype], V: np.ndarray) -> np.ndarray:
@@ -124,6 +133,8 @@ def _strips(element: Element) -> np.ndarray:
     return strip_triangles(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
 
 
+#: Names of the colours of vertices.
+_COLOURS = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")
 #: Properties of vertices and faces by their meaning.
 _MEANING = {
     "normals": [*_NORMAL, "normal_x", "normal_y", "normal_z"],

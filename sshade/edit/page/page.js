@@ -13,11 +13,17 @@ const HINTS = {
   lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
 };
 const stage = byId("stage");
+const ROLL = Math.PI / 12; // a step of a roll, and of a turn that snaps
+// Attempts to reach the program again, and milliseconds between them.
+const TRIES = 4, WAIT = 500;
 
 // three.js computes with linear colours.
 const linear = (css) => new THREE.Color(css).toArray();
 const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
-const KINDS = { static: linear("#2166ac"), moving: linear("#f2c200") };
+const COLOURS = { static: "#2166ac", moving: "#f2c200" };
+const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
+// Linear values of the bytes of colours in files.
+const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(`rgb(${byte},0,0)`)[0]);
 const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
 const RAMP = Array.from({ length: 256 }, (_, i) => {
   const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
@@ -31,6 +37,13 @@ let painted = null; // vertices under the brush, and the effect of the brush
 let settling = null; // number of the computation that runs
 let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
+let solving = Promise.resolve(); // the computation that runs
+let heard = 0, behind = false; // latest version of the session, and whether another page changed it meanwhile
+let resting = false; // whether the rest shape is shown
+const pivots = new Map(); // offsets of moved pivots from the middles of their groups
+let frame = null; // local axes of the active group as a quaternion, and what they belong to
+let surfaces = {}; // surfaces on which groups slide, by their names
+let guided = ""; // the guides that are shown
 
 let view;
 try {
@@ -39,7 +52,7 @@ try {
   say("The editor needs WebGL, which this browser does not support.");
   throw new Error("no WebGL");
 }
-const panel = new Panel(ask, choose);
+const panel = new Panel(ask, choose, shift);
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
   how: () => checked("how"),
@@ -91,7 +104,7 @@ function unpack(buffer) {
 function complain(error) {
   if (error.superseded) return null;
   const text = error.message;
-  say(`${text[0].toUpperCase()}${text.slice(1)}${/[.?!]$/.test(text) ? "" : "."}`);
+  say(`${text}${/[.?!]$/.test(text) ? "" : "."}`); // not capitalised: it may begin with the name of a file
   return null;
 }
 
@@ -101,7 +114,7 @@ function take(said) {
   const { sent } = said;
   Object.assign(arrays, sent);
   if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
-  if (sent.positions && !view.gizmo.dragging) view.setPositions(sent.positions);
+  if (sent.positions && !view.gizmo.dragging) placed();
   if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
     active = said.marked;
     byId("tools").querySelector("[value=view]").click();
@@ -112,16 +125,68 @@ function take(said) {
   return said;
 }
 
+function placed() {
+  view.setPositions(resting ? arrays.rest : arrays.positions);
+}
+
+const chosen = () => facts.groups.find(({ number }) => number === active);
+
 function refresh() {
-  const group = facts.groups.find(({ number }) => number === active);
-  if (!group || group.kind !== "moving") active = null;
-  if (active === null) view.detach();
-  else if (!view.gizmo.dragging) view.attach(group.pivot);
-  byId("gizmo-bar").hidden = active === null;
+  const group = chosen(), moves = group?.kind === "moving" && !resting;
+  if (!group) active = null;
+  if (!moves) view.detach();
+  else if (!view.gizmo.dragging) attach(group);
+  byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
+  guide();
   colour();
   stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;
+}
+
+// The point about which a group turns.
+function pivotOf({ number, pivot }) {
+  const offset = pivots.get(number) ?? [0, 0, 0];
+  return pivot.map((x, c) => x + offset[c]);
+}
+
+function attach(group) {
+  const key = `${group.number} ${facts.version}`, local = byId("local").checked;
+  view.gizmo.setSpace(local ? "local" : "world");
+  view.attach(pivotOf(group), local && frame?.key === key ? frame.quaternion : undefined);
+  if (!local || frame?.key === key) return;
+  frame = { key, quaternion: undefined };
+  request("frame", JSON.stringify({ group: group.number })).then((said) => {
+    if (frame.key !== key) return;
+    frame.quaternion = said.frame;
+    refresh();
+  }).catch(complain);
+}
+
+// Draw the planes, lines and surfaces on which groups slide.
+function guide() {
+  const guides = [];
+  for (const { number, kind, slide, pivot } of facts.groups) {
+    if (!slide || slide === "free") continue;
+    const [[way, value]] = Object.entries(slide);
+    if (way === "surface") {
+      surfaces[value] ??= request(`surface?group=${number}`).then((said) => {
+        surfaces[value] = said.sent;
+        guide();
+      }).catch(() => delete surfaces[value]);
+      if (surfaces[value].faces) guides.push({ kind: "surface", name: value, colour: COLOURS[kind] });
+      continue;
+    }
+    const axes = way === "axes" && [..."xyz"].map((c) => Number(value.includes(c)));
+    const plane = way === "plane" || (axes && value.length === 2);
+    const direction = axes ? axes.map((there) => (plane ? 1 - there : there)) : value;
+    guides.push({ kind: plane ? "plane" : "line", at: pivot, direction, colour: COLOURS[kind] });
+  }
+  const text = JSON.stringify(guides);
+  if (text === guided) return;
+  guided = text;
+  view.setGuides(guides.map((one) => ({ ...one, ...(one.name && surfaces[one.name]) })));
+  stage.dataset.guides = guides.map(({ kind }) => kind).join(" ");
 }
 
 function choose(number) {
@@ -130,10 +195,51 @@ function choose(number) {
   refresh();
 }
 
+// Move a group by lengths in the unit of the mesh, and turn it by degrees, along the axes of the gizmo.
+function shift(number, lengths, degrees) {
+  const axes = new THREE.Quaternion(...(view.gizmo.space === "local" && frame?.quaternion ? frame.quaternion : [0, 0, 0, 1]));
+  const turn = axes.clone().invert();
+  degrees.forEach((angle, c) => {
+    const about = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3().setComponent(c, 1), (angle * Math.PI) / 180);
+    turn.premultiply(about);
+  });
+  turn.premultiply(axes);
+  const move = new THREE.Vector3(...lengths).divideScalar(facts.scale).applyQuaternion(axes);
+  const quaternion = degrees.some(Boolean) ? turn.toArray() : [0, 0, 0, 1];
+  return release(number, { pivot: pivotOf(chosen()), move: move.toArray(), quaternion });
+}
+
+// A moved pivot moves with its group.
+async function release(number, given) {
+  const said = await ask("release", { group: number, drawn: view.drawn, ...given });
+  const group = said?.groups.find((one) => one.number === number);
+  if (!group || !pivots.has(number)) return;
+  pivots.set(number, given.pivot.map((x, c) => x + given.move[c] - group.pivot[c]));
+  refresh();
+}
+
+// Take over what another page changed.
+let catching = false;
+async function catchUp() {
+  if (catching || !facts) return;
+  catching = true;
+  for (let last = null; last !== queue; ) {
+    last = queue;
+    await last;
+    await solving;
+  }
+  catching = false;
+  if (view.gizmo.dragging || (heard <= facts.version && !behind)) return;
+  behind = false;
+  await send("now");
+}
+
 // Compute the converged shape; a later change makes it outdated.
-async function settle() {
-  const mine = order;
-  if (settling === mine) return;
+function settle() {
+  if (settling !== order) solving = solve(order);
+}
+
+async function solve(mine) {
   settling = mine;
   byId("busy").hidden = false;
   byId("stage-text").textContent = "solving";
@@ -145,6 +251,7 @@ async function settle() {
   } finally {
     if (settling === mine) settling = null;
     if (mine === order) byId("busy").hidden = true;
+    catchUp();
   }
 }
 
@@ -162,6 +269,7 @@ function colour() {
     toColour = false;
     const { labels, selection, change } = arrays, { found, how } = painted ?? {};
     const shows = byId("errors").checked && change;
+    const base = byId("colours").checked && arrays.colours;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
     byId("legend").hidden = !shows;
     byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
@@ -169,6 +277,12 @@ function colour() {
       for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
         let picked = selection[v] && !(found && how === "replace");
         if (found && found[v]) picked = how !== "remove";
+        if (!picked && !labels[v] && !shows && base) {
+          colours[i] = LINEAR[base[i]];
+          colours[i + 1] = LINEAR[base[i + 1]];
+          colours[i + 2] = LINEAR[base[i + 2]];
+          continue;
+        }
         const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
         colours[i] = own[0];
         colours[i + 1] = own[1];
@@ -184,8 +298,15 @@ const drag = { wanted: null, last: null, idle: 0, busy: null, steps: 0, since: 0
 const IDLE = 20;
 
 function motion() {
-  const { position, quaternion } = view.pivot, { pivot } = drag;
-  return { pivot, move: position.toArray().map((x, c) => x - pivot[c]), quaternion: quaternion.toArray() };
+  const { position, quaternion } = view.pivot, { pivot, axes } = drag, start = new THREE.Vector3(...pivot);
+  if (byId("snap").checked) {
+    const length = Number(byId("snap-step").value) / facts.scale;
+    const move = position.clone().sub(start).applyQuaternion(axes.clone().invert());
+    if (length > 0) move.fromArray(move.toArray().map((x) => length * Math.round(x / length)));
+    position.copy(move.applyQuaternion(axes)).add(start);
+  }
+  const turn = quaternion.equals(axes) ? new THREE.Quaternion() : quaternion.clone().multiply(axes.clone().invert());
+  return { pivot, move: position.clone().sub(start).toArray(), quaternion: turn.toArray() };
 }
 
 function step() {
@@ -215,22 +336,27 @@ async function follow() {
 
 view.gizmo.addEventListener("dragging-changed", ({ value }) => {
   if (value) {
+    Object.assign(drag, { pivot: view.pivot.position.toArray(), axes: view.pivot.quaternion.clone(), steps: 0, since: performance.now() });
+    if (byId("pivot").checked) return;
     say(null);
     order += 1;
     byId("busy").hidden = true;
-    Object.assign(drag, { pivot: view.pivot.position.toArray(), steps: 0, since: performance.now() });
     stage.dataset.state = "dragging";
+  } else if (byId("pivot").checked) {
+    const { pivot } = chosen();
+    pivots.set(active, view.pivot.position.toArray().map((x, c) => x - pivot[c]));
+    refresh();
   } else {
     drag.wanted = drag.last = null;
-    const given = { group: active, drawn: view.drawn, ...motion() };
+    const given = motion(), number = active;
     const rate = (1000 * drag.steps) / (performance.now() - drag.since);
     stage.dataset.rate = rate.toFixed(1);
     byId("hint").textContent = `${rate.toFixed(0)} steps a second`;
-    (drag.busy ?? Promise.resolve()).then(() => ask("release", given));
+    (drag.busy ?? Promise.resolve()).then(() => release(number, given)).then(catchUp);
   }
 });
 view.gizmo.addEventListener("objectChange", () => {
-  if (!view.gizmo.dragging) return;
+  if (!view.gizmo.dragging || byId("pivot").checked) return;
   drag.wanted = motion();
   drag.busy ??= follow();
 });
@@ -244,10 +370,51 @@ for (const input of document.querySelectorAll("input[name=tool]")) {
 for (const input of document.querySelectorAll("input[name=gizmo]")) {
   input.addEventListener("change", () => view.gizmo.setMode(input.value));
 }
-for (const button of byId("sets").children) {
+for (const button of document.querySelectorAll("#sets button, #reach [value=linked]")) {
   button.addEventListener("click", () => send(`select?how=${button.value}`, new Uint32Array(0)));
 }
 byId("home").addEventListener("click", () => view.home());
+byId("up").addEventListener("change", () => {
+  view.setUp(byId("up").value);
+  view.home();
+});
+byId("left").addEventListener("click", () => view.roll(ROLL));
+byId("right").addEventListener("click", () => view.roll(-ROLL));
+byId("wires").addEventListener("change", () => view.setWires(byId("wires").checked));
+byId("rest").addEventListener("click", async () => {
+  arrays.rest ??= (await request("rest")).sent.positions;
+  resting = !resting;
+  byId("rest").setAttribute("aria-pressed", resting);
+  placed();
+  refresh();
+});
+byId("local").addEventListener("change", refresh);
+byId("snap").addEventListener("change", () => {
+  byId("snap-step").hidden = !byId("snap").checked;
+  view.gizmo.setRotationSnap(byId("snap").checked ? ROLL : null);
+});
+byId("pivot").addEventListener("change", () => {
+  if (byId("pivot").checked) byId("gizmo-bar").querySelector("[value=translate]").click();
+});
+byId("change").addEventListener("change", async ({ target }) => {
+  const name = target.value, kept = facts.unsaved ? "The handles are not saved; a recovery file keeps them. " : "";
+  target.value = "";
+  if (!name || (kept && !window.confirm(`${kept}Open ${name}?`))) return;
+  byId("busy").hidden = false;
+  byId("stage-text").textContent = `reading ${name}`;
+  await fetch(`change?name=${encodeURIComponent(name)}`, { method: "POST", body: "" }).then(async (response) => {
+    if (!response.ok) throw new Error((await response.json()).error);
+    location.reload();
+  }).catch(complain).finally(() => {
+    byId("busy").hidden = true;
+  });
+});
+byId("colours").addEventListener("change", colour);
+byId("reach").addEventListener("submit", (event) => {
+  event.preventDefault();
+  say(null);
+  send("reach", JSON.stringify({ distance: Number(event.target.elements.distance.value) }));
+});
 byId("errors").addEventListener("change", () => (arrays.change ? colour() : settle()));
 
 for (const what of ["handles", "mesh"]) {
@@ -298,7 +465,8 @@ byId("open").addEventListener("change", async ({ target }) => {
 
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
-  g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving",
+  g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving", b: "#rest", l: "#local",
+  n: "#snap", p: "#pivot",
 };
 window.addEventListener("keydown", (event) => {
   if (event.target.matches("input[type=text], input[type=number], select")) return;
@@ -312,12 +480,9 @@ window.addEventListener("keydown", (event) => {
 });
 
 byId("quit").addEventListener("click", async () => {
-  if (facts?.unsaved && !window.confirm("The handles are not saved. End the editor?")) return;
+  if (facts?.unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
   await request("quit", "").catch(() => {});
   ended("The editor has ended; this page can be closed.");
-});
-window.addEventListener("beforeunload", (event) => {
-  if (facts?.unsaved && !document.body.classList.contains("ended")) event.preventDefault();
 });
 
 function ended(sentence) {
@@ -333,10 +498,26 @@ async function listen() {
     const lines = text.split("\n");
     text = lines.pop();
     for (const line of lines.filter(Boolean)) {
-      const said = JSON.parse(line);
-      if (said) byId("stage-text").textContent = `${said.stage} ${said.done}/${said.total} ${said.note}`;
+      const { stage: at, version, number } = JSON.parse(line);
+      if (facts && number !== facts.number) location.reload(); // another page opened another mesh
+      if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
+      heard = version;
+      behind ||= view.gizmo.dragging && version > facts?.version;
+      catchUp();
     }
   }
+}
+
+// A browser may drop the connection of a page in the background, so a lost connection is tried again.
+async function stayConnected() {
+  for (let lost = 0; lost < TRIES && !document.body.classList.contains("ended"); lost += 1) {
+    const begin = performance.now();
+    await listen().catch(() => {});
+    if (performance.now() - begin > WAIT) lost = 0;
+    await new Promise((resolve) => setTimeout(resolve, WAIT));
+  }
+  if (document.body.classList.contains("ended")) return;
+  ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 
 picking.use("view");
@@ -345,9 +526,20 @@ request(`whole?drawn=${view.drawn}`)
   .then((said) => {
     const { faces, positions, coarse, coarse_faces } = said.sent;
     view.setMesh(faces, positions, coarse && { vertices: coarse, faces: coarse_faces });
+    const step = (fraction) => Number((fraction * said.scale).toPrecision(1));
+    byId("snap-step").value = step(0.01);
+    byId("reach").elements.distance.value = step(0.05);
+    byId("up").value = said.up;
+    view.setUp(said.up);
+    view.home();
+    byId("coloured").hidden = !said.coloured;
+    if (said.coloured) {
+      request("colours").then(({ sent }) => {
+        arrays.colours = sent.colours;
+        colour();
+      }).catch(complain);
+    }
     take(said);
   })
   .catch(complain);
-listen()
-  .catch(() => {})
-  .then(() => document.body.classList.contains("ended") || ended("The editor has ended; this page can be closed."));
+stayConnected();

@@ -11,26 +11,40 @@ function element(tag, fields, ...children) {
   return made;
 }
 
+function icon(name) {
+  const make = (tag) => document.createElementNS(byId("overlay").namespaceURI, tag);
+  const svg = make("svg"), use = svg.appendChild(make("use"));
+  svg.setAttribute("class", "icon");
+  svg.setAttribute("aria-hidden", "true");
+  use.setAttribute("href", `#icon-${name}`);
+  return svg;
+}
+
 export function say(sentence) {
   byId("message").hidden = !sentence;
   byId("message").firstElementChild.textContent = sentence ?? "";
 }
 
+const WORDS = { static: "Fixed", moving: "Movable" };
 // Ways in which a group moves, by the key of its slide.
 const SLIDES = {
   "": "keeps its place", plane: "on a plane", line: "on a line", axes: "along axes",
   rest: "on the rest surface", free: "rotation only",
 };
 
-// `ask(command, args)` sends a command; `choose(number)` moves the gizmo to a group.
+// `ask(command, args)` sends a command; `choose(number)` shows the details of a group and moves the gizmo to it;
+// `shift(number, move, degrees)` moves a group.
 export class Panel {
-  constructor(ask, choose) {
-    Object.assign(this, { ask, choose });
+  constructor(ask, choose, shift) {
+    Object.assign(this, { ask, choose, shift });
     byId("message").lastElementChild.addEventListener("click", () => say(null));
     for (const kind of ["static", "moving"]) {
       byId(kind).addEventListener("click", () => ask("mark", { kind }));
     }
-    for (const name of ["undo", "redo"]) byId(name).addEventListener("click", () => ask(name));
+    for (const name of ["undo", "redo", "recover"]) byId(name).addEventListener("click", () => ask(name));
+    byId("discard").addEventListener("click", () => {
+      if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
+    });
     for (const name of ["method", "volume", "area"]) {
       byId(name).addEventListener("change", () =>
         ask("set_up", { method: byId("method").value, volume: byId("volume").checked, area: byId("area").checked }),
@@ -51,65 +65,121 @@ export class Panel {
     byId("volume").checked = settings.volume;
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;
+    byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind }) => kind === "static");
+    byId("recovery").hidden = facts.recovery.length === 0;
+    for (const { name, time, groups } of facts.recovery.slice(0, 1)) {
+      const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
+      byId("found").textContent = `${name} has unsaved work of ${when}: ${groups} ${groups === 1 ? "group" : "groups"}.`;
+    }
+    byId("trouble").hidden = !facts.trouble;
+    byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
     for (const what of ["handles", "mesh"]) {
       const { name } = byId(`save-${what}`).elements;
       if (document.activeElement !== name && !name.dataset.edited) name.value = facts.outputs[what];
     }
-    this.list(facts.groups, active);
+    this.list(facts, active);
   }
 
-  list(groups, active) {
-    const text = JSON.stringify([groups, active]);
+  list({ mesh, groups, files, scale }, active) {
+    const text = JSON.stringify([groups, files, active]);
     if (text === this.listed) return; // keep an input in which the user is typing
     this.listed = text;
-    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active)));
+    const others = files.filter((file) => file !== mesh.name);
+    byId("change").hidden = others.length === 0;
+    byId("change").replaceChildren(...["Open mesh …", ...others].map((file, i) => element("option", { value: i ? file : "", textContent: file })));
+    const at = document.activeElement?.dataset.at; // the same place keeps the focus
+    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
+    if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });
+    this.active = active;
+    if (at) byId("groups").querySelector(`[data-at="${at}"]`)?.focus();
   }
 
-  entry(group, active) {
-    const { number, kind } = group, button = (label, title, press) =>
-      element("button", { type: "button", textContent: label, title, onclick: press });
+  entry(group, active, around) {
+    const { number, kind } = group;
+    const button = (label, title, press) => element("button", { type: "button", textContent: label, title, onclick: press });
     const name = element("input", { type: "text", className: "name", value: group.name, title: "name of the group" });
     name.setAttribute("aria-label", "name of the group");
     name.onchange = () => this.ask("alter", { group: number, name: name.value.trim() });
-    const weight = element("input", { type: "number", min: "0", step: "any", placeholder: "hard" });
-    weight.value = group.weight ?? "";
+    const choose = button("", "show what the group can do", () => this.choose(active ? null : number));
+    choose.className = "choose";
+    choose.dataset.at = `choose-${number}`;
+    choose.setAttribute("aria-label", `choose ${group.name}`);
+    choose.setAttribute("aria-pressed", active);
+    choose.append(icon(kind));
+    const kinds = element("span", { className: "kinds" }, ...Object.entries(WORDS).map(([value, word]) => {
+      const radio = element("input", { type: "radio", name: `kind-${number}`, value, checked: value === kind });
+      radio.dataset.at = `${value}-${number}`;
+      radio.onchange = () => this.ask("alter", { group: number, kind: value });
+      return element("label", { className: value === "moving" ? "movable" : "" }, radio, element("span", {}, icon(value), ` ${word}`));
+    }));
+    kinds.setAttribute("role", "radiogroup");
+    kinds.setAttribute("aria-label", `${group.name} is`);
+    const remove = button("", "delete the group; its vertices become unconstrained", () => this.ask("remove", { group: number }));
+    remove.className = "delete";
+    remove.append(icon("delete"), " Delete");
+    const head = element("div", { className: "head" }, choose, name,
+      element("span", { className: "small", textContent: whole(group.vertices) }));
+    const made = element("li", { className: `${kind}${active ? " active" : ""}` }, head, element("div", { className: "row small" }, kinds, remove));
+    if (active) made.append(...this.details(group, around, button));
+    return made;
+  }
+
+  // What can be done with the chosen group.
+  details(group, { files, scale }, button) {
+    const { number, kind } = group;
+    const input = (label, fields) => {
+      const made = element("input", { type: "number", step: "any", ...fields });
+      made.setAttribute("aria-label", label);
+      return made;
+    };
+    const weight = input("weight", { min: "0", placeholder: "hard", value: group.weight ?? "" });
     weight.title = "empty: the group reaches its targets; a number: the group is pulled, at 1 about as strongly as the surface resists";
-    weight.setAttribute("aria-label", "weight");
     weight.onchange = () => {
       this.ask("alter", { group: number, weight: weight.value === "" ? null : Number(weight.value) });
     };
-    const other = kind === "moving" ? "static" : "moving";
-    const head = element("div", { className: "head" }, element("span", { className: "chip" }), name,
-      element("span", { className: "small", textContent: whole(group.vertices) }));
-    const row = element("div", { className: "row small" });
-    if (kind === "moving") {
-      const drag = button("drag", "show the gizmo of the group", () => this.choose(active ? null : number));
-      drag.setAttribute("aria-pressed", active);
-      row.append(drag);
-    }
-    row.append(
-      button(kind === "moving" ? "fix" : "make movable", kind === "moving" ? "fix the group where it is" : "make the group movable", () => this.ask("alter", { group: number, kind: other })),
-      button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
-      button("rest", "move the group back to its rest positions", () => this.ask("restore", { group: number })),
-      weight,
-    );
-    const slide = this.slide(group);
-    slide.append(button("×", "remove the group", () => this.ask("remove", { group: number })));
-    return element("li", { className: `${kind}${active ? " active" : ""}` }, head, row, slide);
+    const far = input("distance of the falloff", { min: "0", value: Number((0.2 * scale).toPrecision(1)) });
+    const axis = element("select", { className: "axis" }, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
+    axis.setAttribute("aria-label", "axis of the mirror");
+    const rows = [
+      this.slide(group, files),
+      element("div", { className: "row small" }, element("label", {}, "weight ", weight),
+        button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
+        button("to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
+    ];
+    if (kind !== "moving") return rows;
+    const three = (word, unit) => ["x", "y", "z"].map((c) => input(`${word} ${c}`, { placeholder: `${c} ${unit}`.trim() }));
+    const move = three("move", ""), turn = three("turn", "°");
+    const numbers = (inputs) => inputs.map(({ value }) => Number(value));
+    const form = element("form", {},
+      element("div", { className: "row small three" }, element("span", { textContent: "move" }), ...move),
+      element("div", { className: "row small three" }, element("span", { textContent: "turn" }), ...turn,
+        element("button", { textContent: "apply", title: "move by these lengths and turn by these degrees, along the axes of the arrows" })));
+    form.onsubmit = (event) => {
+      event.preventDefault();
+      this.shift(number, numbers(move), numbers(turn));
+    };
+    rows.push(form, element("div", { className: "row small" },
+      button("limit to", "fix everything farther away than this distance along the edges", () => this.ask("limit", { group: number, distance: Number(far.value) })), far,
+      button("mirror in", "move the opposite side the same way, mirrored in the middle of the mesh", () => this.ask("mirror", { group: number, axis: axis.value })), axis));
+    return rows;
   }
 
   // A list of the ways in which the group moves, and the direction of its plane or line, or its axes.
-  slide({ number, slide }) {
+  slide({ number, slide }, files) {
     const send = (value) => this.ask("alter", { group: number, slide: value });
     const [[key, value]] = slide === null ? [[""]] : slide === "free" ? [["free"]] : Object.entries(slide);
     const way = key === "surface" ? (value === "rest" ? "rest" : "file") : key;
-    const ways = way === "file" ? { ...SLIDES, file: `on ${value.split("/").pop()}` } : SLIDES;
+    const ways = { ...SLIDES, ...Object.fromEntries(files.map((name) => [`file ${name}`, `on ${name}`])) };
+    if (way === "file") ways.file = `on ${value.split(/[/\\]/).pop()}`;
     const select = element("select", { title: "how the group moves" },
       ...Object.entries(ways).map(([name, label]) => element("option", { value: name, textContent: label })));
     select.value = way;
     select.setAttribute("aria-label", "how the group moves");
     const first = { "": null, plane: { plane: null }, line: { line: null }, axes: { axes: "xy" }, rest: { surface: "rest" }, free: "free" };
-    select.onchange = () => send(first[select.value]);
+    select.onchange = () => {
+      const { value: chosen } = select;
+      send(chosen.startsWith("file ") ? { surface: chosen.slice(5) } : first[chosen]);
+    };
     const row = element("div", { className: "row small" }, select);
     if (!["plane", "line", "axes"].includes(way)) return row;
     const axes = way === "axes";

@@ -2,8 +2,10 @@
 /* global THREE */
 
 const FAR = 50;
-const UP = new THREE.Vector3(0, 1, 0);
-const TOWARDS = new THREE.Vector3(0.5, 0.25, 1);
+const UP = { y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) };
+const TOWARDS = { y: new THREE.Vector3(0.5, 0.25, 1), z: new THREE.Vector3(0.5, -1, 0.25) };
+// Half the length of the planes and lines on which groups slide, and half the width of their lines.
+const GUIDE = 0.2, THIN = 0.0015;
 // Milliseconds: pictures that take longer than SLOW are drawn only after the view has rested for REST.
 const SLOW = 50, REST = 400;
 
@@ -57,6 +59,51 @@ function place(geometry, positions) {
   position.needsUpdate = normal.needsUpdate = true;
 }
 
+// Return two crossing ribbons along each segment [a, b].
+function ribbons(segments) {
+  const P = [], F = [];
+  for (const [a, b] of segments) {
+    const along = b.clone().sub(a).normalize();
+    const side = Math.abs(along.x) < 0.7 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
+    side.cross(along).normalize().multiplyScalar(THIN);
+    for (const off of [side, side.clone().cross(along)]) {
+      const k = P.length / 3;
+      for (const [at, sign] of [[a, 1], [a, -1], [b, -1], [b, 1]]) P.push(...at.clone().addScaledVector(off, sign).toArray());
+      F.push(k, k + 1, k + 2, k, k + 2, k + 3);
+    }
+  }
+  return [P, F];
+}
+
+// Return translucent meshes for a plane, a line or a surface on which a group slides.
+function guide({ kind, at, direction, positions, faces, colour }) {
+  const made = (P, F, opacity) => {
+    const geometry = emptyGeometry(Uint32Array.from(F), P.length / 3);
+    place(geometry, P);
+    // A surface at the place of the mesh lies behind it.
+    const offset = kind === "surface" ? 1 : 0;
+    const material = new THREE.MeshLambertMaterial({
+      color: colour, side: 2, transparent: true, opacity, depthWrite: false,
+      polygonOffset: offset > 0, polygonOffsetFactor: offset, polygonOffsetUnits: offset,
+    });
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    mesh.userData.isSurface = kind === "surface";
+    return mesh;
+  };
+  if (kind === "surface") return [made(positions, faces, 0.3)];
+  const centre = new THREE.Vector3(...at), d = new THREE.Vector3(...direction).normalize().multiplyScalar(GUIDE);
+  if (kind === "line") return [made(...ribbons([[centre.clone().sub(d), centre.clone().add(d)]]), 0.9)];
+  const u = Math.abs(d.x) < 0.7 * GUIDE ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
+  u.cross(d).normalize().multiplyScalar(GUIDE);
+  const v = d.clone().cross(u).normalize().multiplyScalar(GUIDE);
+  const corner = ([a, b]) => centre.clone().addScaledVector(u, a).addScaledVector(v, b);
+  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(corner);
+  const lines = corners.map((from, i) => [from, corners[(i + 1) % 4]]);
+  lines.push([corner([-1, 0]), corner([1, 0])], [corner([0, -1]), corner([0, 1])]);
+  return [made(corners.flatMap((p) => p.toArray()), [0, 1, 2, 0, 2, 3], 0.2), made(...ribbons(lines), 0.9)];
+}
+
 // Copy three numbers for each of some vertices.
 function gather(vertices, from, into) {
   for (let i = 0, k = 0; i < vertices.length; i += 1, k += 3) {
@@ -104,12 +151,13 @@ export class View {
     this.renderer.setClearColor(0xffffff);
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.005, FAR);
-    this.camera.up.copy(UP);
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x9a9690, 2.0));
+    this.sky = new THREE.HemisphereLight(0xffffff, 0x9a9690, 2.0);
+    this.scene.add(this.sky);
     this.lamp = new THREE.DirectionalLight(0xffffff, 1.5);
     this.scene.add(this.lamp, this.lamp.target);
-    this.controls = new THREE.OrbitControls(this.camera, surface);
-    this.controls.addEventListener("change", () => this.draw());
+    this.surface = surface;
+    this.guides = [];
+    this.setUp("y");
     this.pivot = new THREE.Object3D();
     this.scene.add(this.pivot);
     this.gizmo = new THREE.TransformControls(this.camera, surface);
@@ -137,11 +185,36 @@ export class View {
     }).observe(stage);
   }
 
+  // Choose the axis that points up: "y" or "z".
+  setUp(axis) {
+    this.axis = axis;
+    this.turnUp(UP[axis].clone());
+  }
+
+  // Turn the view by an angle about its direction.
+  roll(angle) {
+    const towards = this.camera.position.clone().sub(this.controls.target).normalize();
+    this.turnUp(this.camera.up.clone().applyAxisAngle(towards, angle));
+  }
+
+  // OrbitControls read the direction upwards only when they are made.
+  turnUp(up) {
+    const { target, mouseButtons, touches } = this.controls ?? {};
+    this.controls?.dispose();
+    this.camera.up.copy(up);
+    this.sky.position.copy(up);
+    this.controls = new THREE.OrbitControls(this.camera, this.surface);
+    this.controls.addEventListener("change", () => this.draw());
+    if (target) Object.assign(this.controls, { mouseButtons, touches }).target.copy(target);
+    this.controls.update();
+    this.draw();
+  }
+
   // `coarse` holds the vertices and faces of the preview of a large mesh.
   setMesh(faces, positions, coarse) {
     const geometry = emptyGeometry(faces, positions.length / 3);
     this.attributes = geometry.attributes;
-    const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: 2 });
+    const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: 2, polygonOffset: true, polygonOffsetFactor: 0.5 });
     this.solid = new THREE.Mesh(geometry, material);
     const depth = new THREE.Mesh(geometry, new THREE.ShaderMaterial(DEPTH));
     this.solid.frustumCulled = depth.frustumCulled = false;
@@ -203,8 +276,9 @@ export class View {
       low.min(at);
       high.max(at);
     }
-    const towards = TOWARDS.clone().normalize();
-    const right = new THREE.Vector3().crossVectors(UP, towards).normalize();
+    this.setUp(this.axis);
+    const towards = TOWARDS[this.axis].clone().normalize();
+    const right = new THREE.Vector3().crossVectors(UP[this.axis], towards).normalize();
     const upright = new THREE.Vector3().crossVectors(towards, right);
     const tall = Math.tan((this.camera.fov * Math.PI) / 360), wide = tall * this.camera.aspect;
     const centre = low.clone().add(high).multiplyScalar(0.5);
@@ -220,10 +294,32 @@ export class View {
     this.draw();
   }
 
-  attach(pivot) {
+  // Show edges of the mesh.
+  setWires(shown) {
+    this.wires ??= new THREE.Mesh(this.solid.geometry, new THREE.MeshLambertMaterial({ color: 0x20242b, wireframe: true, transparent: true, opacity: 0.35 }));
+    this.wires.frustumCulled = false;
+    if (shown) this.scene.add(this.wires);
+    else this.scene.remove(this.wires);
+    this.draw();
+  }
+
+  // Show planes, lines and surfaces on which groups slide.
+  setGuides(guides) {
+    for (const old of this.guides) {
+      this.scene.remove(old);
+      old.geometry.dispose();
+    }
+    this.guides = guides.flatMap(guide);
+    for (const made of this.guides) this.scene.add(made);
+    this.draw();
+  }
+
+  // Move the gizmo to a point, with the axes of a quaternion.
+  attach(pivot, quaternion = [0, 0, 0, 1]) {
     this.pivot.position.fromArray(pivot);
-    this.pivot.quaternion.identity();
+    this.pivot.quaternion.fromArray(quaternion);
     this.gizmo.attach(this.pivot);
+    this.camera.updateMatrixWorld();
     const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight } = this.stage;
     this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight]; // where to drag
     this.draw();
@@ -266,6 +362,9 @@ export class View {
     if (this.coarse) {
       this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.pressed));
       this.solid.visible = !this.coarse.visible;
+      if (this.wires) this.wires.visible = this.solid.visible;
+      // The rest surface would shine through the preview.
+      for (const made of this.guides) made.visible = this.solid.visible || !made.userData.isSurface;
       const fine = this.solid.visible || this.drawn === "card";
       if (fine !== this.fine) {
         this.fine = fine;

@@ -48,13 +48,17 @@ def get(address: str, body: bytes | None = None) -> bytes:
         return answer.read()
 
 
+def facts_of(address: str) -> dict:
+    size = int.from_bytes((content := get(f"{address}whole"))[:4], "little")
+    return json.loads(content[4 : 4 + size])
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
 def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     with running("body.ply", "pose.json", "--no-browser") as (process, address):
         assert address.startswith("http://127.0.0.1:") and address.endswith("/")
         assert b"<title>sshade edit</title>" in get(address)
-        size = int.from_bytes((content := get(f"{address}whole"))[:4], "little")
-        facts = json.loads(content[4 : 4 + size])
+        facts = facts_of(address)
         assert facts["mesh"]["vertices"] == BODY.n
         assert [group["kind"] for group in facts["groups"]] == ["static", "moving"]
         process.send_signal(signal.SIGINT)
@@ -69,7 +73,8 @@ def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
         get(f"{address}quit", b"")
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and out == "" and "handles were not saved" in err
-    assert sorted(path.name for path in Path().iterdir()) == ["body.ply", "pose.json"]
+    body, kept, pose = sorted(path.name for path in Path().iterdir())
+    assert (body, pose) == ("body.ply", "pose.json") and kept in err and kept.startswith("body.ply.recovery-")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
@@ -79,11 +84,28 @@ def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
         get(f"{address}mark", b'{"kind": "static"}')
         process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=20)
-    assert process.returncode == 143 and out == "" and err.endswith("note: the handles were not saved\n")
-    assert "Traceback" not in err and sorted(path.name for path in Path().iterdir()) == [
-        "body.ply",
-        "pose.json",
-    ]
+    assert process.returncode == 143 and out == "" and "Traceback" not in err
+    (kept,) = Path().glob("body.ply.recovery-*.npz")
+    assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
+def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved():
+    with running("body.ply", "--no-browser") as (process, address):
+        get(f"{address}select?how=replace", b"\0\0\0\0")
+        get(f"{address}mark", b'{"kind": "moving"}')
+        (kept,) = Path().glob("body.ply.recovery-*.npz")
+        with running("body.ply", "--no-browser") as (_, other):  # of an editor that still runs
+            assert facts_of(other)["recovery"] == []
+        process.kill()
+        process.wait()
+    with running("body.ply", "--no-browser", "--recover", str(kept)) as (process, address):
+        assert [group["vertices"] for group in facts_of(address)["groups"]] == [1]
+        assert kept not in (new := list(Path().glob("*.npz"))) and len(new) == 1
+        get(f"{address}save", b'{"what": "handles", "name": "saved.json"}')
+        get(f"{address}quit", b"")
+        _, err = process.communicate(timeout=20)
+    assert "not saved" not in err and list(Path().glob("*.npz")) == [] and Path("saved.json").exists()
 
 
 def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
@@ -106,6 +128,8 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
         (["pose.json"], "unknown format"),
         (["body.ply", "--port", "70000"], "port"),
         (["body.ply", "--method", "sshade_fine"], "is now called 'fine'"),
+        (["body.ply", "--recover", "pose.json"], "not a recovery file"),
+        (["body.ply", "--recover", "no.npz"], "No such file"),
         (["body.ply", "--port", "{taken}"], "cannot be used"),
     ],
 )

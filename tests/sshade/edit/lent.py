@@ -15,7 +15,7 @@ from sshade.edit.session import Session
 @contextmanager
 def lent(session: Session):
     """A server of a session, running."""
-    server = Server(session)
+    server = Server(session, another=Session)
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     with server:

@@ -8,14 +8,17 @@ import igl
 import numpy as np
 import pytest
 
+from sshade import InputError
 from sshade.cli.main import main
 from sshade.edit import preview
+from sshade.edit.commands import Commands
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.browser import changed, pixels
 from tests.full import few
 from tests.shapes import bumpy
-from tests.sshade.edit.lent import lent
+from tests.sshade.cli.test_edit import get, running
+from tests.sshade.edit.lent import lent, unpacked
 
 BODY = bumpy(4)
 
@@ -250,6 +253,7 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     Path("bad.json").write_text('{"handles": []}')
     page.locator("#open").set_input_files("bad.json")
     page.wait_for_selector("#message:has-text('bad.json: there are no handles')")
+    assert page.locator("#message span").inner_text().startswith("bad.json: there are no handles;")
     assert len(session.state.groups) == 2
     # What the browser itself notes of an answer that refuses is all that it says.
     assert all("400" in text for text in page.said)
@@ -257,10 +261,10 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
 
 def test_a_group_that_turns_only_is_chosen_on_the_page_and_repeated_by_the_command(page, session):
     mark(page, session, where(page, session.mesh.V, session.mesh.V))
-    way = page.get_by_label("how the group moves").nth(1)
+    way = page.get_by_label("how the group moves")
     asked(page, "alter", lambda: way.select_option("plane"))
     assert page.get_by_label("direction").input_value() and len(session.state.groups[1].slide.across) == 1
-    asked(page, "alter", lambda: page.get_by_label("how the group moves").nth(1).select_option("free"))
+    asked(page, "alter", lambda: page.get_by_label("how the group moves").select_option("free"))
     page.locator("#gizmo-bar label", has_text="Turn").click()
     drag(page, where(page, session.mesh.V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
     release(page)
@@ -302,7 +306,7 @@ def large(session, monkeypatch) -> None:
 
 def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large, page, session):
     V = session.mesh.V
-    page.get_by_role("button", name="drag", exact=True).click()
+    page.get_by_role("button", name="choose group 2").click()
     page.wait_for_timeout(200)
     stage = page.locator("#stage")
     resting = pixels(stage)
@@ -321,3 +325,100 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     group = session.state.groups[1]
     assert np.array_equal(session.shown[group.vertices], group.target)
     assert page.said == []
+
+
+def test_slides_are_drawn_and_a_surface_beside_the_mesh_can_be_chosen(page, session):
+    tool = bumpy(2)
+    write_mesh("tool.ply", 1.1 * tool.V[:, [1, 2, 0]], tool.F)
+    mark(page, session, where(page, session.mesh.V, session.mesh.V))  # each answer lists the files
+    stage, way = page.locator("#stage"), page.get_by_label("how the group moves")
+    before = pixels(stage)
+    drawn = {"plane": "plane", "line": "line", "axes": "plane", "file tool.ply": "surface"}
+    for option, kind in drawn.items():
+        asked(page, "alter", lambda option=option: way.select_option(option))
+        page.wait_for_selector(f"#stage[data-guides={kind}]")
+        page.wait_for_timeout(200)
+        assert (1e-4 if kind == "line" else 2e-3) < changed(before, pixels(stage)) < 0.5
+    (group,) = (group for group in session.state.groups if group.slide)
+    assert group.slide.surface.n == tool.n and group.slide.record["slide"]["surface"].endswith("tool.ply")
+    asked(page, "alter", lambda: way.select_option("free"))
+    page.wait_for_selector("#stage[data-guides='']")
+    with pytest.raises(InputError, match="no mesh file in the folder"):
+        Commands(session)("alter", {"group": group.number, "slide": {"surface": "../tool.ply"}})
+    assert page.said == []
+
+
+def test_a_second_page_follows_the_first(page, session, browser):
+    other = browser.new_page(viewport={"width": 1280, "height": 900})
+    other.goto(page.url)
+    other.wait_for_selector("#stage[data-state=converged]")
+    resting = pixels(other.locator("#stage"))
+    mark(page, session, where(page, session.mesh.V, session.mesh.V))
+    other.wait_for_selector("#groups li:nth-child(2)")
+    pivot = session.state.groups[1].target.mean(axis=0)
+    drag(page, where(page, session.mesh.V, pivot)[0], (60, -30))
+    release(page)
+    other.wait_for_timeout(500)
+    other.wait_for_selector("#stage[data-state=converged]")
+    assert changed(resting, pixels(other.locator("#stage"))) > 0.01
+    for _ in range(3):  # now the first follows
+        asked(other, "undo", other.get_by_role("button", name="Undo").click)
+    page.wait_for_selector("#groups li:nth-child(2)", state="detached")
+    assert len(session.state.groups) == 1 and page.said == []
+    other.close()
+
+
+def test_at_800_pixels_undo_and_files_stay_in_sight_and_what_is_loose_is_told(page, session):
+    page.set_viewport_size({"width": 1280, "height": 800})
+    loose = page.locator("#loose")
+    for k, kind in enumerate(("moving", "moving", "static", "static")):
+        session.select(np.arange(20 * k, 20 * k + 20), "replace")
+        session.mark(kind)
+    page.reload()
+    page.wait_for_selector("#groups li:nth-child(4)")
+    page.get_by_role("button", name="choose group 4").click()
+    for name in "Undo", "End", "Save handles", "Save mesh":
+        box = page.get_by_role("button", name=name).bounding_box()
+        assert box["y"] >= 0 and box["y"] + box["height"] <= 800
+    assert loose.is_hidden()
+    for name in "group 3", "group 4":
+        movable = page.get_by_role("radiogroup", name=f"{name} is").get_by_text("Movable")
+        asked(page, "alter", movable.click)
+    loose.wait_for(state="visible")
+    assert "Nothing is fixed" in loose.inner_text()
+    entry = page.locator("#groups li").nth(3)
+    asked(page, "remove", entry.get_by_role("button", name="Delete").click)
+    assert len(session.state.groups) == 3 and page.said == []
+
+
+def test_after_a_killed_program_the_page_recovers_the_same_handles(browser, session):
+    V = session.mesh.V
+    with running("body.ply", "--no-browser") as (process, address):
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(address)
+        page.wait_for_selector("#stage[data-state=converged]")
+        mark(page, session, where(page, V, V))
+        place = page.locator("#stage").get_attribute("data-gizmo")
+        drag(page, [float(x) for x in place.split(",")], (60, -30))
+        release(page)
+        before = unpacked(get(f"{address}whole"))
+        process.kill()
+        page.wait_for_selector("body.ended", timeout=20_000)
+        assert "offers work that was not saved" in page.locator("#message").inner_text()
+    with running("body.ply", "--no-browser") as (process, address):
+        page.goto(address)
+        page.wait_for_selector("#recovery:has-text('2 groups')")
+        asked(page, "recover", page.get_by_role("button", name="Recover").click)
+        page.wait_for_selector("#groups li:nth-child(2)")
+        page.wait_for_selector("#stage[data-state=converged]")
+        assert page.locator("#recovery").is_hidden()
+        after = unpacked(get(f"{address}whole"))
+        assert np.array_equal(after["labels"], before["labels"]) and after["groups"] == before["groups"]
+        assert np.array_equal(after["positions"], before["positions"])
+        moved = (before["positions"].reshape(-1, 3) * session.mesh.diagonal)[before["labels"] == 2]
+        assert np.abs(moved - (V - 0.5 * (V.min(axis=0) + V.max(axis=0)))[before["labels"] == 2]).max() > 0.1
+        asked(page, "save", page.get_by_role("button", name="Save handles").click)
+        page.get_by_role("button", name="End").click()
+        assert process.wait(20) == 0
+    page.close()
+    assert list(Path().glob("*.npz")) == [] and Path("body_handles.json").exists()

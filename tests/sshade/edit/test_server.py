@@ -261,26 +261,57 @@ def beat(server: Server) -> socket.socket:
     return connection
 
 
-def test_it_ends_when_its_last_page_is_closed_and_not_when_one_is_loaded_anew(tmp_path, monkeypatch):
+def test_it_outlives_its_pages_and_tells_progress_to_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr(serving, "BEAT", 0.05)
-    monkeypatch.setattr(serving, "GRACE", 0.6)
     with lent(session_of(tmp_path)) as server:
         first = beat(server)
+        first.close()
+        time.sleep(0.5)
+        second = beat(server)
         server.progress("binding", 1, 3)
         heard = b""
         while b"binding" not in heard:
-            heard += first.recv(4096)
-        first.close()
-        time.sleep(0.2)
-        second = beat(server)  # the same page again, within the time that is granted
-        time.sleep(1.0)
-        assert not server._closed
+            heard += second.recv(4096)
         second.close()
-        for _ in range(100):
-            if server._closed:
-                break
-            time.sleep(0.05)
-        assert server._closed
+        time.sleep(0.5)
+        assert not server._closed and post(server, "undo") == 200
+
+
+def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its_return(tmp_path):
+    write_mesh(tmp_path / "other.ply", 2 * BODY.V, BODY.F)
+    (tmp_path / "broken.ply").write_text("ply")
+    (tmp_path / "deeper").mkdir()
+    write_mesh(tmp_path / "deeper" / "hidden.ply", BODY.V, BODY.F)
+    with lent(session_of(tmp_path)) as server:
+        mark(server)
+        for name in "deeper/hidden.ply", "../body.ply", "no.ply", "", "broken.ply":
+            assert post(server, f"change?name={name}") == 400
+            assert server.session.document.name == "body.ply"
+        first = server.session
+        assert post(server, "change?name=other.ply") == 200
+        answer = unpacked(ask(server, "GET", f"/{server.token}/whole")[2])
+        assert answer["mesh"]["name"] == "other.ply" and answer["groups"] == [] and answer["number"] == 2
+        assert post(server, "change?name=body.ply") == 200
+        assert len(command(server, "recover")["groups"]) == 2 and not first.recovery.path.exists()
+        server._another = None
+        assert post(server, "change?name=other.ply") == 400
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        ("reach", {"distance": "far"}, '"distance"'),
+        ("limit", {"group": 9, "distance": 1}, "no group 9"),
+        ("mirror", {"group": 1, "axis": "w"}, "an axis is"),
+        ("frame", {}, '"group"'),
+        ("recover", {}, "nothing to recover"),
+    ],
+)
+def test_a_mistaken_tool_is_told_in_a_sentence(server, name, given, words):
+    answer = command(server, name, given)
+    assert answer["status"] == 400 and words in answer["error"]
+    for path in "surface?group=1", "surface?group=x", "surface", "colours":
+        assert ask(server, "GET", f"/{server.token}/{path}")[0] == 400
 
 
 def test_it_ends_when_the_page_says_so(tmp_path):

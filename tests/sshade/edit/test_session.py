@@ -14,7 +14,7 @@ from sshade.edit.session import Session, Superseded
 from sshade.edit.state import Motion, Settings
 from sshade.io.handles import read_handles
 from sshade.io.meshes import read_arrays, write_mesh
-from tests.shapes import as_obj, beside, bumpy, rotation, shifted, strip, torn, torus, tube
+from tests.shapes import as_obj, beside, bumpy, icosphere, rotation, shifted, strip, torn, torus, tube
 from tests.sshade.mesh.test_cutting import t_fin
 
 BODY = bumpy(3)
@@ -96,6 +96,98 @@ def test_ways_to_pick_are_those_of_sets(seed):
     for how, given, expected in steps:
         session.select(np.array(list(given), dtype=np.int64), how)
         assert session.state.selection.tolist() == sorted(expected), how
+
+
+def reached(mesh: Mesh, sources: list[int], distance: float) -> list[int]:
+    """Vertices within a distance along edges, by relaxing all edges until nothing changes."""
+    found = np.full(mesh.n, np.inf)
+    found[sources] = 0
+    i, j = mesh.edges.T
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    for _ in range(mesh.n):
+        before = found.copy()
+        np.minimum.at(found, j, before[i] + length)
+        np.minimum.at(found, i, before[j] + length)
+        if np.array_equal(before, found):
+            return np.flatnonzero(found <= distance).tolist()
+    raise AssertionError
+
+
+def test_vertices_are_picked_by_connection_and_by_distance_along_edges():
+    mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
+    session = begun(mesh)
+    with pytest.raises(InputError, match="no vertex is picked"):
+        session.reach(0.3)
+    session.select(np.array([3, 90]), "replace")
+    for wrong in 0.0, -1.0, np.nan:
+        with pytest.raises(InputError, match="above 0"):
+            session.reach(wrong)
+    session.reach(0.7)
+    assert session.state.selection.tolist() == reached(mesh, [3, 90], 0.7)
+    assert 10 < len(session.state.selection) < BODY.n
+    session.select(np.zeros(0, dtype=np.int64), "linked")
+    assert session.state.selection.tolist() == list(range(BODY.n))
+
+
+def test_a_limited_group_moves_nothing_beyond_the_distance():
+    session = begun()
+    session.select(np.array([int(np.argmax(BODY.V[:, 2]))]), "replace")
+    session.reach(0.3)
+    number = session.mark("moving")
+    with pytest.raises(InputError, match="no free vertex is farther than 50"):
+        session.limit(number, 50.0)
+    number_beyond = session.limit(number, 1.0)
+    made = session.state.group(number_beyond)
+    own = session.state.group(number).vertices
+    near = reached(BODY, own.tolist(), 1.0)
+    assert made.kind == "static" and sorted([*made.vertices, *near]) == list(range(BODY.n))
+    settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.2])))
+    moved = np.linalg.norm(session.shown - BODY.V, axis=1)
+    assert moved[made.vertices].max() == 0 and np.allclose(moved[own], 0.2)
+    between = np.setdiff1d(near, own)
+    assert len(between) and 0.01 < moved[between].mean() < 0.2
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_mirrored_group_makes_a_symmetric_shape(axis):
+    ball = icosphere(3)  # symmetric in all coordinate planes
+    session = begun(ball)
+    S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
+    aside = np.eye(3)[axis] + 0.2
+    side = ball.V @ (aside / np.linalg.norm(aside))
+    session.select(np.flatnonzero(side > 0.9), "replace")
+    number = session.mark("moving")
+    session.alter(number, slide=Slide.plane(aside), weight=5.0)
+    session.release(number, turned(ball.V, 0.3))
+    partner = session.mirror(number, axis)
+    new = session.state.group(partner)
+    group = session.state.group(number)
+    for one, other in zip(group.vertices, group.target, strict=True):
+        (place,) = np.flatnonzero(np.linalg.norm(ball.V[new.vertices] - ball.V[one] @ S, axis=1) < 1e-9)
+        assert np.allclose(new.target[place], other @ S, atol=1e-9)
+    assert np.allclose(new.turn, S @ group.turn @ S) and new.weight == 5.0
+    assert np.allclose(np.abs(new.slide.across @ S @ group.slide.across.T), 1)
+    session.alter(number, slide=None)
+    session.release(number, turned(ball.V, 0.1))
+    partner = session.mirror(number, axis)  # replaces the mirrored group
+    again = session.state.group(partner)
+    assert [g.number for g in session.state.groups] == [number, again.number] and again.slide is None
+    session.select(np.flatnonzero(np.abs(ball.V[:, axis]) < 1e-9), "replace")
+    with pytest.raises(InputError, match="on both sides"):
+        session.mirror(session.mark("moving"), axis)
+
+
+def test_local_axes_have_the_normal_as_z_and_turn_with_the_group():
+    session = begun()
+    for direction in np.eye(3):
+        along = BODY.V @ direction / np.linalg.norm(BODY.V, axis=1)
+        for vertices in np.flatnonzero(along > 0.9), np.array([int(np.argmax(along))]):
+            session.select(vertices, "replace")
+            number = session.mark("moving")
+            R = session.frame(number)
+            assert np.allclose(R.T @ R, np.eye(3)) and np.linalg.det(R) > 0 and R[:, 2] @ direction > 0.8
+            session.release(number, Motion(rotation(5), np.zeros(3)))
+            assert np.allclose(session.frame(number), rotation(5) @ R)
 
 
 def test_what_cannot_be_picked_or_marked_is_told():

@@ -1,0 +1,212 @@
+"""Recovery files: the unsaved groups of a session, written after each step and offered at the next start."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import secrets
+from contextlib import suppress
+from glob import escape
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sshade.edit.state import Group, Settings, State
+from sshade.errors import InputError
+from sshade.io.entries import REST, parsed_slide
+from sshade.io.files import reason, replacing
+from sshade.mesh.mesh import Mesh
+from sshade.options import require_method
+from sshade.slides import Slide
+
+#: Fields of a group that its record in a recovery file has under the same name.
+FIELDS = ("name", "kind", "is_prescribed")
+#: Largest difference in seconds between two readings of the time at which a process began.
+SAME_START = 1.0
+#: Files of sessions of this process that have ended.
+_ENDED: set[Path] = set()
+
+
+class Offer(NamedTuple):
+    """A recovery file that an editor left when it was killed or ended without saving.
+
+    Attributes
+    ----------
+    path : path
+    time : float
+        Time of the last step, in seconds since 1970.
+    groups : int
+        Number of groups.
+    """
+
+    path: Path
+    time: float
+    groups: int
+
+
+class Recovery:
+    """The recovery file of a session, and those that earlier sessions of the mesh left.
+
+    Several editors may have one mesh open: each writes a file of its own, and offers no file of an editor
+    that still runs.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of the recovery files.
+    name : str
+        File name of the mesh, with which the names of the recovery files begin.
+    mesh : Mesh
+
+    Attributes
+    ----------
+    path : path
+        File of this session, which exists while there is unsaved work.
+    offers : list of Offer
+        Files of earlier sessions, latest first.
+    """
+
+    def __init__(self, folder: Path, name: str, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self._digest = ""
+        self.path = folder / f"{name}.recovery-{secrets.token_hex(3)}.npz"
+        self.offers: list[Offer] = []
+        for path in folder.glob(f"{escape(name)}.recovery-*.npz"):
+            with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
+                facts = json.loads(str(_read(path, "facts")["facts"]))
+                if path in _ENDED or not _is_running(facts["process"]):
+                    self.offers.append(Offer(path, path.stat().st_mtime, len(facts["groups"])))
+        self.offers.sort(key=lambda offer: -offer.time)
+
+    def write(self, state: State) -> None:
+        """Write the groups, settings and selection of a state.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be written.
+        """
+        arrays: dict[str, np.ndarray] = {"selection": state.selection}
+        for i, group in enumerate(state.groups):
+            arrays |= {f"vertices_{i}": group.vertices, f"target_{i}": group.target}
+            arrays |= {} if group.turn is None else {f"turn_{i}": group.turn}
+        groups = [
+            {
+                **{name: getattr(group, name) for name in FIELDS},
+                "weight": group.weight if isfinite(group.weight) else None,
+                "slide": group.slide and dict(group.slide.record),
+            }
+            for group in state.groups
+        ]
+        facts = {"mesh": self._of_mesh(), "process": _process(), "settings": state.settings, "groups": groups}
+        with replacing(self.path) as temporary, open(temporary, "wb") as file:
+            np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
+
+    def read(self, path: Path, *, first: int) -> State:
+        """Read a recovery file; `first` is the number of the first group.
+
+        Raises
+        ------
+        InputError
+            When the file is unreadable or belongs to another mesh.
+        """
+        arrays = _read(path)
+        try:
+            facts = json.loads(str(arrays["facts"]))
+            if facts["mesh"] != self._of_mesh():
+                other = "another mesh, or of this mesh with another --weld or --repair"
+                raise InputError(f"{path}: is a recovery file of {other}")
+            groups = []
+            for i, entry in enumerate(facts["groups"]):
+                fields: dict[str, Any] = {name: entry[name] for name in FIELDS}
+                fields["weight"] = inf if entry["weight"] is None else entry["weight"]
+                fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
+                fields["turn"] = arrays.get(f"turn_{i}")
+                groups.append(
+                    Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
+                )
+            settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
+            return State(arrays["selection"], tuple(groups), settings)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise _not_a_recovery(path, error) from error
+
+    def end(self, *, keep: bool) -> None:
+        """End the session; later sessions offer its file if it is kept."""
+        _ENDED.add(self.path)
+        if not keep:
+            self.remove()
+
+    def remove(self) -> None:
+        """Remove the file of this session, if it exists."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+    def withdraw(self, path: Path) -> None:
+        """Remove an offered file."""
+        for offer in self.offers:
+            if offer.path.resolve() == path.resolve():
+                with suppress(OSError):
+                    offer.path.unlink(missing_ok=True)
+        self.offers = [offer for offer in self.offers if offer.path.exists()]
+
+    def _of_mesh(self) -> str:
+        """Return a digest of the mesh."""
+        if not self._digest:
+            digest = hashlib.sha256(np.ascontiguousarray(self._mesh.V).tobytes())
+            digest.update(np.ascontiguousarray(self._mesh.F).tobytes())
+            self._digest = digest.hexdigest()
+        return self._digest
+
+
+def slide_of(record: dict[str, Any], mesh: Mesh, folder: Path = Path()) -> Slide:
+    """Return the slide with a record of :class:`sshade.slides.Slide`.
+
+    `mesh` is the rest shape, and paths of surfaces are relative to `folder`.
+
+    Raises
+    ------
+    InputError
+        On another record, or when the file of a surface cannot be read.
+    """
+    if "free" in record:
+        return Slide.anywhere()
+    slide = parsed_slide(record["slide"], folder)
+    return Slide.on(mesh, name=REST) if isinstance(slide, str) else slide
+
+
+def _read(path: Path, *names: str) -> dict[str, Any]:
+    """Return the named arrays of a recovery file, or all."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            return {name: data[name] for name in names or data.files}
+    except Exception as error:  # a damaged file makes zipfile and numpy fail in many ways
+        raise _not_a_recovery(path, error) from error
+
+
+def _not_a_recovery(path: Path, error: Exception) -> InputError:
+    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
+    return InputError(f"{path}: not a recovery file of `sshade edit` ({why})")
+
+
+def _process(pid: int | None = None) -> list[Any]:
+    """Return this machine's name, and the number and start of a process, by default of this one."""
+    import psutil
+
+    process = psutil.Process(pid)
+    return [platform.node(), process.pid, process.create_time()]
+
+
+def _is_running(process: list[Any]) -> bool:
+    """Whether a process of this machine still runs. Its number alone may belong to a later process."""
+    import psutil
+
+    try:
+        host, _, start = _process(process[1])
+    except psutil.Error:
+        return False
+    return host == process[0] and abs(start - process[2]) < SAME_START

@@ -1,0 +1,143 @@
+"""Unsaved work is kept in a file after each step, and another session continues from it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Slide
+from sshade.edit import recovery
+from sshade.edit.session import Session
+from sshade.edit.state import Settings
+from sshade.io.meshes import write_mesh
+from tests.shapes import bumpy
+from tests.sshade.edit.test_session import SWITCHED, switched, turned
+
+BODY = bumpy(2)
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def begun(mesh=BODY, **given) -> Session:
+    write_mesh("body.ply", mesh.V, mesh.F)
+    return Session(Path("body.ply"), **given)
+
+
+def abandoned(session: Session, monkeypatch) -> Path:
+    """The recovery file of a session, whose process counts as ended."""
+    monkeypatch.setattr(recovery, "_is_running", lambda _: False)
+    return session.recovery.path
+
+
+def files() -> list[Path]:
+    return sorted(Path().glob("*.recovery-*"))
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_every_kind_of_group_comes_back_bit_by_bit(single, monkeypatch):
+    session = switched(single=single)
+    session.set_up(Settings("fine", volume=False))
+    session.select(np.arange(7), "replace")
+    abandoned(session, monkeypatch)
+    again = Session(Path("body.ply"), carry_unconstrained=True, weld=1e-6, repair=True)
+    (offer,) = again.recovery.offers
+    assert offer.path == session.recovery.path and offer.groups == len(SWITCHED)
+    again.recover()
+    assert files() == [again.recovery.path] and again.is_unsaved and again.recovery.offers == []
+    one, new = session.state, again.state
+    assert new.settings == one.settings and np.array_equal(new.selection, one.selection)
+    for a, b in zip(one.groups, new.groups, strict=True):
+        assert (a.name, a.kind, a.weight, a.is_prescribed) == (b.name, b.kind, b.weight, b.is_prescribed)
+        assert np.array_equal(a.vertices, b.vertices) and np.array_equal(a.target, b.target)
+        assert (a.turn is None) == (b.turn is None) and (a.turn is None or np.array_equal(a.turn, b.turn))
+        assert (a.slide is None) == (b.slide is None)
+        assert a.slide is None or (a.slide.record == b.slide.record and a.slide.free == b.slide.free)
+    again.undo()
+    assert again.state.groups == ()
+
+
+def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
+    session = begun()
+    assert files() == []
+    session.select(np.arange(5), "replace")
+    assert len(files()) == 1
+    number = session.mark("moving")
+    before = files()[0].read_bytes()
+    session.release(number, turned(BODY.V, 0.1))
+    assert files() == [session.recovery.path] and files()[0].read_bytes() != before
+    session.save("handles", "pose.json")
+    assert files() == []
+    for opened in begun(handles=Path("pose.json")), begun():
+        opened.open(Path("pose.json").read_bytes(), "pose.json")
+        assert files() == [] and len(opened.state.groups) == 1  # a file has this work
+    session.undo()
+    assert len(files()) == 1
+    session.end(1)  # without a save: the work stays
+    assert len(files()) == 1
+    for _ in range(3):
+        session.undo()
+    assert files() == []
+
+
+def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):
+    session = begun()
+    session.select(np.arange(5), "replace")
+    session.mark("static")
+    path = abandoned(session, monkeypatch)
+    content = path.read_bytes()
+    other = begun(bumpy(3))
+    for call in other.recover, lambda: other.recover(path):
+        with pytest.raises(InputError, match="recovery file of another mesh") as told:
+            call()
+        assert "\n" not in str(told.value)
+    assert other.state.groups == () and path.read_bytes() == content
+    again = begun()
+    for damaged in content[:-200], b"", b"PK\3\4", b"x" * 400:
+        Path("damaged.npz").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"damaged.npz: not a recovery file"):
+            again.recover(Path("damaged.npz"))
+    Path("body.ply.recovery-0.npz").write_bytes(content[:-200])
+    again = begun()
+    assert [offer.path for offer in again.recovery.offers] == [path]
+    again.discard()
+    assert not path.exists() and again.recovery.offers == []
+    for call in again.recover, again.discard:
+        with pytest.raises(InputError, match="nothing to recover"):
+            call()
+
+
+def test_a_surface_that_vanished_is_told_and_its_recovery_file_stays(monkeypatch):
+    write_mesh("tool.ply", 2 * BODY.V, BODY.F)
+    session = begun()
+    session.select(np.arange(5), "replace")
+    number = session.mark("moving")
+    session.alter(number, slide=Slide.on(bumpy(3), name=str(Path("tool.ply").resolve())))
+    path = abandoned(session, monkeypatch)
+    Path("tool.ply").unlink()
+    again = begun()
+    with pytest.raises(InputError, match=r"tool\.ply: there is no such file"):
+        again.recover()
+    assert path.exists() and again.state.groups == ()
+
+
+def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(monkeypatch):
+    session = begun()
+
+    def refused(_):
+        raise InputError("body.ply.recovery-1.npz: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(session.recovery, "write", refused)
+    session.select(np.arange(5), "replace")
+    session.mark("moving")
+    assert len(session.state.groups) == 1 and "No space left" in session.trouble
+
+
+def test_editors_of_one_mesh_do_not_take_each_other_s_files():
+    first = begun()
+    first.select(np.arange(5), "replace")
+    first.mark("moving")
+    second = begun()
+    assert second.recovery.offers == []  # the process of the first still runs
+    second.select(np.arange(9), "replace")
+    second.mark("moving")
+    assert files() == sorted([first.recovery.path, second.recovery.path])
