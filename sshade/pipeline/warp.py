@@ -29,6 +29,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.unconstrained import move_rigidly, without_handles
 from sshade.options import Options
 from sshade.pipeline.interpolation import fit_splines, interpolate, neighbours, points_elsewhere
+from sshade.pipeline.regions import edge_vertices
 from sshade.progress import Progress, silent
 from sshade.task import DeformationTask
 
@@ -125,7 +126,9 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         raise InputError(f"a warp needs handles at four places; there are {len(x)}")
     R, t = rigid_motion(x, y)
     bent = np.linalg.norm(x @ R.T + t - y, axis=1)
-    if mode == "auto" and (bent.max() <= RIGID * mesh.diagonal or _are_regions(task)):
+    if mode == "auto" and bent.max() <= RIGID * mesh.diagonal:
+        return None
+    if mode == "auto" and 2 * len(edge_vertices(mesh, handles.index)) < len(handles):  # handles are regions
         return None
     root, spacing = float(np.sqrt(mesh.area)), _distance_to_handles(task)
     cluster = _clusters(x, LINKED * spacing)
@@ -166,16 +169,6 @@ def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = np.zeros_like(places)
     np.add.at(mean, which.ravel(), y)
     return places, mean / count[:, None]
-
-
-def _are_regions(task: DeformationTask) -> bool:
-    """Whether most handles lie inside of handle regions: all their faces have handles at all corners."""
-    index, F = task.handles.index, task.mesh.F
-    handle = np.zeros(task.mesh.n, dtype=bool)
-    handle[index] = True
-    corners = handle[F]
-    edge = np.unique(F[~corners.all(axis=1)][corners[~corners.all(axis=1)]])
-    return 2 * len(edge) < len(index)
 
 
 def _distance_to_handles(task: DeformationTask) -> float:
