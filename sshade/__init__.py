@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.deform import deform
     from sshade.pipeline.deformer import Deformer
     from sshade.pipeline.proxies import bind
+    from sshade.pipeline.sequence import deform_sequence
     from sshade.pipeline.transfer import transfer_pose
     from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
@@ -40,6 +41,7 @@ __all__ = [
     "VolumeGoal",
     "bind",
     "deform",
+    "deform_sequence",
     "load_binding",
     "read",
     "save_binding",
@@ -57,6 +59,7 @@ _MODULES = {
     "pipeline.deform": ["deform"],
     "pipeline.deformer": ["Deformer"],
     "pipeline.proxies": ["bind"],
+    "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
