@@ -16,13 +16,10 @@ from sshade.cli.arguments import read_surface
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.limits import require_memory
 from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, MeshFile
+from sshade.io.document import CACHES, MORPHS, SUFFIXES, MeshFile
 from sshade.io.files import check_output, naming
-from sshade.io.gltf_morph import SUFFIXES as MORPHS
-from sshade.io.gltf_morph import write_morphs
 from sshade.io.numbered import NumberedFiles, chained_keys, checksum, has_number
-from sshade.io.point_cache import SUFFIXES as CACHES
-from sshade.io.point_cache import write_point_cache
+from sshade.io.poses import Poses, is_animation, read_poses
 from sshade.options import Options
 from sshade.threads import available_cpus
 
@@ -48,8 +45,6 @@ def is_sequence_output(path: Path) -> bool:
 
 def is_sequence(options: argparse.Namespace) -> bool:
     """Whether the arguments of ``sshade deform`` ask for a sequence."""
-    from sshade.io.poses import is_animation
-
     several = len(options.handles) > 1 or options.animation is not None
     return several or is_sequence_output(options.output) or is_animation(options.handles[0])
 
@@ -87,7 +82,9 @@ def write_poses(
         Files that numbered files must not replace.
     """
     from sshade.cli.accuracy import stored_positions
+    from sshade.io.gltf_morph import write_morphs
     from sshade.io.meshes import read_file
+    from sshade.io.point_cache import write_point_cache
 
     count = len(keys)
     with progress_bar(remaining="poses") as progress:
@@ -129,21 +126,25 @@ def inputs_key(mesh: Path, **values: Any) -> str:
     return json.dumps(values, sort_keys=True, default=lambda value: np.asarray(value).tolist())
 
 
-@announced_compilation()
 def deform_poses(options: argparse.Namespace, values: dict[str, Any], resolved: Options) -> int:
-    """Read the mesh and the poses, deform them in turn, and write the output; return the exit code."""
+    """Deform a mesh for the poses of a sequence, and write the output; return the exit code."""
+    inputs = [options.mesh, *options.handles, *([options.animation] if options.animation else [])]
+    check_sequence(options, inputs)
+    given = read_poses(options.handles, animation=options.animation, raw=options.raw, fps=options.fps)
+    return _deform(options, values, resolved, given)
+
+
+@announced_compilation()
+def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: Poses) -> int:
+    """Read the mesh, deform it for all poses, and write the output."""
     from sshade.cli.accuracy import warnings_of
     from sshade.cli.notes import announced_warnings, notes
     from sshade.io.handles import handle_notes
-    from sshade.io.poses import read_poses
     from sshade.io.volumes import volumes_on_surface
     from sshade.options import PAPER
     from sshade.pipeline.sequence import Sequence
     from sshade.task import DeformationResult, DeformationTask
 
-    inputs = [options.mesh, *options.handles, *([options.animation] if options.animation else [])]
-    check_sequence(options, inputs)
-    given = read_poses(options.handles, animation=options.animation, raw=options.raw, fps=options.fps)
     file, whole = read_surface(options, _output_of_contents(options.output))
     mesh, files = whole.mesh, [pose.file for pose in given.poses]
     at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())

@@ -20,8 +20,6 @@ from sshade.io.gltf import Gltf, gltf_bytes, parsed_gltf, plain_gltf
 from sshade.io.gltf_scene import CHANGED, FLOAT, array_of, mesh_matrices
 from sshade.io.point_cache import as_floats
 
-#: Suffixes of the formats.
-SUFFIXES = (".glb", ".gltf")
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
 LARGEST = 2**32 - 2**26
 _ARRAY_BUFFER = 34962
@@ -49,7 +47,7 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
     def content(V: np.ndarray) -> Gltf:
         as_floats(V, path)
         data = file.content(V, path) if path.suffix.lower() in file.suffixes else plain_gltf(path, V, file.F)
-        return parsed_gltf(data, path)
+        return parsed_gltf(bytes(data), path)
 
     rest = content(file.V)
     morphs = _Morphs(rest)
@@ -136,7 +134,7 @@ class _Accessors:
             view["target"] = _ARRAY_BUFFER
         self._buffer += values.astype("<f4").tobytes()
         self._tree["bufferViews"].append(view)
-        accessor = {"bufferView": len(self._tree["bufferViews"]) - 1, "componentType": FLOAT}
+        accessor: dict[str, Any] = {"bufferView": len(self._tree["bufferViews"]) - 1, "componentType": FLOAT}
         accessor |= {"count": len(values), "type": "VEC3" if values.shape[1] == 3 else "SCALAR"}
         if bounds:
             accessor |= {

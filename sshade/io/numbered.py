@@ -13,15 +13,16 @@ from collections.abc import Sequence
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import Handles
 from sshade.io.document import MeshFile
 from sshade.io.files import replacing
-from sshade.io.meshes import write_file
+
+if TYPE_CHECKING:
+    from sshade.handles import Handles
 
 _NUMBER = re.compile(r"%(0\d+)?d")
 
@@ -73,6 +74,8 @@ class NumberedFiles:
 
     def write(self, file: MeshFile, V: np.ndarray) -> Path:
         """Write the next pose of a mesh file, at positions V (n, 3), and record it; return its path."""
+        from sshade.io.meshes import write_file  # imports large libraries
+
         number = len(self._entries)
         path = self.path(number)
         write_file(path, file, V)
@@ -103,7 +106,7 @@ def chained_keys(inputs: str, poses: Sequence[Handles]) -> list[str]:
     key, found = blake2b(inputs.encode()), []
     for handles in poses:
         for array in (handles.index, handles.target, handles.group, handles.weight, handles.rotation):
-            key.update(b"" if array is None else np.ascontiguousarray(array))
+            key.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
         slides = [
             None if one is None else one.record for one in (() if handles.slide is None else handles.slide)
         ]

@@ -18,9 +18,6 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.files import replacing
 
-#: Suffixes of the formats.
-SUFFIXES = (".pc2", ".mdd")
-
 
 def write_point_cache(path: Path, poses: Iterable[np.ndarray], *, vertices: int, times: np.ndarray) -> None:
     """Write poses as they come; the file appears whole or not at all.

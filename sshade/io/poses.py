@@ -19,13 +19,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.io.document import check_input
+from sshade.io.document import MORPHS, check_input
 from sshade.io.entries import (
     FRAMES,
     HandleFile,
@@ -35,13 +34,12 @@ from sshade.io.entries import (
     read_handle_file,
 )
 from sshade.io.files import naming
-from sshade.io.gltf_animation import read_node_motions
-from sshade.io.handles import on_mesh
 from sshade.io.keys import require_known
-from sshade.mesh.mesh import Mesh
 
-#: Suffixes of files whose nodes move groups.
-RIGS = (".glb", ".gltf")
+if TYPE_CHECKING:
+    from sshade.handles import Handles
+    from sshade.mesh.mesh import Mesh
+
 #: Keys of a motion, of a frame, and of a group in a frame.
 MOTION = ("target", "rotation", "translation", "center")
 FRAME, GROUP = ("time", "handles"), ("landmark", *MOTION)
@@ -71,6 +69,8 @@ class Pose(NamedTuple):
         InputError
             When the handles do not fit the mesh. The message names the pose.
         """
+        from sshade.io.handles import on_mesh  # imports large libraries
+
         with naming(self.name):
             handles = on_mesh(self.file, mesh, vertex=vertex)
             target, rotation = handles.target.copy(), handles.rotation
@@ -157,7 +157,9 @@ def read_poses(
 
 
 def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
-    check_input(animation, RIGS)
+    from sshade.io.gltf_animation import read_node_motions  # imports large libraries
+
+    check_input(animation, MORPHS)
     file = read_handle_file(path, raw=raw)
     number = {entry.name: entry.number for entry in file.entries if entry.name}
     motions = read_node_motions(animation, list(number), fps=fps)
@@ -189,7 +191,8 @@ def _of_frames(path: Path, raw: bool) -> Poses:
         if not isinstance(frames, list) or not frames:
             raise InputError(f'"{FRAMES}" must be a list of frames, at least one')
         base = handle_file_of(data, raw=raw, folder=path.parent)
-        poses, times = [], []
+        poses: list[Pose] = []
+        times: list[float] = []
         for number, frame in enumerate(frames):
             with naming(f"frame {number}"):
                 times.append(_time(frame, times))

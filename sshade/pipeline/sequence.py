@@ -187,7 +187,7 @@ class _Bindings:
         arrays = mesh.V, mesh.F, handles.index, handles.group, handles.weight, rotated
         key = blake2b(repr(options).encode())
         for array in arrays:
-            key.update(np.ascontiguousarray(array))
+            key.update(np.ascontiguousarray(array).tobytes())
         name = key.digest()
         if name not in self._bound:
             self._bound[name] = _Bound(task, options)
