@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.deform import deform
     from sshade.pipeline.deformer import Deformer
     from sshade.pipeline.proxies import bind
+    from sshade.pipeline.retarget import retarget
     from sshade.pipeline.sequence import deform_sequence
     from sshade.pipeline.transfer import transfer_pose
     from sshade.slides import Slide
@@ -44,6 +45,7 @@ __all__ = [
     "deform_sequence",
     "load_binding",
     "read",
+    "retarget",
     "save_binding",
     "transfer_pose",
     "write",
@@ -59,6 +61,7 @@ _MODULES = {
     "pipeline.deform": ["deform"],
     "pipeline.deformer": ["Deformer"],
     "pipeline.proxies": ["bind"],
+    "pipeline.retarget": ["retarget"],
     "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
     "slides": ["Slide"],

@@ -176,7 +176,12 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     begin = perf_counter()
     with announced_warnings():
         written = write_poses(
-            options.output, file, solve, chained_keys(text, poses), given.times, [options.mesh]
+            options.output,
+            file,
+            solve,
+            chained_keys(text, map(_contents, poses)),
+            given.times,
+            [options.mesh],
         )
     seconds = perf_counter() - begin
     each = f", {seconds / len(results):.2f} s each" if results else ""
@@ -211,6 +216,14 @@ def _output_of_contents(output: Path) -> Path | None:
 def _softened(handles: Handles, weight: float) -> Handles:
     """Return handles whose hard positions are soft, with a weight."""
     return replace(handles, weight=np.where(handles.exact & ~handles.free, weight, handles.weight))
+
+
+def _contents(handles: Handles) -> bytes:
+    """Return bytes that change with the handles of a pose and their targets."""
+    arrays = handles.index, handles.target, handles.group, handles.weight, handles.rotation
+    slides = [None if one is None else one.record for one in (() if handles.slide is None else handles.slide)]
+    parts = [b"" if array is None else array.tobytes() for array in arrays]
+    return b"".join([*parts, json.dumps(slides).encode()])
 
 
 def _record(goals: Any) -> list[Any]:

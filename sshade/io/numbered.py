@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile
 from sshade.io.files import replacing
-
-if TYPE_CHECKING:
-    from sshade.handles import Handles
 
 _NUMBER = re.compile(r"%(0\d+)?d")
 
@@ -94,23 +91,19 @@ class NumberedFiles:
         return []
 
 
-def chained_keys(inputs: str, poses: Sequence[Handles]) -> list[str]:
+def chained_keys(inputs: str, poses: Iterable[bytes]) -> list[str]:
     """Return a key for each pose, which depends on the inputs and on this and all earlier poses.
 
     Parameters
     ----------
     inputs : str
         Everything else on which the results depend.
-    poses : sequence of Handles
+    poses : iterable of bytes
+        Contents of each pose.
     """
     key, found = blake2b(inputs.encode()), []
-    for handles in poses:
-        for array in (handles.index, handles.target, handles.group, handles.weight, handles.rotation):
-            key.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
-        slides = [
-            None if one is None else one.record for one in (() if handles.slide is None else handles.slide)
-        ]
-        key.update(json.dumps(slides).encode())
+    for pose in poses:
+        key.update(pose)
         found.append(key.hexdigest()[:32])
     return found
 
