@@ -110,9 +110,7 @@ def test_faces_of_the_source_without_area_change_nothing():
     V = np.concatenate([mesh.V, mesh.V[mesh.F[0, :1]]])
     F = np.concatenate([mesh.F, [[mesh.F[0, 0], len(mesh.V), mesh.F[0, 1]]]])
     R = Rotation.from_rotvec([0.2, 0.5, 0]).as_matrix()
-    places = [
-        Retargeting(source, mesh, same(15, mesh))(source.V @ R.T) for source in (mesh, Mesh(V, F))
-    ]
+    places = [Retargeting(source, mesh, same(15, mesh))(source.V @ R.T) for source in (mesh, Mesh(V, F))]
     np.testing.assert_allclose(places[1], places[0], atol=2e-3 * mesh.diagonal)
 
 
