@@ -31,7 +31,7 @@ SAME_BONE = {
 #: Least number of vertices that a bone with marks moves most, and directions of its marks.
 LEAST = 20
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
-#: Subject of the bodies, or species, that drives, and the one that is driven.
+#: Pairs of bodies or species: the first drives the second.
 PAIRS: tuple[tuple[str | int, str | int], ...] = (
     (0, 4),
     (3, 7),

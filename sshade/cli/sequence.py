@@ -66,7 +66,7 @@ def check_sequence(options: argparse.Namespace, inputs: list[Path]) -> None:
 def write_poses(
     output: Path, file: MeshFile, solve: Solve, keys: list[str], times: np.ndarray, inputs: list[Path]
 ) -> str:
-    """Solve and write all poses; return what was written, for the summary.
+    """Solve and write all poses; return the files and the number of poses, for the summary.
 
     Parameters
     ----------

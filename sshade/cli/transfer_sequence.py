@@ -127,7 +127,7 @@ def _transfer(
 def _onto_edited(
     options: argparse.Namespace, posed: list[Path], sampling: dict[str, Any], rest: tuple[MeshFile, Surface]
 ) -> Solve:
-    """Return how a pose is transferred to the edited shape, which corresponds to the mesh."""
+    """Return a function that transfers a pose to the edited shape, which corresponds to the mesh."""
     from sshade.io.meshes import read_file
     from sshade.mesh.mesh import Mesh
     from sshade.pipeline.transfer import PoseTransfer
@@ -153,7 +153,7 @@ def _through_marks(
     rest: tuple[MeshFile, Surface],
     kept: Path | None,
 ) -> tuple[MeshFile, Solve]:
-    """Return the other mesh, and how it follows a pose."""
+    """Return the other mesh, and a function that moves it as the marks on a pose move."""
     from sshade.io.meshes import read_file, surface_of
     from sshade.pipeline.retarget import Retargeting
     from sshade.pipeline.sequence import Sequence

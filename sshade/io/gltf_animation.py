@@ -83,7 +83,7 @@ class NodeMotions(NamedTuple):
 def read_node_motions(path: Path, names: Sequence[str], *, fps: float) -> NodeMotions:
     """Read how nodes move in the first animation of a .glb or .gltf file.
 
-    A node is at rest where its own properties put it, without the animation.
+    A node is at rest where its translation, rotation and scale put it without the animation.
 
     Parameters
     ----------
@@ -96,8 +96,7 @@ def read_node_motions(path: Path, names: Sequence[str], *, fps: float) -> NodeMo
     Raises
     ------
     InputError
-        When the file cannot be read, has no animation, or has no node with one of the names, and when no such
-        node moves.
+        When the file cannot be read, has no animation, lacks nodes with these names, or moves none of them.
     """
     try:
         gltf = parsed_gltf(path.read_bytes(), path)

@@ -59,7 +59,7 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
 
 
 def require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:
-    """Raise InputError if a file cannot hold so many poses."""
+    """Raise InputError if the file would exceed the largest size."""
     size = sum(map(len, rest.buffers)) + poses * bytes_a_pose
     if size > LARGEST:
         raise InputError(
@@ -101,7 +101,7 @@ class _Morphs:
         )
 
     def bytes(self, times: np.ndarray, path: Path) -> bytes:
-        """Return the file with an animation whose poses have these times (k,)."""
+        """Return the bytes of the file, with an animation that shows pose k at time k of `times` (k,)."""
         tree, added, targets = self._tree, self._added, self._targets
         for primitive in self._primitives:
             changed = _changed(primitive).items()
@@ -155,7 +155,7 @@ def _changed(primitive: dict[str, Any]) -> dict[str, int]:
 
 
 def _nodes(tree: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the nodes of a file; a file without nodes first gets one for each mesh, in a scene."""
+    """Return the nodes of a file; if it has none, first add a node for each mesh, in a scene."""
     if not tree.get("nodes"):
         tree["nodes"] = [{"mesh": number} for number in range(len(tree["meshes"]))]
         tree["scenes"] = [{"nodes": list(range(len(tree["nodes"])))}]

@@ -45,7 +45,7 @@ class Marks(NamedTuple):
     places: list[dict[str, int | np.ndarray]]
 
     def on(self, source: Surface, target: Surface) -> np.ndarray:
-        """Return the vertices (k, 2) int64 of the marks on two meshes, whose ids are those of their files.
+        """Return the vertices (k, 2) int64 of the marks on two meshes that were read from files.
 
         Raises
         ------
