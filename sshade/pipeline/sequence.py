@@ -147,9 +147,9 @@ def deform_sequence(
     >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
     >>> rest = V[[0, 2]]
     >>> task = DeformationTask("lift", Mesh(V, np.array([[0, 1, 2], [0, 2, 3]])), Handles([0, 2], rest))
-    >>> results = deform_sequence(task, [rest, rest + [0, 0, 1]])
+    >>> results = deform_sequence(task, [rest + [0, 0, 0.5], rest + [0, 0, 1]])
     >>> [round(float(result.vertices[1, 2]), 3) for result in results]
-    [0.0, 1.0]
+    [0.5, 1.0]
     """
     sequence, after = Sequence(task, method=method, **options), None
     for pose in poses:
