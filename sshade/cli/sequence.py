@@ -114,7 +114,7 @@ def write_poses(
             path = files.write(file, V)
             before = stored_positions(path, file, V)
         progress("poses", count, count)
-    kept = f"; {files.kept} of them were there from an earlier run" if files.kept else ""
+    kept = f", {files.kept} of them kept from an earlier run" if files.kept else ""
     return f"{files.path(0)} to {files.path(count - 1)}: {count} poses{kept}"
 
 

@@ -74,7 +74,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsy
     before = Path(f"parts_1{suffix}").stat().st_mtime_ns
     assert main(["deform", "body.ply", *poses(), "-o", parts, *FAST]) == 0
     assert len(count) == 5  # two poses more
-    assert "2 of them were there from an earlier run" in capsys.readouterr().err
+    assert "2 of them kept from an earlier run" in capsys.readouterr().err
     assert Path(f"parts_1{suffix}").stat().st_mtime_ns == before
     for number in (1, 2, 3, 4):
         assert Path(f"whole_{number}{suffix}").read_bytes() == Path(f"parts_{number}{suffix}").read_bytes()

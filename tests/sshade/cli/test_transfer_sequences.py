@@ -77,7 +77,7 @@ def test_an_interrupted_retargeting_goes_on_to_the_same_bytes(folder, monkeypatc
     assert len(count) == 4
     for number in (1, 2, 3):
         assert Path(f"out_{number}.ply").read_bytes() == Path(f"parts_{number}.ply").read_bytes()
-    assert "2 of them were there" in capsys.readouterr().err
+    assert "2 of them kept" in capsys.readouterr().err
 
 
 def few_marks() -> None:
