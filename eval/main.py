@@ -35,6 +35,7 @@ COMMANDS = {
     "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),
+    "sequences": ("eval.studies.sequences", "compare sequences with single runs, and measure retargeting"),
     "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from sshade.pipeline.deform import deform
     from sshade.pipeline.deformer import Deformer
     from sshade.pipeline.proxies import bind
+    from sshade.pipeline.retarget import retarget
+    from sshade.pipeline.sequence import deform_sequence
     from sshade.pipeline.transfer import transfer_pose
     from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
@@ -40,8 +42,10 @@ __all__ = [
     "VolumeGoal",
     "bind",
     "deform",
+    "deform_sequence",
     "load_binding",
     "read",
+    "retarget",
     "save_binding",
     "transfer_pose",
     "write",
@@ -57,6 +61,8 @@ _MODULES = {
     "pipeline.deform": ["deform"],
     "pipeline.deformer": ["Deformer"],
     "pipeline.proxies": ["bind"],
+    "pipeline.retarget": ["retarget"],
+    "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],

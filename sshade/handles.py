@@ -220,6 +220,24 @@ class Handles:
         moved._set({"target": target, "rotation": checked_rotation(rotation, len(self))})
         return moved
 
+    def require_same(self, other: Handles) -> None:
+        """Raise InputError unless other handles have the same vertices, groups, weights and slides."""
+        records = [
+            [None if one is None else one.record for one in (() if part.slide is None else part.slide)]
+            for part in (self, other)
+        ]
+        for what, same in {
+            "vertices": np.array_equal(self.index, other.index),
+            "groups": np.array_equal(self.group, other.group),
+            "weights": np.array_equal(self.weight, other.weight),
+            "slides": records[0] == records[1],
+        }.items():
+            if not same:
+                raise InputError(
+                    f"its handles have other {what} than the handles of the first pose; all poses of a "
+                    f"sequence need the same {what}, in the same order"
+                )
+
     def sampled(self, number: np.ndarray, index: np.ndarray, V: np.ndarray) -> Handles:
         """Return some of the handles as handles of a proxy.
 

@@ -31,10 +31,16 @@ CARRY = "move components without handles rigidly with the nearest component that
 CARRY += "with a head"
 
 
-def add_files(parser: argparse.ArgumentParser, *, output: str, **positional: str) -> None:
-    """Declare paths by name with their descriptions, and -o with the name `output`."""
+def add_files(
+    parser: argparse.ArgumentParser, *, output: str, several: Collection[str] = (), **positional: str
+) -> None:
+    """Declare paths by name with their descriptions, and -o with the name `output`.
+
+    The paths in `several` are lists of one path or more.
+    """
     for name, text in positional.items():
-        parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
+        number: dict[str, Any] = {"nargs": "+"} if name in several else {}
+        parser.add_argument(name, type=Path, metavar=name.upper(), help=text, **number)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
     _add_overwrite(parser, positional)
 

@@ -59,12 +59,12 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """Draw progress on standard error if it is a terminal."""
+def progress_bar(*, remaining: str = "") -> Iterator[Progress]:
+    """Draw progress on standard error if it is a terminal; see :func:`stage_bars`."""
     if not sys.stderr.isatty():
         yield silent
         return
-    with stage_bars() as bars:
+    with stage_bars(remaining=remaining) as bars:
         yield stage_progress(bars)
 
 

@@ -30,6 +30,15 @@ for the whole mesh:
 
   "volumes": [{"name": "belly", "boxes": [[[x, y, z], [x, y, z]]], "goal": 1.2}]
 
+Several handle files are a sequence of poses. So is a handle file with a list "frames", and a handle file
+with --animation. The mesh is bound once, and each pose starts from the pose before. OUT is a name with a
+number, as in out_%04d.ply; a .glb with a morph target for each pose and an animation; or a .pc2 or .mdd point
+cache. All poses have the same handles. If a run with numbered files is interrupted, the same command goes on.
+Frames move groups by their names:
+
+  {"handles": [{"landmark": "hand", "vertices": [12, 13, 14]}],
+   "frames": [{"time": 0.5, "handles": [{"landmark": "hand", "translation": [x, y, z]}]}, ...]}
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -46,12 +55,15 @@ examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
+  sshade deform body.ply poses/*.json -o out_%04d.ply
+  sshade deform body.ply hands.json --animation rig.glb -o out.glb
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -71,6 +83,7 @@ from sshade.cli.arguments import (
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.limits import require_memory
 from sshade.cli.notes import announced_warnings, notes
+from sshade.cli.sequence import add_fps, deform_poses, is_sequence
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
@@ -84,7 +97,8 @@ OPTIONS = [name for names in GROUPS.values() for name in names if name != "coars
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_files(parser, output="OUT", mesh=REST, handles=HANDLES)
+    handles = f"{HANDLES}; several for a sequence"
+    add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
     method = "fast (default), fine, fine_free, paper or paper_plain, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     further = ("method", "weight", "raw", "carry_unconstrained")
@@ -97,12 +111,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "vertex is corrected by the snap, rotated with its group",
     }
     add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
+    text = "glTF file whose animated nodes move the groups of the same names (.glb, .gltf)"
+    parser.add_argument("--animation", type=Path, metavar="FILE", help=text)
+    add_fps(parser, "poses per second: samples of --animation, or times of handle files in OUT")
     add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_outputs(options, output=SUFFIXES)
+    sequence = is_sequence(options)
+    if not sequence:
+        (options.handles,) = options.handles
+        check_outputs(options, output=SUFFIXES)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
@@ -114,6 +134,8 @@ def command(options: argparse.Namespace) -> int:
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
     check_input(options.mesh, SUFFIXES)
+    if sequence:
+        return deform_poses(options, values, resolved)
     given = read_handle_file(options.handles, raw=options.raw)
     return _deform(options, values, resolved, given)
 

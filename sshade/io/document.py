@@ -15,6 +15,8 @@ from sshade.io.files import check_suffix
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
+#: Suffixes of files that hold a sequence: with morph targets, and point caches.
+MORPHS, CACHES = (".glb", ".gltf"), (".pc2", ".mdd")
 
 
 def check_input(path: Path, suffixes: Collection[str]) -> None:

@@ -33,6 +33,8 @@ MOTION = {"rotation", "translation"}
 KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight", "slide", "free")
 #: Keys of a slide.
 SLIDES = ("plane", "line", "axes", "surface")
+#: Key of an animation; see :mod:`sshade.io.poses`.
+FRAMES = "frames"
 #: Stands for the rest shape as the surface of a slide, until the mesh is known.
 REST = "rest"
 #: Keys that this project writes into entries and files, and that readers of handles ignore.
@@ -127,6 +129,14 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
 
 def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
     """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
+    data = parsed_json(content)
+    if FRAMES in data:
+        raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
+    return handle_file_of(data, raw=raw, folder=folder)
+
+
+def parsed_json(content: bytes) -> dict[str, Any]:
+    """Return the object of this project's JSON, whose "handles" are a list."""
     try:
         data = json.loads(decoded(content), object_pairs_hook=unique_keys)
     except (ValueError, RecursionError, InputError) as error:
@@ -134,15 +144,17 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
         raise InputError(f"not readable as JSON ({why})") from error
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
+    return data
+
+
+def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFile:
+    """Check the object of this project's JSON; see :func:`parsed_handle_file`."""
     require_known(data, ("handles", "volumes"), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
         with naming(f"entry {number}"):
-            kind = _kind(entry)
-            if kind != "unused":
-                moves = raw or kind == "dynamic"
-                slide = _slide(entry, folder)
-                entries.append(_entry(number, entry, kind == "dynamic", moves=moves)._replace(slide=slide))
+            if (checked := checked_entry(number, entry, raw=raw)) is not None:
+                entries.append(checked._replace(slide=_slide(entry, folder)))
     if not entries:
         raise InputError(NO_HANDLES)
     made = data.get("made")
@@ -150,8 +162,15 @@ def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path
     return HandleFile(entries, raw, made=made if isinstance(made, dict) else {}, volumes=volumes)
 
 
-def _entry(number: int, entry: dict[str, Any], dynamic: bool, *, moves: bool) -> Entry:
-    """Check an entry. Targets and motions of handles that do not move are ignored."""
+def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:
+    """Check an entry without its slide; None if it is unused.
+
+    Targets and motions of handles that do not move are ignored.
+    """
+    if (kind := _kind(entry)) == "unused":
+        return None
+    dynamic = kind == "dynamic"
+    moves = raw or dynamic
     name = entry.get("landmark", "")
     if isinstance(name, bool) or not isinstance(name, str | int):
         raise InputError('"landmark" must be a name')

@@ -57,7 +57,7 @@ class _Part(NamedTuple):
     matrix: np.ndarray
 
 
-class _Gltf(NamedTuple):
+class Gltf(NamedTuple):
     """A glTF file: its JSON, the bytes of its buffers, and further chunks of a .glb of unknown kinds."""
 
     source: Path
@@ -77,7 +77,7 @@ def read_gltf(path: Path) -> MeshFile:
         When there are no triangles, or contents that cannot be deformed: skins, morph targets,
         compressed buffers, instances without nodes.
     """
-    gltf = _parsed(path)
+    gltf = parsed_gltf(path.read_bytes(), path)
     require_plain(gltf.tree, path)
     tree, buffers, notes = with_own_numbers(gltf.tree, gltf.buffers)
     gltf = gltf._replace(tree=tree, buffers=buffers)
@@ -111,8 +111,16 @@ def read_gltf(path: Path) -> MeshFile:
     return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, stored=None)
 
 
-def _parsed(path: Path) -> _Gltf:
-    data = path.read_bytes()
+def parsed_gltf(data: bytes, path: Path) -> Gltf:
+    """Return the contents of a .glb or a .gltf; `path` tells where its buffers are.
+
+    Raises
+    ------
+    ValueError
+        When it is no glTF 2.0 file.
+    InputError
+        When a buffer is not a file beside it.
+    """
     text, binary, further = data, None, b""
     if data[:4] == _MAGIC:
         if int.from_bytes(data[4:8], "little") != 2 or int.from_bytes(data[8:12], "little") != len(data):
@@ -140,7 +148,7 @@ def _parsed(path: Path) -> _Gltf:
     buffers = [
         _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
     ]
-    return _Gltf(path, tree, buffers, further)
+    return Gltf(path, tree, buffers, further)
 
 
 def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
@@ -183,7 +191,7 @@ def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _content(
-    gltf: _Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
+    gltf: Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
 ) -> bytes:
     tree, buffers = copy.deepcopy(gltf.tree), [bytearray(data) for data in gltf.buffers]
     moved = (rest != V).any(axis=1)
@@ -219,7 +227,7 @@ def _content(
     for number, accessor in enumerate(tree["accessors"]):
         if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
             _bounds(tree, buffers, number)
-    return _written(tree, buffers, gltf, path)
+    return gltf_bytes(tree, buffers, gltf, path)
 
 
 def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
@@ -249,8 +257,18 @@ def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None
         accessor[name] = getattr(values, name)(axis=0).astype(np.float64).tolist()
 
 
-def _written(tree: dict[str, Any], buffers: list[bytearray], gltf: _Gltf, path: Path) -> bytes:
-    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers."""
+def gltf_bytes(tree: dict[str, Any], buffers: list[bytearray], gltf: Gltf, path: Path) -> bytes:
+    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers.
+
+    Parameters
+    ----------
+    tree, buffers : dict and list of bytearray
+        The new contents.
+    gltf : Gltf
+        The file that they come from.
+    path : path
+        Where the bytes will be written; its suffix selects the format.
+    """
     binary = path.suffix.lower() == ".glb"
     for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
         uri = buffer.get("uri")
@@ -280,6 +298,11 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
 
 def write_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> None:
     """Write positions (n, 3), as float32, and triangles (m, 3) as a .glb or a .gltf of one mesh."""
+    path.write_bytes(plain_gltf(path, V, F))
+
+
+def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
+    """Return the bytes that :func:`write_gltf` writes."""
     positions, corners = V.astype("<f4").tobytes(), F.astype("<u4").tobytes()
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": len(positions), "target": 34962},
@@ -301,4 +324,4 @@ def write_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> None:
     }
     buffers = [bytearray(positions + corners)]
     _bounds(tree, buffers, 0)
-    path.write_bytes(_written(tree, buffers, _Gltf(path, tree, [bytes(buffers[0])], b""), path))
+    return gltf_bytes(tree, buffers, Gltf(path, tree, [bytes(buffers[0])], b""), path)

@@ -172,12 +172,12 @@ def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
     for number, node in enumerate(nodes):
         if "mesh" not in node:
             continue
-        matrix, above, steps = _matrix(node), number, 0
+        matrix, above, steps = node_matrix(node), number, 0
         while above in parent:
             above, steps = parent[above], steps + 1
             if steps > len(nodes):
                 raise ValueError("its nodes are their own ancestors")
-            matrix = _matrix(nodes[above]) @ matrix
+            matrix = node_matrix(nodes[above]) @ matrix
         if roots is not None and above not in roots:
             continue
         if not abs(np.linalg.det(matrix[:3, :3])) > 0:
@@ -186,7 +186,7 @@ def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
     return found
 
 
-def _matrix(node: dict[str, Any]) -> np.ndarray:
+def node_matrix(node: dict[str, Any]) -> np.ndarray:
     """Return the matrix (4, 4) that maps a node to the coordinates of its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T

@@ -34,6 +34,7 @@ def deform_task(
     method: str,
     progress: Progress = silent,
     hooks: Mapping[str, Any] | None = None,
+    once: Callable[..., DeformationResult] = deform_once,
     **values: Any,
 ) -> DeformationResult:
     """Deform the mesh of a task, component by component.
@@ -46,6 +47,8 @@ def deform_task(
     progress : Progress
     hooks : mapping, optional
         For ablations: ``sample`` and ``projection`` of :class:`sshade.pipeline.engine.Engine`.
+    once : callable
+        Takes the place of :func:`sshade.pipeline.engine.deform_once`.
     **values
         Options, see :class:`sshade.options.Options`; None stands for the method's own value.
 
@@ -62,7 +65,7 @@ def deform_task(
             options = resolve(method, component_values, regions=True)
         options, parts = on_component(task.mesh, task.volumes, options, area=area)
         task = replace(task, volumes=parts)
-        run = partial(deform_once, task, options.of_proxy(), progress=progress, **(hooks or {}))
+        run = partial(once, task, options.of_proxy(), progress=progress, **(hooks or {}))
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:

@@ -68,6 +68,11 @@ class Drag:
         self._following: Following | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
+    def start_at(self, V: np.ndarray) -> None:
+        """Start the next solve at positions V (k, 3) of the proxy's vertices."""
+        self._following = None
+        self._last = V, np.tile(np.eye(3), (len(V), 1, 1))
+
     def change(self, options: Options) -> None:
         """Solve with another energy from now on, from the present shape."""
         self._options, self._following = options, None

@@ -1,0 +1,234 @@
+"""Sequences of poses in ``sshade deform``, and outputs of sequences, also for ``sshade transfer-pose``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sshade.cli.arguments import read_surface
+from sshade.cli.console import announced_compilation, progress_bar, say
+from sshade.cli.limits import require_memory
+from sshade.errors import InputError
+from sshade.io.document import CACHES, MORPHS, SUFFIXES, MeshFile
+from sshade.io.files import check_output, naming
+from sshade.io.numbered import NumberedFiles, chained_keys, checksum, has_number
+from sshade.io.poses import Poses, is_animation, read_poses
+from sshade.options import Options
+from sshade.threads import available_cpus
+
+if TYPE_CHECKING:
+    from sshade.handles import Handles
+
+#: Poses per second of files without times, and samples per second of a glTF animation.
+FPS = 24.0
+#: ``solve(number, before)`` returns the positions of a pose in the order of the mesh file. `before` are the
+#: stored positions of the pose before, None where the pose is the first.
+Solve = Callable[[int, "np.ndarray | None"], np.ndarray]
+
+
+def add_fps(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declare --fps."""
+    parser.add_argument("--fps", type=float, default=FPS, metavar="F", help=f"{text} (default: {FPS:g})")
+
+
+def is_sequence_output(path: Path) -> bool:
+    """Whether a name stands for several poses: it has a number, or the suffix of a point cache."""
+    return has_number(path) or path.suffix.lower() in CACHES
+
+
+def is_sequence(options: argparse.Namespace) -> bool:
+    """Whether the arguments of ``sshade deform`` ask for a sequence."""
+    several = len(options.handles) > 1 or options.animation is not None
+    return several or is_sequence_output(options.output) or is_animation(options.handles[0])
+
+
+def check_sequence(options: argparse.Namespace, inputs: list[Path]) -> None:
+    """Raise InputError unless the output can hold several poses, can be written, and is no input."""
+    if not options.fps > 0 or not np.isfinite(options.fps):
+        raise InputError(f"--fps takes a number above 0, not {options.fps:g}")
+    output, numbered = options.output, has_number(options.output)
+    known = SUFFIXES if numbered else (*MORPHS, *CACHES)
+    if not numbered and output.suffix.lower() in SUFFIXES and output.suffix.lower() not in MORPHS:
+        raise InputError(
+            f"{output}: one such file cannot hold a sequence; number the files, as in "
+            f"{output.stem}_%04d{output.suffix}, or write .glb, .pc2 or .mdd"
+        )
+    check_output(output, known, inputs=inputs, overwrite=options.overwrite)
+
+
+def write_poses(
+    output: Path, file: MeshFile, solve: Solve, keys: list[str], times: np.ndarray, inputs: list[Path]
+) -> str:
+    """Solve and write all poses; return the files and the number of poses, for the summary.
+
+    Parameters
+    ----------
+    output : path
+    file : MeshFile
+        At rest.
+    solve : Solve
+    keys : list of str
+        Key of each pose, see :class:`sshade.io.numbered.NumberedFiles`.
+    times : (k,) float64
+        In seconds.
+    inputs : list of path
+        Files that numbered files must not replace.
+    """
+    from sshade.cli.accuracy import stored_positions
+    from sshade.io.gltf_morph import write_morphs
+    from sshade.io.meshes import read_file
+    from sshade.io.point_cache import write_point_cache
+
+    count = len(keys)
+    with progress_bar(remaining="poses") as progress:
+        if not has_number(output):
+
+            def poses() -> Iterator[np.ndarray]:
+                before = None
+                for number in range(count):
+                    progress("poses", number, count)
+                    before = solve(number, before)
+                    yield before
+                progress("poses", count, count)
+
+            if output.suffix.lower() in MORPHS:
+                write_morphs(output, file, poses(), times)
+            else:
+                write_point_cache(output, poses(), vertices=len(file.V), times=times)
+            return f"{output}: {count} poses"
+        files = NumberedFiles(output, keys)
+        for number in range(count):
+            check_output(files.path(number), SUFFIXES, inputs=inputs)
+        check_output(files.record, (".json",), inputs=inputs)
+        before = read_file(files.path(files.kept - 1)).V if 0 < files.kept < count else None
+        for number in range(files.kept, count):
+            progress("poses", number, count)
+            V = solve(number, before)
+            path = files.write(file, V)
+            before = stored_positions(path, file, V)
+        progress("poses", count, count)
+    kept = f", {files.kept} of them kept from an earlier run" if files.kept else ""
+    return f"{files.path(0)} to {files.path(count - 1)}: {count} poses{kept}"
+
+
+def inputs_key(mesh: Path, **values: Any) -> str:
+    """Return a text that changes with the mesh file, the version and the given values."""
+    from sshade import __version__
+
+    values |= {"mesh": checksum(mesh), "version": __version__}
+    return json.dumps(values, sort_keys=True, default=lambda value: np.asarray(value).tolist())
+
+
+def deform_poses(options: argparse.Namespace, values: dict[str, Any], resolved: Options) -> int:
+    """Deform a mesh for the poses of a sequence, and write the output; return the exit code."""
+    inputs = [options.mesh, *options.handles, *([options.animation] if options.animation else [])]
+    check_sequence(options, inputs)
+    given = read_poses(options.handles, animation=options.animation, raw=options.raw, fps=options.fps)
+    return _deform(options, values, resolved, given)
+
+
+@announced_compilation()
+def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: Poses) -> int:
+    """Read the mesh, deform it for all poses, and write the output."""
+    from sshade.cli.accuracy import warnings_of
+    from sshade.cli.notes import announced_warnings, notes
+    from sshade.io.handles import handle_notes
+    from sshade.io.volumes import volumes_on_surface
+    from sshade.options import PAPER
+    from sshade.pipeline.sequence import Sequence
+    from sshade.task import DeformationResult, DeformationTask
+
+    file, whole = read_surface(options, _output_of_contents(options.output))
+    mesh, files = whole.mesh, [pose.file for pose in given.poses]
+    at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())
+    samples = min(resolved.vertices, int(len(file.V) / resolved.coarser))
+    require_memory(vertices=len(file.V), proxy_vertices=at_once * samples)
+    poses = given.on(mesh, whole.vertex)
+    if options.weight is not None:
+        poses = [_softened(handles, options.weight) for handles in poses]
+    goals = []
+    for pose in given.poses:
+        with naming(pose.name):
+            goals.append(volumes_on_surface(pose.file.volumes, whole, file.F))
+            if _record(goals[-1]) != _record(goals[0]):
+                raise InputError("its volume goals differ from those of the first pose, and must not")
+    carry, volumes = {"carry_unconstrained": options.carry_unconstrained}, goals[0]
+    tasks = DeformationTask(options.mesh.stem, mesh, poses[0], **carry, volumes=volumes)
+    sequence = Sequence(tasks, method=options.method, **values)
+    results: list[DeformationResult] = []
+
+    def solve(number: int, before: np.ndarray | None) -> np.ndarray:
+        after = None if before is None else (poses[number - 1], before[whole.original])
+        with naming(given.poses[number].name):
+            result = sequence(poses[number], after=after)
+        results.append(replace(result, vertices=np.empty((0, 3))))
+        return whole.placed(file.V, result.vertices)
+
+    asked = {**values, "method": options.method, **carry, "weld": options.weld, "repair": options.repair}
+    text = inputs_key(options.mesh, **asked, volumes=_record(volumes))
+    begin = perf_counter()
+    with announced_warnings():
+        written = write_poses(
+            options.output,
+            file,
+            solve,
+            chained_keys(text, map(_contents, poses)),
+            given.times,
+            [options.mesh],
+        )
+    seconds = perf_counter() - begin
+    each = f", {seconds / len(results):.2f} s each" if results else ""
+    say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
+    for note in given.notes:
+        say(f"note: {note}")
+    if not results:
+        return 0
+    error = max(result.extra["hard_handle_error"] for result in results)
+    for warning in warnings_of(error, rounding=0.0, exact=options.method not in PAPER):
+        say(f"warning: {warning}")
+    facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
+    facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
+    for note in [
+        *handle_notes(files[0], poses[0], mesh),
+        *notes({**results[0].extra, **whole.facts, **facts}),
+    ]:
+        say(f"note: {note}")
+    alone = sum(not result.extra["followed"] for result in results)
+    if alone > 1:
+        say(f"note: {alone} poses are far from the pose before, and started as single runs do")
+    if missed := sum(result.converged is False for result in results):
+        say(f"note: the iterations of {missed} poses did not converge")
+    return 0
+
+
+def _output_of_contents(output: Path) -> Path | None:
+    """Return the output whose format decides which contents are lost; None for a point cache."""
+    return None if output.suffix.lower() in CACHES else output
+
+
+def _softened(handles: Handles, weight: float) -> Handles:
+    """Return handles whose hard positions are soft, with a weight."""
+    return replace(handles, weight=np.where(handles.exact & ~handles.free, weight, handles.weight))
+
+
+def _contents(handles: Handles) -> bytes:
+    """Return bytes that change with the handles of a pose and their targets."""
+    arrays = handles.index, handles.target, handles.group, handles.weight, handles.rotation
+    slides = [None if one is None else one.record for one in (() if handles.slide is None else handles.slide)]
+    parts = [b"" if array is None else array.tobytes() for array in arrays]
+    return b"".join([*parts, json.dumps(slides).encode()])
+
+
+def _record(goals: Any) -> list[Any]:
+    """Return volume goals as plain values."""
+    return [
+        [one.ratio, one.volume, None if one.faces is None else np.asarray(one.faces).tolist()]
+        for one in goals
+    ]

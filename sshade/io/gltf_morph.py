@@ -1,0 +1,163 @@
+"""Write a sequence of poses as one glTF file: morph targets, and an animation of their weights.
+
+Targets hold displacements from the rest shape, as float32: of positions, and of normals and tangents if the
+file has them. At the time of a pose its target has weight 1 and all others have 0; in between, viewers blend
+two poses. All other contents of a glTF input stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.io.document import MeshFile
+from sshade.io.files import replacing
+from sshade.io.gltf import Gltf, gltf_bytes, parsed_gltf, plain_gltf
+from sshade.io.gltf_scene import CHANGED, FLOAT, array_of, mesh_matrices
+from sshade.io.point_cache import as_floats
+
+#: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
+LARGEST = 2**32 - 2**26
+_ARRAY_BUFFER = 34962
+
+
+def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times: np.ndarray) -> None:
+    """Write poses of a mesh file as a .glb or .gltf with morph targets; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    file : MeshFile
+        At rest.
+    poses : iterable of (n, 3) float64
+        Positions in the order of ``file.V``, one array for each time.
+    times : (k,) float64
+        In seconds, increasing; the first is not negative.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written, or its size would exceed the format's limit.
+    """
+
+    def content(V: np.ndarray) -> Gltf:
+        as_floats(V, path)
+        data = file.content(V, path) if path.suffix.lower() in file.suffixes else plain_gltf(path, V, file.F)
+        return parsed_gltf(bytes(data), path)
+
+    rest = content(file.V)
+    morphs = _Morphs(rest)
+    require_room(path, rest, morphs.bytes_a_pose, len(times))
+    with replacing(path) as temporary:
+        for V in poses:
+            morphs.add(content(V))
+        temporary.write_bytes(morphs.bytes(times, path))
+
+
+def require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:
+    """Raise InputError if the file would exceed the largest size."""
+    size = sum(map(len, rest.buffers)) + poses * bytes_a_pose
+    if size > LARGEST:
+        raise InputError(
+            f"{path}: {poses} poses take {size / 1e9:.1f} GB, and a glTF file holds {LARGEST / 1e9:.1f}; "
+            "write .pc2, .mdd or a file for each pose"
+        )
+
+
+class _Morphs:
+    """The morph targets of a glTF file.
+
+    Attributes
+    ----------
+    bytes_a_pose : int
+        Bytes of the displacements of one pose.
+    """
+
+    def __init__(self, rest: Gltf) -> None:
+        self._rest, self._tree = rest, rest.tree
+        self._buffers = [bytearray(data) for data in rest.buffers]
+        self._shown = sorted(mesh_matrices(self._tree))
+        self._primitives = [p for number in self._shown for p in self._tree["meshes"][number]["primitives"]]
+        #: Accessors that change, and their rest values; tangents without their handedness.
+        self._values = {
+            number: _vectors(rest, number) for p in self._primitives for number in _changed(p).values()
+        }
+        self._added = _Accessors(self._tree, self._buffers[0])
+        #: Accessor of the displacements for each accessor that changes, for each pose.
+        self._targets: list[dict[int, int]] = []
+        self.bytes_a_pose = sum(values.nbytes for values in self._values.values())
+
+    def add(self, pose: Gltf) -> None:
+        """Add the displacements of a pose, which has the accessors of the rest shape."""
+        self._targets.append(
+            {
+                number: self._added.add(_vectors(pose, number) - values, bounds=True)
+                for number, values in self._values.items()
+            }
+        )
+
+    def bytes(self, times: np.ndarray, path: Path) -> bytes:
+        """Return the bytes of the file, with an animation that shows pose k at time k of `times` (k,)."""
+        tree, added, targets = self._tree, self._added, self._targets
+        for primitive in self._primitives:
+            changed = _changed(primitive).items()
+            primitive["targets"] = [{name: new[number] for name, number in changed} for new in targets]
+        for number in self._shown:
+            tree["meshes"][number]["weights"] = [0.0] * len(targets)
+        clock = added.add(times.astype(np.float32)[:, None], bounds=True, of_vertices=False)
+        weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), of_vertices=False)
+        nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in self._shown]
+        channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
+        sampler = {"input": clock, "output": weights, "interpolation": "LINEAR"}
+        animation = {"name": "sequence", "channels": channels, "samplers": [sampler]}
+        tree.setdefault("animations", []).append(animation)
+        tree["buffers"][0]["byteLength"] = len(self._buffers[0])
+        return gltf_bytes(tree, self._buffers, self._rest, path)
+
+
+class _Accessors:
+    """New accessors behind the contents of the first buffer of a file."""
+
+    def __init__(self, tree: dict[str, Any], buffer: bytearray) -> None:
+        self._tree, self._buffer = tree, buffer
+        del buffer[tree["buffers"][0]["byteLength"] :]
+
+    def add(self, values: np.ndarray, *, bounds: bool = False, of_vertices: bool = True) -> int:
+        """Append numbers (k, 1) or (k, 3) float32; return the number of their accessor."""
+        self._buffer += bytes(-len(self._buffer) % 4)
+        view = {"buffer": 0, "byteOffset": len(self._buffer), "byteLength": values.nbytes}
+        if of_vertices:
+            view["target"] = _ARRAY_BUFFER
+        self._buffer += values.astype("<f4").tobytes()
+        self._tree["bufferViews"].append(view)
+        accessor: dict[str, Any] = {"bufferView": len(self._tree["bufferViews"]) - 1, "componentType": FLOAT}
+        accessor |= {"count": len(values), "type": "VEC3" if values.shape[1] == 3 else "SCALAR"}
+        if bounds:
+            accessor |= {
+                name: getattr(values, name)(axis=0).astype(float).tolist() for name in ("min", "max")
+            }
+        self._tree["accessors"].append(accessor)
+        return len(self._tree["accessors"]) - 1
+
+
+def _vectors(gltf: Gltf, number: int) -> np.ndarray:
+    """Return the first three numbers of each element of an accessor, as a copy (k, 3) float32."""
+    return array_of(gltf.tree, gltf.buffers, number)[:, :3].astype(np.float32)
+
+
+def _changed(primitive: dict[str, Any]) -> dict[str, int]:
+    """Return the accessors of a primitive that follow a deformation, by their names."""
+    return {name: number for name, number in primitive["attributes"].items() if name in CHANGED}
+
+
+def _nodes(tree: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the nodes of a file; if it has none, first add a node for each mesh, in a scene."""
+    if not tree.get("nodes"):
+        tree["nodes"] = [{"mesh": number} for number in range(len(tree["meshes"]))]
+        tree["scenes"] = [{"nodes": list(range(len(tree["nodes"])))}]
+        tree["scene"] = 0
+    return tree["nodes"]

@@ -1,0 +1,234 @@
+"""Deform one mesh for many poses: bind it once, and start each pose from the pose before.
+
+A pose whose handles moved little starts at the vertices of the pose before. It then takes a fraction of the
+iterations of a single run, and stays in the same local minimum. A pose whose handles jumped starts as a
+single run does, because a long way from another pose takes more iterations and may end in another local
+minimum.
+
+Nothing but the vertices goes from pose to pose: no multipliers, no quasi-Newton steps. A sequence may
+therefore be interrupted and go on from the last vertices, with the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from sshade.handles import Handles
+from sshade.options import Options, accepted, require_method, takes_options
+from sshade.pipeline.deform import deform_task
+from sshade.pipeline.drag import Drag
+from sshade.pipeline.engine import BoundProxy, Engine, deform_once
+from sshade.pipeline.regions import all_on_targets
+from sshade.progress import Progress, silent
+from sshade.task import DeformationResult, DeformationTask
+from sshade.threads import ThreadTeam, in_threads
+
+#: Largest move of a handle, as a fraction of the bounding-box diagonal, with which a pose starts from the
+#: pose before. At 24 poses a second, a hand of a body moves by 0.05 in a fast throw.
+NEAR_POSE = 0.1
+
+
+class Sequence:
+    """A mesh that is deformed for one pose after another, with the method that :func:`sshade.deform` uses.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        Mesh, handle vertices, groups, weights and volume goals of all poses. Its targets are not used.
+    method : str
+        See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper_plain"
+        does not bind.
+    **options
+        Options of the method, see :class:`sshade.options.Options`.
+
+    Raises
+    ------
+    InputError
+        On an unknown method or option.
+    """
+
+    def __init__(self, task: DeformationTask, *, method: str = "fast", **options: Any) -> None:
+        require_method(method)
+        self.task, self._method, self._options = task, method, options
+        self._bindings = _Bindings()
+
+    def __call__(
+        self,
+        handles: Handles,
+        *,
+        after: tuple[Handles, np.ndarray] | None = None,
+        progress: Progress = silent,
+    ) -> DeformationResult:
+        """Deform the mesh for a pose.
+
+        Parameters
+        ----------
+        handles : Handles
+            At their targets, and at the vertices of the task's handles, in the same order.
+        after : (Handles, (n, 3) float64), optional
+            The pose before, and its vertices. Without it the pose starts as a single run does.
+        progress : Progress
+
+        Returns
+        -------
+        DeformationResult
+            As of :func:`sshade.deform`; ``extra["followed"]`` says whether the pose started from the pose
+            before.
+
+        Raises
+        ------
+        InputError
+            If the handles are not the handles of the task, or as :func:`sshade.deform`.
+        """
+        handles.require_same(self.task.handles)
+        guess = None
+        if after is not None and self._is_near(handles, after[0]):
+            guess = self.task.mesh.checked(after[1], "pose before")
+        pose = replace(self.task, handles=handles, guess=guess)
+        self._bindings.begin()
+        result = deform_task(
+            pose, method=self._method, progress=progress, once=self._bindings, **self._options
+        )
+        self._bindings.end()
+        return replace(result, extra={**result.extra, "followed": guess is not None})
+
+    def _is_near(self, handles: Handles, before: Handles) -> bool:
+        """Whether no handle moved farther than :data:`NEAR_POSE` since the pose before."""
+        step = np.linalg.norm(handles.target - before.target, axis=1).max()
+        return bool(step <= NEAR_POSE * self.task.mesh.diagonal)
+
+
+@takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"))
+def deform_sequence(
+    task: DeformationTask,
+    poses: Iterable[Handles | np.ndarray],
+    *,
+    method: str = "fast",
+    progress: Progress = silent,
+    **options: Any,
+) -> Iterator[DeformationResult]:
+    """Deform a mesh for poses that follow each other; yield a result for each pose.
+
+    The mesh is bound once. A pose starts from the result of the pose before if no handle moved farther than a
+    tenth of the bounding-box diagonal, and as :func:`sshade.deform` otherwise. Each result is converged to
+    the method's ``tolerance``; lower it if slow motions must follow the minimum more closely.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        Rest mesh and handles. The targets of its handles are not used.
+    poses : iterable of Handles or (k, 3) float64
+        Handles of each pose, or the targets of the task's handles. It may be a generator: a pose is taken
+        when its result is asked for.
+    method, **options
+        See :func:`sshade.deform`.
+    progress : Progress
+
+    Yields
+    ------
+    DeformationResult
+        See :func:`sshade.deform`.
+
+    Raises
+    ------
+    InputError
+        If a pose has other handles than the task, or as :func:`sshade.deform`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sshade import DeformationTask, Handles, Mesh, deform_sequence
+    >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
+    >>> rest = V[[0, 2]]
+    >>> task = DeformationTask("lift", Mesh(V, np.array([[0, 1, 2], [0, 2, 3]])), Handles([0, 2], rest))
+    >>> results = deform_sequence(task, [rest + [0, 0, 0.5], rest + [0, 0, 1]])
+    >>> [round(float(result.vertices[1, 2]), 3) for result in results]
+    [0.5, 1.0]
+    """
+    sequence, after = Sequence(task, method=method, **options), None
+    for pose in poses:
+        handles = pose if isinstance(pose, Handles) else task.handles.at(pose)
+        result = sequence(handles, after=after, progress=progress)
+        after = handles, result.vertices
+        yield result
+
+
+class _Bindings:
+    """Takes the place of :func:`sshade.pipeline.engine.deform_once`, and keeps what it made for each mesh.
+
+    A pose deforms several connected manifolds if its mesh has several components or was cut.
+    """
+
+    def __init__(self) -> None:
+        self._bound: dict[bytes, _Bound] = {}
+        self._used: set[bytes] = set()
+
+    def begin(self) -> None:
+        """Begin a pose."""
+        self._used = set()
+
+    def end(self) -> None:
+        """Forget bindings that the pose did not use."""
+        self._bound = {key: bound for key, bound in self._bound.items() if key in self._used}
+
+    def __call__(
+        self, task: DeformationTask, options: Options, *, progress: Progress, **hooks: Any
+    ) -> DeformationResult:
+        if hooks or options.coarse is not None or not options.accelerate:
+            return deform_once(task, options, progress=progress, **hooks)
+        mesh, handles = task.mesh, task.handles
+        rotated = handles.has_rotation
+        arrays = mesh.V, mesh.F, handles.index, handles.group, handles.weight, rotated
+        key = blake2b(repr(options).encode())
+        for array in arrays:
+            key.update(np.ascontiguousarray(array).tobytes())
+        name = key.digest()
+        if name not in self._bound:
+            self._bound[name] = _Bound(task, options)
+        self._used.add(name)
+        return self._bound[name].deform(task)
+
+
+class _Bound:
+    """A connected, oriented manifold, bound for handles whose targets change."""
+
+    def __init__(self, task: DeformationTask, options: Options) -> None:
+        self._options = options
+        self._engine = engine = Engine(task.mesh, task.handles, options, volumes=task.volumes)
+        rest = task.handles.at(task.mesh.V[task.handles.index], task.handles.rotation)
+
+        def bind(number: int) -> BoundProxy:
+            with ThreadPoolExecutor(max_workers=1) as pool:
+                bound = engine.bind(
+                    number, pool, lambda proxy, _, place, parts: Drag(proxy, place(rest), options, parts)
+                )
+            bound.binding  # noqa: B018 - raises errors of the binding
+            return bound
+
+        samplings = 0 if engine.regions.covered else engine.proxies.samplings
+        self._proxies = in_threads(bind, samplings, workers=engine.proxies.workers)
+
+    def deform(self, task: DeformationTask) -> DeformationResult:
+        """Deform for the targets of a task, from its guess."""
+        if not self._proxies:
+            return all_on_targets(task)
+        with ThreadTeam(self._engine.proxies.carriers) as team:
+
+            def deform(number: int) -> DeformationResult:
+                bound = self._proxies[number]
+                bound.restart()
+                if task.guess is None:
+                    bound.solver.reset()
+                else:
+                    bound.solver.start_at(task.guess[bound.sampling.samples])
+                regions = self._engine.regions
+                result = bound.deform(task.handles, regions, self._options, again=True, team=team)
+                return replace(result, extra={**result.extra, "added_samples": bound.sampling.added})
+
+            return self._engine.average(deform, task.handles, self._engine.regions, self._options)

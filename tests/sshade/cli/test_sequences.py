@@ -1,0 +1,538 @@
+"""Sequences on the command line: numbered files, morph targets, point caches, animations, resuming."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from sshade.cli.main import main
+from sshade.io import gltf_morph, meshes, point_cache
+from sshade.io.handles import write_handles
+from sshade.io.meshes import read_arrays, write_mesh
+from sshade.task import Handles
+from tests.shapes import bumpy, end_handles, tube
+
+BODY = bumpy(2)
+ENDS = end_handles(BODY.V, share=0.1)
+UP = np.flatnonzero(ENDS.dynamic)
+STEPS = (0.1, 0.15, 0.2, 0.25)
+FAST = ["--vertices", "60"]
+
+
+def targets(step: float) -> np.ndarray:
+    return ENDS.target + ENDS.dynamic[:, None] * np.array([step, 0.0, 0.5 * step])
+
+
+@pytest.fixture
+def folder(here) -> Path:
+    """A body, and four poses."""
+    write_mesh("body.ply", BODY.V, BODY.F)
+    for number, step in enumerate(STEPS):
+        write_handles(f"pose_{number}.json", ENDS.at(targets(step)), names={0: "low", 1: "high"})
+    return here
+
+
+def poses(*numbers: int) -> list[str]:
+    return [f"pose_{number}.json" for number in (numbers or range(len(STEPS)))]
+
+
+def vertices(name: str) -> list[np.ndarray]:
+    return [read_arrays(path)[0] for path in sorted(Path().glob(name))]
+
+
+def test_numbered_files_hold_the_poses_in_order(folder, capsys):
+    assert main(["deform", "body.ply", *poses(), "-o", "out_%03d.ply", *FAST]) == 0
+    assert sorted(p.name for p in Path().glob("out*")) == [
+        *(f"out_{number:03}.ply" for number in (1, 2, 3, 4)),
+        "out_sequence.json",
+    ]
+    for V, step in zip(vertices("out_*.ply"), STEPS, strict=True):
+        np.testing.assert_allclose(V[ENDS.index], targets(step), atol=1e-12)
+    assert main(["deform", "body.ply", "pose_0.json", "-o", "single.ply", *FAST]) == 0
+    assert Path("single.ply").read_bytes() == Path("out_001.ply").read_bytes()
+    assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsys, suffix):
+    whole, parts = f"whole_%d{suffix}", f"parts_%d{suffix}"
+    assert main(["deform", "body.ply", *poses(), "-o", whole, *FAST]) == 0
+    write, count = meshes.write_file, []
+
+    def interrupted(path, file, V):
+        count.append(path)
+        if len(count) == 3:
+            raise KeyboardInterrupt
+        write(path, file, V)
+
+    monkeypatch.setattr(meshes, "write_file", interrupted)
+    assert main(["deform", "body.ply", *poses(), "-o", parts, *FAST]) == 130
+    assert len(list(Path().glob(f"parts_?{suffix}"))) == 2
+    before = Path(f"parts_1{suffix}").stat().st_mtime_ns
+    assert main(["deform", "body.ply", *poses(), "-o", parts, *FAST]) == 0
+    assert len(count) == 5  # two poses more
+    assert "2 of them kept from an earlier run" in capsys.readouterr().err
+    assert Path(f"parts_1{suffix}").stat().st_mtime_ns == before
+    for number in (1, 2, 3, 4):
+        assert Path(f"whole_{number}{suffix}").read_bytes() == Path(f"parts_{number}{suffix}").read_bytes()
+
+
+def test_files_of_other_inputs_and_changed_files_are_computed_again(folder, monkeypatch):
+    count, write = [], meshes.write_file
+    monkeypatch.setattr(meshes, "write_file", lambda *given: (count.append(given[0].name), write(*given)))
+
+    def written(*more: str) -> list[str]:
+        count.clear()
+        assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST, *more]) == 0
+        return count
+
+    names = [f"out_{number}.ply" for number in (1, 2, 3, 4)]
+    assert written() == names
+    assert written() == []
+    first = Path("out_1.ply").read_bytes()
+    write_handles("pose_2.json", ENDS.at(targets(0.21)), names={0: "low", 1: "high"})
+    assert written() == names[2:]
+    Path("out_2.ply").write_bytes(first)  # a file of somebody else
+    assert written() == names[1:]
+    assert written("--seed", "1") == names
+    assert written("--seed", "1") == []
+    write_mesh("body.ply", BODY.V * 1.001, BODY.F)
+    assert written("--seed", "1") == names
+    Path("out_sequence.json").write_text("{damaged")
+    assert written("--seed", "1") == names
+
+
+def read_pc2(path: str) -> np.ndarray:
+    """Read a PC2 file: little-endian, a head of 32 bytes."""
+    data = Path(path).read_bytes()
+    assert data[:12] == b"POINTCACHE2\0"
+    version, points, start, rate, samples = struct.unpack("<iiffi", data[12:32])
+    assert (version, start, rate) == (1, 0.0, 1.0)
+    return np.frombuffer(data[32:], "<f4").reshape(samples, points, 3)
+
+
+def read_mdd(path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Read an MDD file: big-endian, frames, points, times, positions."""
+    data = Path(path).read_bytes()
+    frames, points = struct.unpack(">ii", data[:8])
+    numbers = np.frombuffer(data[8:], ">f4")
+    return numbers[:frames], numbers[frames:].reshape(frames, points, 3)
+
+
+def test_point_caches_hold_the_positions_of_the_numbered_files(folder):
+    for output in ("out_%d.ply", "out.pc2", "out.mdd"):
+        assert main(["deform", "body.ply", *poses(), "-o", output, *FAST, "--fps", "10"]) == 0
+    V = np.array(vertices("out_*.ply"))
+    np.testing.assert_allclose(read_pc2("out.pc2"), V, atol=1e-6)
+    times, positions = read_mdd("out.mdd")
+    np.testing.assert_allclose(times, [0, 0.1, 0.2, 0.3], atol=1e-7)
+    np.testing.assert_allclose(positions, V, atol=1e-6)
+
+
+KINDS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
+    """Read a .glb and check what a validator checks: lengths, alignment, bounds, targets, animations."""
+    data = Path(path).read_bytes()
+    magic, version, length = struct.unpack("<4sII", data[:12])
+    assert (magic, version, length) == (b"glTF", 2, len(data)) and len(data) % 4 == 0
+    size, kind = struct.unpack("<I4s", data[12:20])
+    assert kind == b"JSON" and size % 4 == 0
+    tree = json.loads(data[20 : 20 + size])
+    rest = data[20 + size :]
+    binary_size, kind = struct.unpack("<I4s", rest[:8])
+    binary = rest[8 : 8 + binary_size]
+    assert kind == b"BIN\0" and len(tree["buffers"]) == 1 and "uri" not in tree["buffers"][0]
+    assert 0 <= len(binary) - tree["buffers"][0]["byteLength"] < 4
+    arrays = []
+    for accessor in tree["accessors"]:
+        view, dtype = tree["bufferViews"][accessor["bufferView"]], np.dtype(KINDS[accessor["componentType"]])
+        width = WIDTHS[accessor["type"]]
+        begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        assert begin % dtype.itemsize == 0
+        stride = view.get("byteStride", width * dtype.itemsize)
+        assert (accessor["count"] - 1) * stride + width * dtype.itemsize <= view["byteLength"]
+        assert view.get("byteOffset", 0) + view["byteLength"] <= tree["buffers"][0]["byteLength"]
+        shape, strides = (accessor["count"], width), (stride, dtype.itemsize)
+        array = np.ndarray(shape, dtype, binary, begin, strides)
+        for name in accessor.keys() & {"min", "max"}:
+            np.testing.assert_array_equal(accessor[name], getattr(array, name)(axis=0).astype(float))
+        arrays.append(array)
+    for mesh in tree["meshes"]:
+        counts = {len(p.get("targets", [])) for p in mesh["primitives"]}
+        assert counts == {len(mesh.get("weights", []))}
+        for primitive in mesh["primitives"]:
+            here = tree["accessors"][primitive["attributes"]["POSITION"]]
+            assert {"min", "max"} <= here.keys()
+            for target in primitive.get("targets", []):
+                assert target.keys() <= primitive["attributes"].keys()
+                for name, number in target.items():
+                    accessor = tree["accessors"][number]
+                    assert (accessor["type"], accessor["count"]) == ("VEC3", here["count"])
+                    assert name != "POSITION" or {"min", "max"} <= accessor.keys()
+    for animation in tree.get("animations", []):
+        for channel in animation["channels"]:
+            sampler = animation["samplers"][channel["sampler"]]
+            clock = arrays[sampler["input"]]
+            assert {"min", "max"} <= tree["accessors"][sampler["input"]].keys()
+            assert clock.min() >= 0 and (np.diff(clock[:, 0]) > 0).all()
+            if channel["target"]["path"] == "weights":
+                mesh = tree["meshes"][tree["nodes"][channel["target"]["node"]]["mesh"]]
+                assert len(arrays[sampler["output"]]) == len(clock) * len(mesh["weights"])
+    return tree, arrays
+
+
+def shown_at(tree: dict, arrays: list[np.ndarray], mesh: int, name: str) -> np.ndarray:
+    """Evaluate the animation at its keys: an attribute (k, n, 3) of the first primitive of a mesh."""
+    animation = tree["animations"][-1]
+    node = next(i for i, node in enumerate(tree["nodes"]) if node.get("mesh") == mesh)
+    channel = next(c for c in animation["channels"] if c["target"] == {"node": node, "path": "weights"})
+    sampler = animation["samplers"][channel["sampler"]]
+    primitive = tree["meshes"][mesh]["primitives"][0]
+    targets = np.array([arrays[target[name]] for target in primitive["targets"]])
+    weights = arrays[sampler["output"]].reshape(-1, len(targets))
+    base = arrays[primitive["attributes"][name]][:, :3]
+    return base + np.einsum("kt,tni->kni", weights, targets)
+
+
+def test_a_glb_has_a_morph_target_and_a_key_for_each_pose(folder):
+    for output in ("out_%d.ply", "out.glb", "out.gltf"):
+        assert main(["deform", "body.ply", *poses(), "-o", output, *FAST, "--fps", "10"]) == 0
+    tree, arrays = read_gltf("out.glb")
+    np.testing.assert_allclose(shown_at(tree, arrays, 0, "POSITION"), vertices("out_*.ply"), atol=1e-6)
+    sampler = tree["animations"][0]["samplers"][0]
+    np.testing.assert_allclose(arrays[sampler["input"]][:, 0], [0, 0.1, 0.2, 0.3], atol=1e-7)
+    np.testing.assert_allclose(
+        arrays[tree["meshes"][0]["primitives"][0]["attributes"]["POSITION"]], BODY.V, atol=1e-6
+    )
+    text = json.loads(Path("out.gltf").read_text())
+    assert text["accessors"] == tree["accessors"] and text["meshes"] == tree["meshes"]
+
+
+def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
+    """Two nodes show a mesh with normals and texture coordinates; one of them turns and scales it."""
+    P, N = BODY.V.astype("<f4"), (BODY.V / np.linalg.norm(BODY.V, axis=1, keepdims=True)).astype("<f4")
+    T, F = BODY.V[:, :2].astype("<f4"), BODY.F.astype("<u4")
+    blob = P.tobytes() + N.tobytes() + T.tobytes() + F.tobytes()
+    ends = np.cumsum([0, P.nbytes, N.nbytes, T.nbytes, F.nbytes]).tolist()
+    bounds = {"min": P.min(0).astype(float).tolist(), "max": P.max(0).astype(float).tolist()}
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": len(P), "type": "VEC3", **bounds},
+        {"bufferView": 1, "componentType": 5126, "count": len(P), "type": "VEC3"},
+        {"bufferView": 2, "componentType": 5126, "count": len(P), "type": "VEC2"},
+        {"bufferView": 3, "componentType": 5125, "count": F.size, "type": "SCALAR"},
+    ]
+    quaternion = Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist()
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [
+            {"mesh": 0, "name": "body"},
+            {"mesh": 0, "rotation": quaternion, "scale": [2, 2, 2], "translation": [9, 0, 0]},
+        ],
+        "meshes": [
+            {
+                "primitives": [
+                    {"attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}, "indices": 3, "material": 0}
+                ]
+            }
+        ],
+        "materials": [{"name": "skin"}],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": a, "byteLength": b - a} for a, b in zip(ends, ends[1:], strict=False)
+        ],
+        "buffers": [{"byteLength": len(blob)}],
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    blob += bytes(-len(blob) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    Path("two.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    V = read_arrays("two.glb")[0]
+    second = ENDS.index + BODY.n
+    for number, step in enumerate(STEPS[:2]):
+        moved = V[second] + 2 * ENDS.dynamic[:, None] * [step, 0, 0]
+        index = np.concatenate([ENDS.index, second])
+        group = np.repeat([0, 1], len(second))
+        write_handles(
+            f"two_{number}.json", Handles(index, np.concatenate([targets(step), moved]), group=group)
+        )
+    assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out.glb", *FAST]) == 0
+    assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out_%d.glb", *FAST]) == 0
+    tree, arrays = read_gltf("out.glb")
+    assert tree["materials"] == [{"name": "skin"}] and len(tree["meshes"]) == 2
+    assert all("TEXCOORD_0" in m["primitives"][0]["attributes"] for m in tree["meshes"])
+    for mesh in (0, 1):
+        for name in ("POSITION", "NORMAL"):
+            shown = shown_at(tree, arrays, mesh, name)
+            for number in (0, 1):
+                one, other = read_gltf(f"out_{number + 1}.glb")
+                truth = other[one["meshes"][mesh]["primitives"][0]["attributes"][name]]
+                np.testing.assert_allclose(shown[number], truth, atol=2e-6)
+
+
+def animation(frames: list) -> dict:
+    data = json.loads(Path("pose_0.json").read_text())
+    for entry in data["handles"]:
+        entry.pop("target", None)
+        entry.pop("kind")
+    return {**data, "frames": frames}
+
+
+def test_an_animation_of_handles_is_a_sequence_with_its_times(folder):
+    frames = [
+        {"time": t, "handles": [{"landmark": "high", "target": targets(step)[UP].tolist()}]}
+        for t, step in zip((0.0, 0.5, 0.75, 2.0), STEPS, strict=True)
+    ]
+    Path("moves.json").write_text(json.dumps(animation(frames)))
+    assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
+    assert main(["deform", "body.ply", "moves.json", "-o", "same_%d.ply", *FAST]) == 0
+    assert main(["deform", "body.ply", "moves.json", "-o", "same.mdd", *FAST]) == 0
+    np.testing.assert_array_equal(vertices("same_?.ply"), vertices("out_?.ply"))
+    np.testing.assert_allclose(read_mdd("same.mdd")[0], [0.0, 0.5, 0.75, 2.0])
+
+
+def test_frames_move_groups_rigidly_too(folder):
+    quaternion = Rotation.from_rotvec([0, 0.2, 0]).as_quat()
+    move = {
+        "landmark": "high",
+        "rotation": quaternion.tolist(),
+        "translation": [0, 0, 0.1],
+        "center": "centroid",
+    }
+    data = animation([{"time": 0}, {"time": 1, "handles": [move]}])
+    data["handles"][1]["kind"] = "dynamic"
+    data["handles"][1]["translation"] = [0.0, 0.05, 0.0]
+    Path("moves.json").write_text(json.dumps(data))
+    assert main(["deform", "body.ply", "moves.json", "-o", "out_%d.ply", *FAST]) == 0
+    rest = BODY.V[ENDS.index[UP]]
+    first, second = (V[ENDS.index[UP]] for V in vertices("out_?.ply"))
+    np.testing.assert_allclose(first, rest + [0, 0.05, 0], atol=1e-12)
+    centre = rest.mean(axis=0)
+    turned = Rotation.from_rotvec([0, 0.2, 0]).apply(rest - centre) + centre + [0, 0, 0.1]
+    np.testing.assert_allclose(second, turned, atol=1e-12)
+
+
+def write_rig(
+    path: str, *, names=("root", "high"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)
+) -> None:
+    """A root that turns about y, and a child above it that rises; the child is at rest at (0, 0, 1)."""
+    keys = np.array(times, dtype="<f4")
+    angles = np.linspace(0, 0.4, len(keys))
+    turns = np.array([Rotation.from_rotvec([0, angle, 0]).as_quat() for angle in angles], "<f4")
+    shifts = np.array([[0, 0, 1 + 0.2 * angle] for angle in angles], "<f4")
+    if interpolation == "CUBICSPLINE":
+        turns, shifts = (np.stack([0 * one, one, 0 * one], axis=1) for one in (turns, shifts))
+    blob = keys.tobytes() + turns.tobytes() + shifts.tobytes()
+    sizes = [keys.nbytes, turns.nbytes, shifts.nbytes]
+    begin = np.cumsum([0, *sizes]).tolist()
+    count = len(keys) * (3 if interpolation == "CUBICSPLINE" else 1)
+    path_of = [("rotation", 0, 1), ("translation", 1, 2)] if channels else []
+    tree = {
+        "asset": {"version": "2.0"},
+        "nodes": [
+            {"name": names[0], "children": [1]},
+            {"name": names[1], "translation": [0, 0, 1]},
+        ],
+        "scenes": [{"nodes": [0]}],
+        "animations": [
+            {
+                "name": "move",
+                "channels": [
+                    {"sampler": s, "target": {"node": node, "path": name}}
+                    for s, (name, node, _) in enumerate(path_of)
+                ],
+                "samplers": [
+                    {"input": 0, "output": output, "interpolation": interpolation} for _, _, output in path_of
+                ],
+            }
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": len(keys),
+                "type": "SCALAR",
+                "min": [0],
+                "max": [1],
+            },
+            {"bufferView": 1, "componentType": 5126, "count": count, "type": "VEC4"},
+            {"bufferView": 2, "componentType": 5126, "count": count, "type": "VEC3"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": a, "byteLength": size} for a, size in zip(begin, sizes, strict=False)
+        ],
+        "buffers": [{"byteLength": len(blob)}],
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    blob += bytes(-len(blob) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    Path(path).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def rig_motion(t: float, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
+    """R and b of the map v -> R v + b of the child since rest, in closed form."""
+    s = {"LINEAR": t, "STEP": np.floor(t), "CUBICSPLINE": 3 * t**2 - 2 * t**3}[interpolation]
+    q = Rotation.from_rotvec([[0, 0, 0], [0, 0.4, 0]])
+    if interpolation == "CUBICSPLINE":
+        R = Rotation.from_quat((1 - s) * q[0].as_quat() + s * q[1].as_quat())
+    else:
+        R = Slerp([0, 1], q)(s)
+    return R.as_matrix(), R.apply([0, 0, 0.2 * 0.4 * s])
+
+
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_nodes_of_a_gltf_move_the_groups_of_their_names(folder, interpolation, capsys):
+    write_rig("rig.glb", interpolation=interpolation)
+    Path("groups.json").write_text(json.dumps({"handles": animation([])["handles"]}))
+    command = ["deform", "body.ply", "groups.json", "--animation", "rig.glb", "--fps", "4", *FAST]
+    assert main([*command, "-o", "out_%d.ply"]) == 0
+    assert "no node of rig.glb moves the groups low" in capsys.readouterr().err
+    found = vertices("out_?.ply")
+    assert len(found) == 5
+    rest, still = BODY.V[ENDS.index[UP]], np.flatnonzero(~ENDS.dynamic)
+    for number, V in enumerate(found):
+        R, b = rig_motion(number / 4, interpolation)
+        np.testing.assert_allclose(V[ENDS.index[UP]], rest @ R.T + b, atol=1e-6)
+        np.testing.assert_allclose(V[ENDS.index[still]], BODY.V[ENDS.index[still]], atol=1e-12)
+    assert main([*command, "-o", "out.mdd"]) == 0
+    np.testing.assert_allclose(read_mdd("out.mdd")[0], [0, 0.25, 0.5, 0.75, 1])
+
+
+def frames_with(*frames) -> None:
+    Path("moves.json").write_text(json.dumps(animation(list(frames))))
+
+
+def rig_with(**changes) -> None:
+    write_rig("rig.glb", **changes)
+    Path("groups.json").write_text(json.dumps({"handles": animation([])["handles"]}))
+
+
+def other_mesh() -> None:
+    """A pose of a larger mesh."""
+    write_handles("pose_1.json", end_handles(tube(24, 60).V))
+
+
+def other_groups() -> None:
+    group = ENDS.group + (np.arange(len(ENDS)) == len(ENDS) - 1)
+    write_handles("pose_1.json", Handles(ENDS.index, ENDS.target, group=group))
+
+
+def two_animations() -> None:
+    frames_with({"time": 0}, {"time": 1})
+
+
+def no_animation() -> None:
+    write_mesh("rig.glb", BODY.V, BODY.F)
+    rig = Path("rig.glb").read_bytes()
+    rig_with()
+    Path("rig.glb").write_bytes(rig)
+
+
+RIG = ["groups.json", "--animation", "rig.glb", "-o", "out_%d.ply"]
+MOVES = ["moves.json", "-o", "out_%d.ply"]
+BAD = {
+    "no number": (None, [*poses(), "-o", "out.ply"], "out.ply: one such file cannot hold a sequence; number"),
+    "two numbers": (None, [*poses(), "-o", "o%d_%d.ply"], "one place for the number, such as out_%04d.ply"),
+    "another place": (None, [*poses(), "-o", "out_%s.ply"], "one place for the number"),
+    "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
+    "numbered cache": (None, [*poses(), "-o", "out_%d.pc2"], "unknown format '.pc2'"),
+    "output is input": (None, [*poses(), "-o", "pose_%d.ply", "--fps", "-1"], "--fps takes a number above 0"),
+    "other mesh": (other_mesh, [*poses(), "-o", "out_%d.ply"], "pose_1.json: "),
+    "other groups": (
+        other_groups,
+        [*poses(), "-o", "out_%d.ply"],
+        "pose_1.json: its handles have other groups",
+    ),
+    "missing pose": (None, ["pose_0.json", "pose_9.json", "-o", "out_%d.ply"], "pose_9.json: no such file"),
+    "times": (lambda: frames_with({"time": 0.5}, {"time": 0.5}), MOVES, "its time 0.5 is not larger than"),
+    "no time": (lambda: frames_with({"handles": []}), MOVES, 'frame 0: it needs a "time" in seconds'),
+    "no frames": (lambda: frames_with(), MOVES, '"frames" must be a list of frames, at least one'),
+    "unknown group": (
+        lambda: frames_with({"time": 0, "handles": [{"landmark": "tail", "translation": [0, 0, 1]}]}),
+        MOVES,
+        'there is no group "tail"; the groups are low, high',
+    ),
+    "fewer targets": (
+        lambda: frames_with({"time": 0, "handles": [{"landmark": "high", "target": [[0, 0, 1]]}]}),
+        MOVES,
+        "handles have 1 targets; each needs one",
+    ),
+    "unknown key": (lambda: frames_with({"time": 0, "speed": 1}), MOVES, 'there is no key "speed"'),
+    "two animations": (
+        two_animations,
+        ["pose_0.json", "moves.json", "-o", "out_%d.ply"],
+        "one pose is needed",
+    ),
+    "no node": (
+        lambda: rig_with(names=("a", "b")),
+        RIG,
+        "no node has the name of a group of handles; the nodes",
+    ),
+    "twice": (lambda: rig_with(names=("high", "high")), RIG, "2 nodes have the name 'high'"),
+    "no channel": (
+        lambda: rig_with(channels=False),
+        RIG,
+        "its animation moves no node with the name of a group",
+    ),
+    "no animation": (no_animation, RIG, "rig.glb: it holds no animation"),
+    "reversed times": (lambda: rig_with(times=(1.0, 0.0)), RIG, "the times of its animation do not increase"),
+    "several files": (rig_with, [*poses(), *RIG[1:]], "moves the groups of one handle file; 4 are given"),
+    "mesh as rig": (rig_with, ["groups.json", "--animation", "body.ply", *RIG[3:]], "unknown format '.ply'"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, capsys, name):
+    given, arguments, words = BAD[name]
+    if given is not None:
+        given()
+    before = sorted(path.name for path in folder.iterdir())
+    capsys.readouterr()
+    assert main(["deform", "body.ply", *arguments, *FAST]) == 2
+    error = capsys.readouterr().err
+    assert words in error and error.count("\n") == 1 and error.startswith("error: ")
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_numbered_files_never_replace_the_mesh(here, capsys):
+    write_mesh("body_1.ply", BODY.V, BODY.F)
+    write_handles("pose.json", ENDS.at(targets(0.1)))
+    assert main(["deform", "body_1.ply", "pose.json", "pose.json", "-o", "body_%d.ply", *FAST]) == 2
+    assert "body_1.ply: is the input body_1.ply" in capsys.readouterr().err
+    np.testing.assert_array_equal(read_arrays("body_1.ply")[0], BODY.V)
+
+
+def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch, capsys):
+    for output in ("out.glb", "out.pc2"):
+        module, write = {
+            "out.glb": (gltf_morph, "write_morphs"),
+            "out.pc2": (point_cache, "write_point_cache"),
+        }[output]
+        real = getattr(module, write)
+
+        def failing(path, *given, real=real, **more):
+            def two(poses):
+                yield next(poses)
+                raise KeyboardInterrupt
+
+            given = [two(one) if hasattr(one, "__next__") else one for one in given]
+            real(path, *given, **more)
+
+        monkeypatch.setattr(module, write, failing)
+        assert main(["deform", "body.ply", *poses(), "-o", output, *FAST]) == 130
+    assert not list(Path().glob("*out*"))
+
+
+def test_a_glb_that_would_be_too_large_is_refused(folder, monkeypatch, capsys):
+    monkeypatch.setattr(gltf_morph, "LARGEST", 10_000)
+    assert main(["deform", "body.ply", *poses(), "-o", "out.glb", *FAST]) == 2
+    assert "4 poses take 0.0 GB, and a glTF file holds" in capsys.readouterr().err
+    assert not Path("out.glb").exists()
