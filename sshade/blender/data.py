@@ -14,20 +14,29 @@ from mathutils import Matrix
 from sshade.edit.state import Motion
 from sshade.errors import InputError
 
-from .rig import Group, Rig, rigid
+from .rig import RIGID, Group, Rig, rigid
 
 #: Name of the shape keys that the extension makes, and of temporary data.
 KEY, TEMPORARY = "SShaDe", ".sshade"
 
 
 def rest_positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """Return the positions (n, 3) float32 of a mesh without the effect of shape keys."""
+    """Return the positions (n, 3) float32 of a mesh without the effect of shape keys.
+
+    Raises
+    ------
+    InputError
+        When a script changed the number of vertices, but not the shape keys.
+    """
     V = np.empty((len(mesh.vertices), 3), dtype=np.float32)
     if mesh.shape_keys is None:
         # Attributes are copied a hundred times as fast as `vertices`.
         mesh.attributes["position"].data.foreach_get("vector", V.ravel())
     else:
-        mesh.shape_keys.reference_key.points.foreach_get("co", V.ravel())
+        points = mesh.shape_keys.reference_key.points
+        if len(points) != len(V):
+            raise InputError(f"the shape keys of mesh {mesh.name!r} have {len(points)} points, not {len(V)}")
+        points.foreach_get("co", V.ravel())
     return V
 
 
@@ -118,7 +127,7 @@ def read_rig(obj: bpy.types.Object) -> Rig:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"vertex group {name!r} is a handle twice; remove one of the two handles")
-    weights = group_weights(obj, names) if names else []
+    weights: Sequence[np.ndarray] = group_weights(obj, names) if names else []
     moves = (handle.kind != "FIXED" for handle in handles)
     groups = [Group(*group) for group in zip(names, weights, moves, strict=True)]
     return Rig(rest_positions(obj.data), triangles(obj.data), groups)
@@ -130,8 +139,13 @@ def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
     Raises
     ------
     InputError
-        When a handle has no empty, or its motion is not rigid.
+        When the object has unequal scales, a handle has no empty, or its motion is not rigid.
     """
+    scale = obj.matrix_world.to_scale()
+    if max(scale) == 0 or max(scale) - min(scale) > RIGID * max(scale):
+        raise InputError(
+            f"object {obj.name!r} has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"
+        )
     return [_motion(obj, rig, number, handle) for number, handle in enumerate(obj.sshade.handles)]
 
 
@@ -147,12 +161,8 @@ def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion
         matrix = Matrix.Translation(handle.location) @ pivot @ turn @ pivot.inverted()
     motion = rigid(np.array(matrix))
     if motion is None:
-        scale = obj.matrix_world.to_scale()
-        if max(scale) - min(scale) > 1e-4 * max(scale):
-            raise InputError(f"object {obj.name!r} has unequal scales; apply its scale (Ctrl A, Scale)")
         raise InputError(
-            f"empty {handle.empty.name!r} was scaled or sheared; a handle only moves and turns, so set the "
-            "scale of the empty back"
+            f"empty {handle.empty.name!r} was scaled; a handle only moves and turns, so set its scale back"
         )
     return motion
 

@@ -77,7 +77,15 @@ class Live:
         return key
 
     def follow(self) -> bool:
-        """Take a step if a handle has moved; return whether one has."""
+        """Take a step if a handle has moved; return whether one has.
+
+        A motion that is not rigid is reported and left out, so that the user can correct it.
+
+        Raises
+        ------
+        InputError
+            When the mode cannot go on.
+        """
         obj = self.object
         if obj is None:
             raise InputError("the live mode ended, because its object is gone")
@@ -85,7 +93,12 @@ class Live:
             return False
         if len(obj.sshade.handles) != len(self.rig.groups):
             raise InputError("the live mode ended, because the list of handles changed; start it again")
-        motions = read_motions(obj, self.rig)
+        try:
+            motions = read_motions(obj, self.rig)
+        except InputError as error:
+            tell(obj, str(error))
+            return False
+        tell(obj, "")
         if self._same(motions):
             return False
         self._left = LONGEST
@@ -171,6 +184,12 @@ def drop_lone_basis(obj: bpy.types.Object) -> None:
         obj.shape_key_remove(keys.reference_key)
 
 
+def tell(obj: bpy.types.Object, message: str) -> None:
+    """Show a message in the panel."""
+    if obj.sshade.message != message:
+        obj.sshade.message = message
+
+
 def running(obj: bpy.types.Object | None) -> Live | None:
     """Return the live mode of an object, None if it has none."""
     return RUNNING.get(obj.session_uid) if obj is not None else None
@@ -179,7 +198,6 @@ def running(obj: bpy.types.Object | None) -> Live | None:
 def start(obj: bpy.types.Object) -> None:
     """Start the live mode of an object; see :class:`Live` for errors."""
     live = Live(obj)
-    obj.sshade.message = ""
     RUNNING[obj.session_uid] = live
 
 
@@ -187,7 +205,7 @@ def _end(uid: int, error: Exception) -> None:
     """End a live mode with a message; the last shape stays."""
     obj = RUNNING.pop(uid).object
     if obj is not None:
-        obj.sshade.message = str(error)
+        tell(obj, str(error))
     print(f"sshade: {error}")  # noqa: T201
 
 
