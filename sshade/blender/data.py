@@ -58,8 +58,8 @@ def triangles(mesh: bpy.types.Mesh) -> np.ndarray:
     return F.astype(np.int64)
 
 
-def group_weights(obj: bpy.types.Object, names: Sequence[str]) -> np.ndarray:
-    """Return the weights (g, n) float32 of all vertices in some vertex groups.
+def group_weights(obj: bpy.types.Object, names: Sequence[str]) -> list[np.ndarray]:
+    """Return the weights (n,) float32 of all vertices in some vertex groups.
 
     Geometry nodes copy the weights to attributes: Python needs a second for a million vertices.
 
@@ -78,7 +78,7 @@ def group_weights(obj: bpy.types.Object, names: Sequence[str]) -> np.ndarray:
     with _with_attributes(mesh, names) as evaluated:
         for number, own in enumerate(weights):
             evaluated.attributes[f"{TEMPORARY}{number}"].data.foreach_get("value", own)
-    return weights
+    return list(weights)
 
 
 @contextmanager
@@ -127,7 +127,7 @@ def read_rig(obj: bpy.types.Object) -> Rig:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"vertex group {name!r} is a handle twice; remove one of the two handles")
-    weights: Sequence[np.ndarray] = group_weights(obj, names) if names else []
+    weights = group_weights(obj, names)
     moves = (handle.kind != "FIXED" for handle in handles)
     groups = [Group(*group) for group in zip(names, weights, moves, strict=True)]
     return Rig(rest_positions(obj.data), triangles(obj.data), groups)
