@@ -29,6 +29,8 @@ from sshade.kernels import HASH, MADE_FOR, SHIPPED, _hash_of_file, folders, made
 
 #: Signatures that are compiled ahead, one a line: the module, the function and its types of arguments.
 LIST = Path(__file__).parent / "kernels.txt"
+#: Types by their names. Numba exports `bool` with NumPy 2 only.
+TYPES = {**vars(types), "bool": types.boolean}
 
 
 def main() -> None:
@@ -95,11 +97,9 @@ def parse(words: Iterator[str], module: ModuleType) -> list[Any]:
             found.append(types.NamedTuple(members, vars(module)[name]) if name else types.Tuple(members))
         elif ":" in word:
             dtype, shape = word.split(":")
-            found.append(
-                types.Array(vars(types)[dtype], int(shape[0]), shape[1], readonly=shape.endswith("r"))
-            )
+            found.append(types.Array(TYPES[dtype], int(shape[0]), shape[1], readonly=shape.endswith("r")))
         else:
-            found.append(vars(types)[word])
+            found.append(TYPES[word])
     return found
 
 

@@ -23,6 +23,7 @@ PROGRAM = Program(
         "remesh": ("sshade.cli.remesh", "write a proxy of a mesh, and the map back to the mesh"),
         "carry": ("sshade.cli.carry", "carry an edited proxy back to the mesh"),
         "reconstruct": ("sshade.cli.reconstruct", "rebuild a known pose from its samples"),
+        "blender": ("sshade.cli.blender", "build an extension for Blender"),
         "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
     },
     text=__doc__ or "",

@@ -108,4 +108,6 @@ CASES = [
     on_a_full_disk("sshade reconstruct body.ply body.ply -o out.ply"),
     on_a_full_disk("sshade transfer-pose body.ply body.ply body.ply -o out.ply"),
     on_a_full_disk("sshade show body.ply -o out.png"),
+    Case("an extension that is no zip", "sshade blender -o out.tar", says=("out.tar", "use .zip")),
+    Case("an extension nowhere", "sshade blender -o no/out.zip", says=("the folder no does not exist",)),
 ]

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: MIT OR GPL-3.0-or-later
+"""Read handles and positions from Blender's objects, and write positions back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from sshade.edit.state import Motion
+from sshade.errors import InputError
+
+from .rig import RIGID, Group, Rig, rigid
+
+#: Name of the shape keys that the extension makes, and of temporary data.
+KEY, TEMPORARY = "SShaDe", ".sshade"
+
+
+def rest_positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the positions (n, 3) float32 of a mesh without the effect of shape keys.
+
+    Raises
+    ------
+    InputError
+        When a script changed the number of vertices, but not the shape keys.
+    """
+    V = np.empty((len(mesh.vertices), 3), dtype=np.float32)
+    if mesh.shape_keys is None:
+        # Attributes are copied a hundred times as fast as `vertices`.
+        mesh.attributes["position"].data.foreach_get("vector", V.ravel())
+    else:
+        points = mesh.shape_keys.reference_key.points
+        if len(points) != len(V):
+            raise InputError(f"the shape keys of mesh {mesh.name!r} have {len(points)} points, not {len(V)}")
+        points.foreach_get("co", V.ravel())
+    return V
+
+
+def corners(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the vertex (c,) int32 of each corner of each face."""
+    vertex = np.empty(len(mesh.loops), dtype=np.int32)
+    if len(vertex):
+        mesh.attributes[".corner_vert"].data.foreach_get("value", vertex)
+    return vertex
+
+
+def triangles(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the faces (m, 3) int64, cut into triangles as Blender cuts them."""
+    if len(mesh.loops) == 3 * len(mesh.polygons):
+        return corners(mesh).reshape(-1, 3).astype(np.int64)
+    mesh.calc_loop_triangles()
+    F = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", F.ravel())
+    return F.astype(np.int64)
+
+
+def group_weights(obj: bpy.types.Object, names: Sequence[str]) -> list[np.ndarray]:
+    """Return the weights (n,) float32 of all vertices in some vertex groups.
+
+    Geometry nodes copy the weights to attributes: Python needs a second for a million vertices.
+
+    Raises
+    ------
+    InputError
+        When there is no such vertex group, or an attribute has its name.
+    """
+    mesh = obj.data
+    for name in names:
+        if name not in obj.vertex_groups:
+            raise InputError(f"object {obj.name!r} has no vertex group {name!r}")
+        if name in mesh.attributes:
+            raise InputError(f"vertex group {name!r} has the name of an attribute; rename one of them")
+    weights: np.ndarray = np.empty((len(names), len(mesh.vertices)), dtype=np.float32)
+    with _with_attributes(mesh, names) as evaluated:
+        for number, own in enumerate(weights):
+            evaluated.attributes[f"{TEMPORARY}{number}"].data.foreach_get("value", own)
+    return list(weights)
+
+
+@contextmanager
+def _with_attributes(mesh: bpy.types.Mesh, names: Sequence[str]) -> Iterator[bpy.types.Mesh]:
+    """Lend a copy of a mesh that has the weights in vertex groups as attributes."""
+    tree = bpy.data.node_groups.new(TEMPORARY, "GeometryNodeTree")
+    copy = bpy.data.objects.new(TEMPORARY, mesh)
+    try:
+        for way in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+        geometry = tree.nodes.new("NodeGroupInput").outputs[0]
+        for number, name in enumerate(names):
+            read = tree.nodes.new("GeometryNodeInputNamedAttribute")
+            store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
+            read.data_type = store.data_type = "FLOAT"
+            store.domain = "POINT"
+            read.inputs["Name"].default_value = name
+            store.inputs["Name"].default_value = f"{TEMPORARY}{number}"
+            tree.links.new(geometry, store.inputs["Geometry"])
+            tree.links.new(read.outputs["Attribute"], store.inputs["Value"])
+            geometry = store.outputs["Geometry"]
+        tree.links.new(geometry, tree.nodes.new("NodeGroupOutput").inputs[0])
+        bpy.context.scene.collection.objects.link(copy)
+        copy.modifiers.new(TEMPORARY, "NODES").node_group = tree
+        yield copy.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    finally:
+        bpy.data.objects.remove(copy)
+        bpy.data.node_groups.remove(tree)
+
+
+def relative(obj: bpy.types.Object, empty: bpy.types.Object) -> Matrix:
+    """Return the matrix of an empty in the coordinates of an object."""
+    return obj.matrix_world.inverted_safe() @ empty.matrix_world
+
+
+def read_rig(obj: bpy.types.Object) -> Rig:
+    """Return the mesh at rest with its handles.
+
+    Raises
+    ------
+    InputError
+        See :class:`sshade.blender.rig.Rig` and :func:`group_weights`.
+    """
+    handles = obj.sshade.handles
+    names = [handle.name for handle in handles]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"vertex group {name!r} is a handle twice; remove one of the two handles")
+    weights = group_weights(obj, names)
+    moves = (handle.kind != "FIXED" for handle in handles)
+    groups = [Group(*group) for group in zip(names, weights, moves, strict=True)]
+    return Rig(rest_positions(obj.data), triangles(obj.data), groups)
+
+
+def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
+    """Return the present motion of each handle, in the coordinates of the object.
+
+    Raises
+    ------
+    InputError
+        When the object has unequal scales, a handle has no empty, or its motion is not rigid.
+    """
+    scale = obj.matrix_world.to_scale()
+    if max(scale) == 0 or max(scale) - min(scale) > RIGID * max(scale):
+        raise InputError(
+            f"object {obj.name!r} has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"
+        )
+    return [_motion(obj, rig, number, handle) for number, handle in enumerate(obj.sshade.handles)]
+
+
+def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion:
+    matrix = Matrix()
+    if handle.kind == "EMPTY":
+        if handle.empty is None:
+            raise InputError(f"handle {handle.name!r} follows an empty, but has none; choose or add one")
+        matrix = relative(obj, handle.empty) @ handle.rest
+    elif handle.kind == "OWN":
+        pivot = Matrix.Translation(rig.centroid(number))
+        turn = handle.rotation.to_matrix().to_4x4()
+        matrix = Matrix.Translation(handle.location) @ pivot @ turn @ pivot.inverted()
+    motion = rigid(np.array(matrix))
+    if motion is None:
+        raise InputError(
+            f"empty {handle.empty.name!r} was scaled; a handle only moves and turns, so set its scale back"
+        )
+    return motion
+
+
+def add_key(obj: bpy.types.Object) -> bpy.types.ShapeKey:
+    """Add a shape key with the value 1 to an object, and a basis if it has none."""
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis", from_mix=False)
+    key = obj.shape_key_add(name=KEY, from_mix=False)
+    key.value = 1.0
+    return key
+
+
+def write_key(obj: bpy.types.Object, key: bpy.types.ShapeKey, V: np.ndarray) -> None:
+    """Give a shape key the positions V (n, 3) float32."""
+    key.points.foreach_set("co", V.ravel())
+    obj.data.update_tag()
+
+
+def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
+    """Give a mesh the rest positions V (n, 3) float32; shape keys keep their differences to the rest."""
+    mesh = obj.data
+    if mesh.shape_keys is not None:
+        change = V - rest_positions(mesh)
+        for key in mesh.shape_keys.key_blocks:
+            U = V.copy()
+            if key != mesh.shape_keys.reference_key:
+                key.points.foreach_get("co", U.ravel())
+                U += change
+            key.points.foreach_set("co", U.ravel())
+    mesh.attributes["position"].data.foreach_set("vector", V.ravel())
+    mesh.update()
+
+
+def rest_here(obj: bpy.types.Object) -> None:
+    """Make the present places of all handles their places at rest."""
+    for handle in obj.sshade.handles:
+        handle.location, handle.rotation = (0, 0, 0), (0, 0, 0)
+        if handle.empty is not None:
+            handle.rest_here()

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT OR GPL-3.0-or-later
+"""The live mode: a mesh is bound once, and a shape key follows the handles while they move."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from sshade.edit.state import Motion
+from sshade.errors import InputError
+
+from .data import (
+    add_key,
+    corners,
+    read_motions,
+    read_rig,
+    rest_here,
+    rest_positions,
+    write_in_place,
+    write_key,
+)
+from .rig import Drag
+
+#: Errors of computations that end a live mode with a message.
+FAILURES = (InputError, FloatingPointError, MemoryError)
+#: Seconds between the last motion and further iterations, and between the iterations.
+PAUSE, BEAT = 0.15, 0.02
+#: Movement of an iteration, as a fraction of the diagonal, below which the shape is at rest.
+AT_REST = 1e-4
+#: Largest number of further iterations.
+LONGEST = 60
+
+#: Live modes by the identifier of their object, which outlasts undo and renaming.
+RUNNING: dict[int, Live] = {}
+
+
+class Live:
+    """A live mode of an object.
+
+    Parameters
+    ----------
+    obj : Object
+        A mesh in object mode that has handles. It gets a shape key, which follows the handles.
+
+    Raises
+    ------
+    InputError
+        When the handles cannot be used; the object is unchanged then.
+    """
+
+    def __init__(self, obj: bpy.types.Object) -> None:
+        self.rig = read_rig(obj)
+        self._motions: list[Motion] = []
+        motions = read_motions(obj, self.rig)
+        self._corners = corners(obj.data)
+        self._drag = Drag(self.rig)
+        self._uid, self._shape, self._left = obj.session_uid, self.rig.V, 0
+        self._key = add_key(obj).name
+        try:
+            self._step(obj, motions)
+        except FAILURES:
+            obj.shape_key_remove(obj.data.shape_keys.key_blocks[self._key])
+            raise
+
+    @property
+    def object(self) -> bpy.types.Object | None:
+        """The object, None if it was deleted."""
+        return next((obj for obj in bpy.data.objects if obj.session_uid == self._uid), None)
+
+    def key(self, obj: bpy.types.Object) -> bpy.types.ShapeKey:
+        """Return the shape key, and raise InputError if it is gone."""
+        keys = obj.data.shape_keys
+        key = keys.key_blocks.get(self._key) if keys else None
+        if key is None:
+            raise InputError(f"the live mode ended, because its shape key {self._key!r} is gone")
+        return key
+
+    def follow(self) -> bool:
+        """Take a step if a handle has moved; return whether one has.
+
+        A motion that is not rigid is reported and left out, so that the user can correct it.
+
+        Raises
+        ------
+        InputError
+            When the mode cannot go on.
+        """
+        obj = self.object
+        if obj is None:
+            raise InputError("the live mode ended, because its object is gone")
+        if obj.mode != "OBJECT":  # the mesh has its new positions when the mode ends
+            return False
+        if len(obj.sshade.handles) != len(self.rig.groups):
+            raise InputError("the live mode ended, because the list of handles changed; start it again")
+        try:
+            motions = read_motions(obj, self.rig)
+        except InputError as error:
+            tell(obj, str(error))
+            return False
+        tell(obj, "")
+        if self._same(motions):
+            return False
+        self._left = LONGEST
+        self._step(obj, motions)
+        return True
+
+    def settle(self) -> float | None:
+        """Take a further step to the last motions; return the seconds to the next one, None at the end."""
+        obj, before = self.object, self._shape
+        if obj is None or obj.mode != "OBJECT" or not self._left:
+            return None
+        self._left -= 1
+        self._step(obj, self._motions)
+        moved = float(np.abs(self._shape - before).max())
+        return BEAT if moved > AT_REST * self.rig.mesh.diagonal else None
+
+    def undone(self) -> None:
+        """Take the handles as they are after an undo, which has restored the shape key, too."""
+        obj = self.object
+        if obj is not None and len(obj.sshade.handles) == len(self.rig.groups):
+            self._left = 0
+            self._motions = read_motions(obj, self.rig)
+            self._drag.forget()
+            self.key(obj).points.foreach_get("co", self._shape.ravel())
+
+    def finish(self, method: str, output: str) -> None:
+        """Write the converged shape of the present handles, as the operator Deform computes it."""
+        obj = self.object
+        if obj is None:
+            return
+        self.require_unchanged(obj)
+        V = self.rig.deform(read_motions(obj, self.rig), method=method)
+        key = self.key(obj)
+        if output == "KEY":
+            write_key(obj, key, V)
+        else:
+            obj.shape_key_remove(key)
+            drop_lone_basis(obj)
+            write_in_place(obj, V)
+            rest_here(obj)
+
+    def cancel(self) -> None:
+        """Remove the shape key."""
+        obj = self.object
+        if obj is not None:
+            obj.shape_key_remove(self.key(obj))
+            drop_lone_basis(obj)
+
+    def require_unchanged(self, obj: bpy.types.Object) -> None:
+        """Raise InputError if the mesh is not the one that was bound."""
+        mesh = obj.data
+        if len(mesh.vertices) != len(self.rig.V):
+            found = f"it has {len(mesh.vertices)} vertices, not {len(self.rig.V)}"
+        elif not np.array_equal(corners(mesh), self._corners):
+            found = "it has other faces"
+        elif not np.array_equal(rest_positions(mesh), self.rig.V):
+            found = "its vertices moved"
+        else:
+            return
+        raise InputError(
+            f"the live mode ended, because mesh {mesh.name!r} was edited: {found}; its shape key stays, and "
+            "the live mode can start again"
+        )
+
+    def _same(self, motions: list[Motion]) -> bool:
+        return len(motions) == len(self._motions) and all(
+            np.array_equal(a, b)
+            for new, old in zip(motions, self._motions, strict=True)
+            for a, b in zip(new, old, strict=True)
+        )
+
+    def _step(self, obj: bpy.types.Object, motions: list[Motion]) -> None:
+        self.require_unchanged(obj)
+        key = self.key(obj)
+        self._shape, self._motions = self._drag.step(motions), motions
+        write_key(obj, key, self._shape)
+
+
+def drop_lone_basis(obj: bpy.types.Object) -> None:
+    """Remove the basis that the extension added, if no other shape key is left."""
+    keys = obj.data.shape_keys
+    if keys and len(keys.key_blocks) == 1 and keys.reference_key.name == "Basis":
+        obj.shape_key_remove(keys.reference_key)
+
+
+def tell(obj: bpy.types.Object, message: str) -> None:
+    """Show a message in the panel."""
+    if obj.sshade.message != message:
+        obj.sshade.message = message
+
+
+def running(obj: bpy.types.Object | None) -> Live | None:
+    """Return the live mode of an object, None if it has none."""
+    return RUNNING.get(obj.session_uid) if obj is not None else None
+
+
+def start(obj: bpy.types.Object) -> None:
+    """Start the live mode of an object; see :class:`Live` for errors."""
+    live = Live(obj)
+    RUNNING[obj.session_uid] = live
+
+
+def _end(uid: int, error: Exception) -> None:
+    """End a live mode with a message; the last shape stays."""
+    obj = RUNNING.pop(uid).object
+    if obj is not None:
+        tell(obj, str(error))
+    print(f"sshade: {error}")  # noqa: T201
+
+
+@persistent
+def follow_handles(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Let all live modes follow their handles after a change of the scene."""
+    moved = False
+    for uid, live in list(RUNNING.items()):
+        try:
+            moved |= live.follow()
+        except FAILURES as error:
+            _end(uid, error)
+    if moved and not bpy.app.background:
+        if bpy.app.timers.is_registered(settle_all):
+            bpy.app.timers.unregister(settle_all)
+        bpy.app.timers.register(settle_all, first_interval=PAUSE)
+
+
+def settle_all() -> float | None:
+    """Take a further step of all live modes; return the seconds to the next one, None at the end."""
+    intervals = []
+    for uid, live in list(RUNNING.items()):
+        try:
+            intervals.append(live.settle())
+        except FAILURES as error:
+            _end(uid, error)
+    return BEAT if any(intervals) else None
+
+
+@persistent
+def after_undo(scene: bpy.types.Scene, *_: object) -> None:
+    """Let all live modes take the handles of an earlier state."""
+    for uid, live in list(RUNNING.items()):
+        try:
+            live.undone()
+        except FAILURES as error:
+            _end(uid, error)
+
+
+@persistent
+def forget_all(*_: object) -> None:
+    """End all live modes before another file is loaded."""
+    RUNNING.clear()
+
+
+#: Functions that Blender calls, by the list of its handlers.
+HANDLERS = {
+    "depsgraph_update_post": follow_handles,
+    "undo_post": after_undo,
+    "redo_post": after_undo,
+    "load_pre": forget_all,
+}
+
+
+def register() -> None:
+    for name, function in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(function)
+
+
+def unregister() -> None:
+    RUNNING.clear()
+    for name, function in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(function)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT OR GPL-3.0-or-later
+"""Operators: deform once, the live mode, and the list of handles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+
+from sshade.errors import InputError
+
+from . import live
+from .data import add_key, read_motions, read_rig, rest_here, write_in_place, write_key
+from .live import FAILURES
+
+
+class _OfMesh:
+    """Base of all operators: they need a mesh in object mode, and report mistakes in one sentence."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    #: Whether the operator needs a live mode; None if it runs with and without one.
+    needs_live: bool | None = None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        found = None
+        if obj is None or obj.type != "MESH":
+            found = "Select a mesh"
+        elif obj.mode != "OBJECT":
+            found = "Switch to Object Mode"
+        elif obj.library or obj.data.library:
+            found = "The mesh belongs to another file; make it local"
+        elif cls.needs_live is not None and cls.needs_live != (live.running(obj) is not None):
+            found = "Start the live mode" if cls.needs_live else "End the live mode"
+        if found:
+            cls.poll_message_set(found)  # type: ignore[attr-defined]
+        return not found
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        context.view_layer.update()  # a script may have moved an empty just now
+        context.object.sshade.message = ""
+        context.window_manager.progress_begin(0, 1)
+        try:
+            self.run(context.object)
+        except FAILURES as error:
+            text = str(error) or "there is not enough memory"
+            self.report({"ERROR"}, text)  # type: ignore[attr-defined]
+            return {"CANCELLED"}
+        finally:
+            context.window_manager.progress_end()
+        return {"FINISHED"}
+
+    def run(self, obj: bpy.types.Object) -> None:
+        raise NotImplementedError
+
+
+class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
+    """Deform the mesh so that its handles are where their empties and transforms say"""
+
+    bl_idname, bl_label = "sshade.deform", "Deform"
+    needs_live = False
+
+    def run(self, obj: bpy.types.Object) -> None:
+        rig, settings = read_rig(obj), obj.sshade
+        progress: Callable[..., None] = lambda stage, done, total, note="": _show(done, total)  # noqa: E731
+        V = rig.deform(read_motions(obj, rig), method=settings.method, progress=progress)
+        if settings.output == "KEY":
+            write_key(obj, add_key(obj), V)
+        else:
+            write_in_place(obj, V)
+            rest_here(obj)
+
+
+def _show(done: int, total: int) -> None:
+    bpy.context.window_manager.progress_update(done / max(total, 1))
+
+
+class SSHADE_OT_live_start(_OfMesh, bpy.types.Operator):
+    """Bind the mesh, and let a new shape key follow the handles while they move"""
+
+    bl_idname, bl_label = "sshade.live_start", "Start Live Mode"
+    needs_live = False
+
+    def run(self, obj: bpy.types.Object) -> None:
+        live.start(obj)
+
+
+class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
+    """Compute the converged shape, and end the live mode"""
+
+    bl_idname, bl_label = "sshade.live_finish", "Finish"
+    needs_live = True
+
+    def run(self, obj: bpy.types.Object) -> None:
+        live.RUNNING[obj.session_uid].finish(obj.sshade.method, obj.sshade.output)
+        del live.RUNNING[obj.session_uid]
+
+
+class SSHADE_OT_live_cancel(_OfMesh, bpy.types.Operator):
+    """End the live mode, and remove its shape key"""
+
+    bl_idname, bl_label = "sshade.live_cancel", "Cancel"
+    needs_live = True
+
+    def run(self, obj: bpy.types.Object) -> None:
+        live.RUNNING.pop(obj.session_uid).cancel()
+
+
+class SSHADE_OT_handle_add(_OfMesh, bpy.types.Operator):
+    """Make the active vertex group a handle"""
+
+    bl_idname, bl_label = "sshade.handle_add", "Add Handle"
+    needs_live = False
+
+    def run(self, obj: bpy.types.Object) -> None:
+        group = obj.vertex_groups.active
+        if group is None:
+            raise InputError("the object has no vertex group; assign some vertices to one first")
+        if group.name in obj.sshade.handles:
+            raise InputError(f"vertex group {group.name!r} is a handle already")
+        obj.sshade.handles.add().name = group.name
+        obj.sshade.active = len(obj.sshade.handles) - 1
+
+
+class SSHADE_OT_handle_remove(_OfMesh, bpy.types.Operator):
+    """Remove the handle from the list; its vertex group stays"""
+
+    bl_idname, bl_label = "sshade.handle_remove", "Remove Handle"
+    needs_live = False
+
+    def run(self, obj: bpy.types.Object) -> None:
+        obj.sshade.handles.remove(_active(obj))
+        obj.sshade.active = max(0, min(obj.sshade.active, len(obj.sshade.handles) - 1))
+
+
+class SSHADE_OT_empty_add(_OfMesh, bpy.types.Operator):
+    """Add an empty at the centre of the group, which moves the handle. It is a child of the object"""
+
+    bl_idname, bl_label = "sshade.empty_add", "Add Empty"
+    needs_live = False
+
+    def run(self, obj: bpy.types.Object) -> None:
+        number = _active(obj)
+        handle = obj.sshade.handles[number]
+        kind, handle.kind = handle.kind, "EMPTY"
+        try:
+            rig = read_rig(obj)
+        except InputError:
+            handle.kind = kind
+            raise
+        empty = bpy.data.objects.new(handle.name, None)
+        obj.users_collection[0].objects.link(empty)
+        empty.parent, empty.location = obj, rig.centroid(number)
+        empty.empty_display_type = "SPHERE"
+        empty.empty_display_size = 0.05 * rig.mesh.diagonal
+        handle.empty = empty
+
+
+def _active(obj: bpy.types.Object) -> int:
+    """Return the number of the active handle."""
+    if not 0 <= obj.sshade.active < len(obj.sshade.handles):
+        raise InputError("no handle is selected in the list")
+    return obj.sshade.active
+
+
+CLASSES = (
+    SSHADE_OT_deform,
+    SSHADE_OT_live_start,
+    SSHADE_OT_live_finish,
+    SSHADE_OT_live_cancel,
+    SSHADE_OT_handle_add,
+    SSHADE_OT_handle_remove,
+    SSHADE_OT_empty_add,
+)
+
+
+def register() -> None:
+    for one in CLASSES:
+        bpy.utils.register_class(one)
+
+
+def unregister() -> None:
+    for one in reversed(CLASSES):
+        bpy.utils.unregister_class(one)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT OR GPL-3.0-or-later
+"""The panel SShaDe in the sidebar of the 3D view."""
+
+import bpy
+
+from . import live
+
+ICONS = {"FIXED": "LOCKED", "EMPTY": "EMPTY_AXIS", "OWN": "OBJECT_ORIGIN"}
+
+
+class SSHADE_UL_handles(bpy.types.UIList):
+    """The handles of an object."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index) -> None:
+        layout.label(text=item.name or "(no group)", icon=ICONS[item.kind])
+        layout.prop(item, "kind", text="", emboss=False)
+
+
+class SSHADE_PT_panel(bpy.types.Panel):
+    """Handles and operators."""
+
+    bl_idname, bl_label = "SSHADE_PT_panel", "SShaDe"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "SShaDe"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.object is not None and context.object.type == "MESH"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        obj, layout = context.object, self.layout
+        settings, is_live = obj.sshade, live.running(obj) is not None
+        layout.use_property_split = True
+        if settings.message:
+            layout.label(text=settings.message, icon="ERROR")
+        box = layout.column()
+        box.enabled = not is_live
+        row = box.row()
+        row.template_list("SSHADE_UL_handles", "", settings, "handles", settings, "active", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator("sshade.handle_add", text="", icon="ADD")
+        buttons.operator("sshade.handle_remove", text="", icon="REMOVE")
+        if 0 <= settings.active < len(settings.handles):
+            self._draw_handle(box, layout, obj, settings.handles[settings.active])
+        layout.separator()
+        layout.prop(settings, "method")
+        layout.prop(settings, "output")
+        if is_live:
+            row = layout.row(align=True)
+            row.operator("sshade.live_finish", icon="CHECKMARK")
+            row.operator("sshade.live_cancel", icon="X")
+            layout.label(text="Move an empty: the mesh follows", icon="INFO")
+        else:
+            layout.operator("sshade.deform", icon="MOD_MESHDEFORM")
+            layout.operator("sshade.live_start", icon="PLAY")
+
+    @staticmethod
+    def _draw_handle(box, layout, obj, handle) -> None:
+        """Draw a handle. In the live mode only its transform can change."""
+        box.prop_search(handle, "name", obj, "vertex_groups", text="Group")
+        if handle.kind == "EMPTY":
+            box.prop(handle, "empty")
+            box.operator("sshade.empty_add", icon="EMPTY_AXIS")
+        elif handle.kind == "OWN":
+            layout.prop(handle, "location")
+            layout.prop(handle, "rotation")
+
+
+CLASSES = (SSHADE_UL_handles, SSHADE_PT_panel)
+
+
+def register() -> None:
+    for one in CLASSES:
+        bpy.utils.register_class(one)
+
+
+def unregister() -> None:
+    for one in reversed(CLASSES):
+        bpy.utils.unregister_class(one)

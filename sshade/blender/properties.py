@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: MIT OR GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Properties of objects: the list of handles, the method, and the output."""
+
+import bpy
+from bpy.props import (
+    CollectionProperty,
+    EnumProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .data import relative
+
+IDENTITY = tuple(tuple(float(row == column) for column in range(4)) for row in range(4))
+
+
+def _choose_empty(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> None:
+    if handle.empty is not None:
+        handle.rest_here()
+
+
+class SSHADE_PG_handle(bpy.types.PropertyGroup):
+    """A vertex group that is a handle. Its name is the name of the vertex group."""
+
+    kind: EnumProperty(
+        name="Kind",
+        description="How the vertices of the group move",
+        items=(
+            ("FIXED", "Fixed", "The vertices stay at rest"),
+            ("EMPTY", "Empty", "The vertices move and turn with an empty"),
+            ("OWN", "Transform", "The vertices move and turn by the values below"),
+        ),
+    )
+    empty: PointerProperty(
+        name="Empty",
+        description="Object whose motion from now on moves the vertices",
+        type=bpy.types.Object,
+        update=_choose_empty,
+    )
+    rest: FloatVectorProperty(size=(4, 4), subtype="MATRIX", default=IDENTITY, options={"HIDDEN"})
+    location: FloatVectorProperty(
+        name="Move", description="Translation in the object's coordinates", subtype="TRANSLATION"
+    )
+    rotation: FloatVectorProperty(
+        name="Turn", description="Rotation about the centre of the group", subtype="EULER"
+    )
+
+    def rest_here(self) -> None:
+        """Make the present place of the empty the place at which the mesh is at rest."""
+        bpy.context.view_layer.update()  # a script may have moved the empty just now
+        self.rest = relative(self.id_data, self.empty).inverted_safe()
+
+
+class SSHADE_PG_object(bpy.types.PropertyGroup):
+    """Settings of an object."""
+
+    handles: CollectionProperty(type=SSHADE_PG_handle)
+    active: IntProperty(name="Active handle")
+    method: EnumProperty(
+        name="Method",
+        description="Method of the converged shape",
+        items=(
+            ("fast", "Fast", "Solve a small proxy of the mesh"),
+            ("fine", "Fine", "Polish the result at full resolution, in ten times the time"),
+        ),
+    )
+    output: EnumProperty(
+        name="Output",
+        description="Where the deformed positions go",
+        items=(
+            ("KEY", "Shape key", "Add a shape key; the rest shape stays"),
+            ("MESH", "In place", "Change the rest shape; other shape keys keep their differences to it"),
+        ),
+    )
+    message: StringProperty(options={"SKIP_SAVE"})
+
+
+def register() -> None:
+    bpy.utils.register_class(SSHADE_PG_handle)
+    bpy.utils.register_class(SSHADE_PG_object)
+    bpy.types.Object.sshade = PointerProperty(type=SSHADE_PG_object)
+
+
+def unregister() -> None:
+    del bpy.types.Object.sshade
+    bpy.utils.unregister_class(SSHADE_PG_object)
+    bpy.utils.unregister_class(SSHADE_PG_handle)

@@ -1,0 +1,238 @@
+"""Build an extension for Blender: vertex groups become handles, and the mesh follows empties.
+
+The .zip is for the platform and the Python of this command. It contains this package and the wheels of numba,
+llvmlite and SciPy, which pip fetches from the network in the versions that are installed here. In Blender,
+choose Edit, Preferences, Get Extensions, Install from Disk.
+
+Blender 5.0 runs Python 3.11, Blender 5.1 and newer run Python 3.13.
+
+example:
+  sshade blender -o sshade.zip
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import platform
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from importlib.metadata import Distribution, distribution, version
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+from sshade.cli.arguments import add_flags, check_outputs
+from sshade.cli.console import progress_bar, say
+from sshade.errors import InputError
+from sshade.io.files import replacing
+from sshade.progress import Progress
+
+#: The extension's own files.
+ADDON = Path(__file__).parents[1] / "blender"
+#: Range of Blender's versions, the upper one excluded, by the version of the Python that they run.
+BLENDERS = {(3, 11): ("5.0.0", "5.1.0"), (3, 13): ("5.1.0", None)}
+#: Packages that the extension imports and Blender lacks. Blender has NumPy.
+BUNDLED = ("numba", "llvmlite", "scipy")
+#: Blender's name of a system, and of a kind of processor.
+SYSTEMS = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}
+PROCESSORS = {"x86_64": "x64", "amd64": "x64", "arm64": "arm64", "aarch64": "arm64"}
+#: Files of an installation that are no part of its wheel.
+LOCAL = ("RECORD", "INSTALLER", "REQUESTED", "direct_url.json")
+#: Seconds that pip waits for the network, and how often it tries again.
+NETWORK = ("--timeout", "15", "--retries", "1")
+#: Date of all files in archives, so that two builds are equal.
+DATE = (1980, 1, 1, 0, 0, 0)
+
+MANIFEST = """\
+schema_version = "1.0.0"
+id = "sshade"
+version = "{version}"
+name = "SShaDe"
+tagline = "Deform large meshes by moving a few handles"
+maintainer = "the sshade authors"
+type = "add-on"
+blender_version_min = "{minimum}"
+{maximum}license = ["SPDX:GPL-3.0-or-later"]
+platforms = ["{platform}"]
+tags = ["Mesh", "Modeling"]
+wheels = [
+{wheels}]
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    text = "extension to write (.zip)"
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help=text)
+    add_flags(parser, {"--overwrite": argparse.SUPPRESS})
+    parser.set_defaults(inputs=())
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the extension; return the exit code."""
+    check_outputs(options, output=(".zip",))
+    blender_versions()
+    platform_name()
+    with tempfile.TemporaryDirectory() as folder, progress_bar() as progress:
+        # The network first: to build the own wheel in vain takes ten seconds.
+        wheels = [*fetched_wheels(Path(folder), progress), own_wheel(Path(folder))]
+        with replacing(options.output) as temporary:
+            write_extension(temporary, wheels)
+    size = options.output.stat().st_size
+    say(f"{options.output}: extension for {platform_name()}, {size / 1e6:.0f} MB, GPL-3.0-or-later")
+    say("in Blender: Edit, Preferences, Get Extensions, Install from Disk")
+    return 0
+
+
+def blender_versions() -> tuple[str, str | None]:
+    """Return the first Blender that runs this Python, and the first one that does not, None if unknown.
+
+    Raises
+    ------
+    InputError
+        When no Blender runs this Python.
+    """
+    try:
+        return BLENDERS[sys.version_info[:2]]
+    except KeyError:
+        known = " or ".join(f"{major}.{minor}" for major, minor in BLENDERS)
+        raise InputError(
+            f"no Blender since 5.0 runs Python {sys.version_info.major}.{sys.version_info.minor}; install "
+            f"sshade for Python {known}, and run its `sshade blender`"
+        ) from None
+
+
+def platform_name() -> str:
+    """Return Blender's name of this platform, such as ``linux-x64``.
+
+    Raises
+    ------
+    InputError
+        When Blender does not run here.
+    """
+    system, processor = platform.system(), platform.machine().lower()
+    if system not in SYSTEMS or processor not in PROCESSORS:
+        raise InputError(f"there is no Blender for {system} on {processor}")
+    return f"{SYSTEMS[system]}-{PROCESSORS[processor]}"
+
+
+def write_extension(path: Path, wheels: Sequence[Path]) -> None:
+    """Write an extension with the given wheels, which stay unmodified."""
+    with ZipFile(path, "w") as archive:
+        _add(archive, "blender_manifest.toml", manifest([wheel.name for wheel in wheels]).encode())
+        for file in sorted(ADDON.glob("*.py")):
+            _add(archive, file.name, file.read_bytes())
+        for wheel in wheels:
+            _add(archive, f"wheels/{wheel.name}", wheel.read_bytes(), ZIP_STORED)
+
+
+def manifest(wheels: Sequence[str]) -> str:
+    """Return the manifest of an extension with wheels of the given names."""
+    minimum, maximum = blender_versions()
+    text = MANIFEST.format(
+        version=version("sshade"),
+        minimum=minimum,
+        maximum=f'blender_version_max = "{maximum}"\n' if maximum else "",
+        platform=platform_name(),
+        wheels="".join(f'  "./wheels/{name}",\n' for name in wheels),
+    )
+    tomllib.loads(text)
+    return text
+
+
+def own_wheel(folder: Path) -> Path:
+    """Make a wheel of this package in a folder: of a clone by building it, else of the installed files.
+
+    Raises
+    ------
+    InputError
+        When the wheel cannot be built.
+    """
+    clone = Path(__file__).parents[2]
+    if not (clone / "pyproject.toml").is_file():
+        return repacked(distribution("sshade"), folder)
+    say("building the wheel of sshade, for up to a minute ...")
+    isolation = ["--no-build-isolation"] if _has_setuptools() else []
+    _pip("wheel", "--no-deps", *isolation, "--wheel-dir", str(folder), str(clone), what="sshade")
+    (wheel,) = folder.glob("sshade-*.whl")
+    return wheel
+
+
+def _has_setuptools() -> bool:
+    """Whether the installed setuptools can build this package, without another fetch."""
+    try:
+        return int(version("setuptools").partition(".")[0]) >= 77
+    except ModuleNotFoundError:
+        return False
+
+
+def repacked(package: Distribution, folder: Path) -> Path:
+    """Write the wheel that an installed package came from, and return its path.
+
+    Scripts and the compiled files of Python are no part of a wheel.
+    """
+    lines = (package.read_text("WHEEL") or "").splitlines()
+    tag = next(line.removeprefix("Tag: ") for line in lines if line.startswith("Tag: "))
+    path = folder / f"{package.name}-{package.version}-{tag}.whl"
+    record = []
+    with ZipFile(path, "w") as archive:
+        for file in sorted(package.files or ()):
+            is_local = file.name in LOCAL and file.parent.name.endswith(".dist-info")
+            if is_local or ".." in file.parts or "__pycache__" in file.parts:
+                continue
+            content = file.read_binary()
+            digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
+            record.append(f"{file.as_posix()},sha256={digest},{len(content)}")
+            _add(archive, file.as_posix(), content)
+        info = f"{package.name}-{package.version}.dist-info/RECORD"
+        _add(archive, info, "\n".join([*record, f"{info},,", ""]).encode())
+    return path
+
+
+def fetched_wheels(folder: Path, progress: Progress) -> list[Path]:
+    """Fetch the wheels of :data:`BUNDLED` into a folder, in the versions that are installed here.
+
+    Compiled kernels work with one version of numba only.
+
+    Raises
+    ------
+    InputError
+        When a wheel cannot be fetched.
+    """
+    wheels: list[Path] = []
+    for number, name in enumerate(BUNDLED):
+        requirement = f"{name}=={version(name)}"
+        progress("fetching wheels", number, len(BUNDLED), requirement)
+        place = folder / name
+        options = ("--only-binary=:all:", "--no-deps", *NETWORK, "--dest", str(place))
+        _pip("download", *options, requirement, what=requirement)
+        wheels += place.glob("*.whl")
+    progress("fetching wheels", len(BUNDLED), len(BUNDLED))
+    return wheels
+
+
+def _pip(command: str, *arguments: str, what: str) -> None:
+    """Run pip, and raise InputError with its last error if it fails."""
+    call = [sys.executable, "-m", "pip", command, "--disable-pip-version-check", "-q", *arguments]
+    run = subprocess.run(call, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if run.returncode == 0:
+        return
+    lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
+    if any("No module named pip" in line for line in lines):
+        raise InputError("pip is missing, which makes and fetches wheels; run `python -m ensurepip`")
+    found = next((line for line in reversed(lines) if line.startswith("ERROR: ")), "ERROR: unknown")
+    message = found.removeprefix("ERROR: ").rstrip(".")
+    if command == "download":
+        message += "; check the network, or let PIP_FIND_LINKS name a folder that has the wheel"
+    raise InputError(f"pip could not {'fetch' if command == 'download' else 'build'} {what}: {message}")
+
+
+def _add(archive: ZipFile, name: str, content: bytes, compression: int = ZIP_DEFLATED) -> None:
+    """Add a file of a fixed date to an archive."""
+    info = ZipInfo(name, DATE)
+    info.external_attr = 0o644 << 16
+    archive.writestr(info, content, compression)

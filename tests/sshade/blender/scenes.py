@@ -1,0 +1,395 @@
+"""Scenes that Blender runs without its window: ``python -m tests.sshade.blender.scenes ZIP REPORT.json``.
+
+The extension is installed first. The report has the facts of each scene, or the traceback of its failure.
+"""
+
+import hashlib
+import json
+import sys
+import traceback
+from math import inf
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+import sshade
+from docs import blender_task
+from sshade import DeformationTask, Handles, Mesh
+from tests.shapes import bumpy
+
+MOVE, TURN = (0.1, 0.0, 0.3), (0.0, 0.2, 0.1)
+
+
+def fresh(quads=False):
+    """Return a new object with contents of all kinds, its positions (n, 3) float32 and triangles (m, 3)."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    mesh = bpy.data.meshes.new("Body")
+    if quads:
+        V, F = blender_task.tube(12, 30)
+        around, row, column = 12, *(axis.ravel() for axis in np.indices((29, 12)))
+        a, b = row * around + column, row * around + (column + 1) % around
+        mesh.from_pydata(V.tolist(), [], np.stack([a, b, b + around, a + around], axis=1).tolist())
+    else:
+        shape = bumpy(3)
+        V, F = shape.V.astype(np.float32), shape.F
+        mesh.from_pydata(V.tolist(), [], F.tolist())
+    obj = bpy.data.objects.new("Body", mesh)
+    bpy.context.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    uv = mesh.uv_layers.new(name="UV")
+    uv.uv.foreach_set("vector", np.random.default_rng(0).random(2 * len(mesh.loops)).astype(np.float32))
+    colour = mesh.color_attributes.new("Colour", "BYTE_COLOR", "CORNER")
+    colour.data.foreach_set("color", np.random.default_rng(1).random(4 * len(mesh.loops)).astype(np.float32))
+    mesh.materials.append(bpy.data.materials.new("Skin"))
+    mesh.normals_split_custom_set([(0.0, 0.6, 0.8)] * len(mesh.loops))
+    obj.modifiers.new("Mirror", "MIRROR")
+    return obj, V, F
+
+
+def with_handles(obj, V, *, weight=1.0, empty=True):
+    """Add a fixed group at the bottom and a moving group of a weight at the top; return their vertices."""
+    low, high = V[:, 2].min(), V[:, 2].max()
+    fixed = np.flatnonzero(V[:, 2] < low + 0.2 * (high - low))
+    moving = np.flatnonzero(V[:, 2] > high - 0.2 * (high - low))
+    for name, own, value in (("fixed", fixed, 1.0), ("moving", moving, weight)):
+        obj.vertex_groups.new(name=name).add(own.tolist(), value, "REPLACE")
+        bpy.ops.sshade.handle_add()
+    if empty:
+        bpy.ops.sshade.empty_add()
+        moved = obj.sshade.handles["moving"].empty
+        moved.location = np.array(moved.location) + MOVE
+        moved.rotation_euler = TURN
+    return fixed, moving
+
+
+def expected(obj, V, F, fixed, moving, *, method="fast", weight=inf):
+    """Return the package's own result (n, 3) float32 for the place of the empty, from first principles."""
+    bpy.context.view_layer.update()
+    mesh, handle = Mesh(V.astype(np.float64), F), obj.sshade.handles["moving"]
+    index = np.concatenate([fixed, moving])
+    target = mesh.V[index].copy()
+    own = np.arange(len(index)) >= len(fixed)
+    matrix = obj.matrix_world.inverted() @ handle.empty.matrix_world @ handle.rest
+    matrix = np.array(matrix, dtype=np.float64)  # it has float32 otherwise
+    U, _, Vt = np.linalg.svd(matrix[:3, :3])
+    target[own] = target[own] @ (U @ Vt).T + matrix[:3, 3]
+    weights = np.where(own, weight, inf)
+    handles = Handles(index, target, dynamic=own, group=own.astype(int), weight=weights)
+    task = DeformationTask("oracle", mesh, handles)
+    return sshade.deform(task, method=method).vertices.astype(np.float32)
+
+
+def points(key):
+    U = np.empty((len(key.points), 3), dtype=np.float32)
+    key.points.foreach_get("co", U.ravel())
+    return U
+
+
+def rest(obj):
+    U = np.empty((len(obj.data.vertices), 3), dtype=np.float32)
+    obj.data.attributes["position"].data.foreach_get("vector", U.ravel())
+    return U
+
+
+def contents(obj):
+    """Return a digest of everything that a deformation must keep."""
+    mesh, digest = obj.data, hashlib.sha256()
+    for attribute in sorted(mesh.attributes, key=lambda attribute: attribute.name):
+        if attribute.name in ("position", "sharp_face"):
+            continue
+        name = {"FLOAT_VECTOR": "vector", "FLOAT2": "vector", "INT16_2D": "value", "INT32_2D": "value"}.get(
+            attribute.data_type, "color" if "COLOR" in attribute.data_type else "value"
+        )
+        values = [
+            tuple(v) if hasattr(v, "__len__") else v for v in (getattr(d, name) for d in attribute.data)
+        ]
+        digest.update(f"{attribute.name} {attribute.domain} {values}".encode())
+    groups = [[(g.group, g.weight) for g in vertex.groups] for vertex in mesh.vertices]
+    names = [mesh.materials.keys(), obj.modifiers.keys(), obj.vertex_groups.keys(), mesh.has_custom_normals]
+    digest.update(f"{groups} {names}".encode())
+    return digest.hexdigest()
+
+
+def refused(call, *arguments):
+    """Return the message of an operator's error."""
+    try:
+        call(*arguments)
+    except RuntimeError as error:
+        return str(error).strip().removeprefix("Error: ")
+    return ""
+
+
+def scene_operator():
+    """Deform by both methods as new shape keys."""
+    obj, V, F = fresh()
+    fixed, moving = with_handles(obj, V)
+    before, facts = contents(obj), {}
+    for method in ("fast", "fine"):
+        obj.sshade.method = method
+        bpy.ops.sshade.deform()
+        key = obj.data.shape_keys.key_blocks[-1]
+        facts[method] = bool((points(key) == expected(obj, V, F, fixed, moving, method=method)).all())
+    facts |= {"keys": obj.data.shape_keys.key_blocks.keys(), "value": key.value}
+    facts |= {"moved": float(np.abs(points(key) - V).max()), "rest": bool((rest(obj) == V).all())}
+    return {**facts, "kept": contents(obj) == before}
+
+
+def scene_soft():
+    """A weight of 0.5 in the group is a soft handle of weight 1."""
+    obj, V, F = fresh()
+    fixed, moving = with_handles(obj, V, weight=0.5)
+    bpy.ops.sshade.deform()
+    U = points(obj.data.shape_keys.key_blocks[-1])
+    soft, hard = (expected(obj, V, F, fixed, moving, weight=weight) for weight in (1.0, inf))
+    return {"soft": bool((soft == U).all()), "hard": bool((hard == U).all())}
+
+
+def scene_quads_and_own_transform():
+    """Quads, and a group that moves by values about its centre."""
+    obj, V, F = fresh(quads=True)
+    fixed, moving = with_handles(obj, V, empty=False)
+    handle = obj.sshade.handles["moving"]
+    handle.kind, handle.location, handle.rotation = "OWN", (1.0, 0.0, 0.0), (0.0, np.pi / 2, 0.0)
+    bpy.ops.sshade.deform()
+    U = points(obj.data.shape_keys.key_blocks[-1])
+    centre = V[moving].astype(np.float64).mean(axis=0)
+    turned = (V[moving] - centre) @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) + centre + [1, 0, 0]
+    off = [float(np.abs(U[own] - goal).max()) for own, goal in ((moving, turned), (fixed, V[fixed]))]
+    bpy.ops.sshade.live_start()
+    bpy.ops.sshade.live_finish()
+    same = points(obj.data.shape_keys.key_blocks[-1])
+    return {"off": off, "live": bool((same == U).all())}
+
+
+def scene_in_place():
+    """Change the rest shape; another shape key keeps its difference, and a second time nothing moves."""
+    obj, V, F = fresh()
+    obj.shape_key_add(name="Basis")
+    smile = obj.shape_key_add(name="Smile")
+    shift = np.random.default_rng(2).normal(scale=0.01, size=V.shape).astype(np.float32)
+    smile.points.foreach_set("co", (V + shift).ravel())
+    fixed, moving = with_handles(obj, V)
+    before, goal = contents(obj), expected(obj, V, F, fixed, moving)
+    obj.sshade.output = "MESH"
+    bpy.ops.sshade.deform()
+    facts = {"rest": bool((rest(obj) == goal).all()), "kept": contents(obj) == before}
+    facts["keys"] = obj.data.shape_keys.key_blocks.keys()
+    difference = points(obj.data.shape_keys.key_blocks["Smile"]) - goal
+    facts["difference"] = float(np.abs(difference - shift).max())
+    bpy.ops.sshade.deform()
+    facts["again"] = float(np.abs(rest(obj) - goal).max())
+    return facts
+
+
+def scene_live():
+    """Follow an empty; the finished shape is the operator's."""
+    obj, V, F = fresh()
+    fixed, moving = with_handles(obj, V)
+    empty = obj.sshade.handles["moving"].empty
+    end = empty.location.copy()
+    before = contents(obj)
+    empty.location = end - bpy_vector(MOVE)
+    bpy.ops.sshade.live_start()
+    key = obj.data.shape_keys.key_blocks[-1]
+    off = []
+    for part in np.linspace(0, 1, 6)[1:]:
+        empty.location = end - bpy_vector(MOVE) * (1 - part)
+        bpy.context.view_layer.update()
+        matrix = np.array(empty.matrix_world @ obj.sshade.handles["moving"].rest)
+        goal = V[moving] @ matrix[:3, :3].T + matrix[:3, 3]
+        off.append(float(np.abs(points(key)[moving] - goal).max()))
+    goal = expected(obj, V, F, fixed, moving)
+    lag = float(np.abs(points(key) - goal).max())
+    running = live_module().RUNNING[obj.session_uid]
+    for _ in range(40):
+        if running.settle() is None:
+            break
+    settled = float(np.abs(points(key) - goal).max())
+    bpy.ops.sshade.live_finish()
+    same = bool((points(obj.data.shape_keys.key_blocks[-1]) == goal).all())
+    facts = {"off": max(off), "lag": lag, "settled": settled, "finished": same}
+    facts |= {"kept": contents(obj) == before, "rest": bool((rest(obj) == V).all())}
+    facts["diagonal"] = float(np.linalg.norm(np.ptp(V, axis=0)))
+    return facts | {"keys": obj.data.shape_keys.key_blocks.keys()}
+
+
+def scene_cancel():
+    """Cancel the live mode: the object is as before."""
+    obj, V, F = fresh()
+    with_handles(obj, V)
+    before = contents(obj)
+    bpy.ops.sshade.live_start()
+    moved = float(np.abs(points(obj.data.shape_keys.key_blocks[-1]) - V).max())
+    twice = bpy.ops.sshade.live_start.poll(), bpy.ops.sshade.deform.poll()
+    bpy.ops.sshade.live_cancel()
+    return {
+        "moved": moved,
+        "twice": twice,
+        "keys": obj.data.shape_keys is None,
+        "kept": contents(obj) == before and bool((rest(obj) == V).all()),
+        "running": len(live_module().RUNNING),
+    }
+
+
+def scene_scaled_in_live_mode():
+    """Scale an empty in the live mode: a message, and the mode goes on when the scale is back."""
+    obj, V, F = fresh()
+    with_handles(obj, V)
+    empty = obj.sshade.handles["moving"].empty
+    bpy.ops.sshade.live_start()
+    shape, said = points(obj.data.shape_keys.key_blocks[-1]), []
+    for scale in (2.0, 1.0):
+        empty.scale = (scale, 1.0, 1.0)
+        empty.location.x += 0.1
+        bpy.context.view_layer.update()
+        moved = float(np.abs(points(obj.data.shape_keys.key_blocks[-1]) - shape).max())
+        said.append([obj.sshade.message, moved])
+    return said
+
+
+def scene_undo():
+    """Undo and redo a deformation, and a motion in the live mode."""
+    obj, V, F = fresh()
+    with_handles(obj, V)
+    bpy.ops.ed.undo_push(message="begin")
+    bpy.ops.sshade.deform()
+    bpy.ops.ed.undo_push(message="deform")
+    facts = {"done": len(bpy.data.objects["Body"].data.shape_keys.key_blocks)}
+    bpy.ops.ed.undo()
+    obj = bpy.data.objects["Body"]
+    facts["undone"] = obj.data.shape_keys is None
+    bpy.ops.ed.redo()
+    obj = bpy.data.objects["Body"]
+    facts["redone"] = len(obj.data.shape_keys.key_blocks)
+    bpy.ops.sshade.live_start()
+    bpy.ops.ed.undo_push(message="live")
+    at_start = points(obj.data.shape_keys.key_blocks[-1])
+    obj.sshade.handles["moving"].empty.location.x += 0.3
+    bpy.context.view_layer.update()
+    moved = points(obj.data.shape_keys.key_blocks[-1])
+    bpy.ops.ed.undo_push(message="move")
+    bpy.ops.ed.undo()
+    obj = bpy.data.objects["Body"]
+    facts["moved"] = float(np.abs(moved - at_start).max())
+    facts["restored"] = float(np.abs(points(obj.data.shape_keys.key_blocks[-1]) - at_start).max())
+    obj.sshade.handles["moving"].empty.location.x += 0.3
+    bpy.context.view_layer.update()
+    facts["again"] = float(np.abs(points(obj.data.shape_keys.key_blocks[-1]) - moved).max())
+    facts["finished"] = list(bpy.ops.sshade.live_finish())
+    return facts
+
+
+def scene_edited():
+    """Edit a mesh between bind and step: the live mode ends, and nothing is lost."""
+    facts = {}
+    for edit in ("moved", "more", "group", "key"):
+        obj, V, F = fresh()
+        with_handles(obj, V)
+        bpy.ops.sshade.live_start()
+        shape = points(obj.data.shape_keys.key_blocks[-1])
+        if edit == "moved":
+            obj.data.shape_keys.reference_key.points[0].co.x += 1
+        elif edit == "more":
+            obj.data.vertices.add(1)
+        elif edit == "group":
+            obj.sshade.handles.remove(0)
+        else:
+            obj.shape_key_remove(obj.data.shape_keys.key_blocks[-1])
+        obj.sshade.handles["moving"].empty.location.x += 0.1
+        bpy.context.view_layer.update()
+        keys = obj.data.shape_keys.key_blocks
+        stays = edit == "key" or bool((points(keys[-1])[: len(V)] == shape).all())
+        message = obj.sshade.message
+        facts[edit] = [message, stays, refused(bpy.ops.sshade.live_start)]
+    return facts
+
+
+def scene_finish_of_an_edited_mesh():
+    """Finish after an edit is refused, and the shape key stays."""
+    obj, V, F = fresh()
+    with_handles(obj, V)
+    bpy.ops.sshade.live_start()
+    shape = points(obj.data.shape_keys.key_blocks[-1])
+    obj.data.shape_keys.reference_key.points[0].co.x += 1
+    message = refused(bpy.ops.sshade.live_finish)
+    return [message, bool((points(obj.data.shape_keys.key_blocks[-1]) == shape).all())]
+
+
+def scene_refusals():
+    """Return the message of each mistake, and whether the object is unchanged."""
+    mistakes = {
+        "overlap": lambda obj: obj.vertex_groups["fixed"].add([0, 1, 2, *range(100, 642)], 1.0, "REPLACE"),
+        "scaled": lambda obj: setattr(obj.sshade.handles["moving"].empty, "scale", (1, 2, 1)),
+        "mirrored": lambda obj: setattr(obj.sshade.handles["moving"].empty, "scale", (-1, 1, 1)),
+        "unequal": lambda obj: setattr(obj, "scale", (1, 2, 1)),
+        "no group": lambda obj: obj.vertex_groups.remove(obj.vertex_groups["moving"]),
+        "empty group": lambda obj: obj.vertex_groups["moving"].remove(list(range(642))),
+        "no empty": lambda obj: setattr(obj.sshade.handles["moving"], "empty", None),
+        "all fixed": lambda obj: setattr(obj.sshade.handles["moving"], "kind", "FIXED"),
+        "no handles": lambda obj: obj.sshade.handles.clear(),
+        "twice": lambda obj: setattr(obj.sshade.handles[0], "name", "moving"),
+    }
+    facts = {}
+    for name, mistake in mistakes.items():
+        obj, V, F = fresh()
+        with_handles(obj, V)
+        mistake(obj)
+        before, there = contents(obj), rest(obj)
+        messages = [refused(operator) for operator in (bpy.ops.sshade.deform, bpy.ops.sshade.live_start)]
+        same = contents(obj) == before and np.array_equal(rest(obj), there)
+        facts[name] = [*messages, same and obj.data.shape_keys is None and not live_module().RUNNING]
+    obj, V, F = fresh()
+    facts["no vertex group"] = [refused(bpy.ops.sshade.handle_add)]
+    with_handles(obj, V)
+    facts["added twice"] = [refused(bpy.ops.sshade.handle_add)]
+    return facts
+
+
+def scene_page():
+    """Run the script of the page, and read its file."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    path = str(Path(sys.argv[2]).with_name("tube.blend"))
+    blender_task.main(path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    obj = bpy.data.objects["Tube"]
+    U = points(obj.data.shape_keys.key_blocks["SShaDe"])
+    return {
+        "top": U[rest(obj)[:, 2] > 7.5].mean(axis=0).tolist(),
+        "foot": float(np.abs(U - rest(obj))[:40].max()),
+    }
+
+
+def bpy_vector(values):
+    from mathutils import Vector
+
+    return Vector(values)
+
+
+def live_module():
+    from bl_ext.user_default.sshade import live
+
+    return live
+
+
+def main(extension, report):
+    """Install the extension, run all scenes, and write the report."""
+    installed = bpy.ops.extensions.package_install_files(
+        repo="user_default", filepath=extension, enable_on_install=True
+    )
+    import sshade_probe  # the wheel in the extension
+
+    facts = {"installed": [*installed, sshade_probe.__file__]}
+    for name, scene in list(globals().items()):
+        if name.startswith("scene_"):
+            try:
+                facts[name.removeprefix("scene_")] = scene()
+            except Exception:
+                facts[name.removeprefix("scene_")] = traceback.format_exc()
+    bpy.ops.preferences.addon_disable(module="bl_ext.user_default.sshade")
+    facts["disabled"] = not hasattr(bpy.types.Object, "sshade")
+    Path(report).write_text(json.dumps(facts, default=float))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,143 @@
+"""Handles of vertex groups and their motions, without Blender."""
+
+import numpy as np
+import pytest
+
+from sshade.blender.rig import STILL, Drag, Group, Rig, rigid
+from sshade.edit.state import Motion
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+from tests.shapes import bumpy
+
+
+def weights(n, vertices, weight=1.0):
+    found = np.zeros(n, dtype=np.float32)
+    found[vertices] = weight
+    return found
+
+
+def rig_of(mesh: Mesh, *, weight=1.0) -> Rig:
+    order = np.argsort(mesh.V[:, 2])
+    groups = [
+        Group("low", weights(mesh.n, order[:60]), False),
+        Group("high", weights(mesh.n, order[-60:], weight), True),
+    ]
+    return Rig(mesh.V.astype(np.float32), mesh.F, groups)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, 3.0])
+def test_a_rigid_matrix_in_single_precision_is_its_motion(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.array([[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    motion = rigid(matrix.astype(np.float32))
+    assert np.abs(motion.R - matrix[:3, :3]).max() < 1e-6 and np.abs(motion.t - [1, 2, 3]).max() < 1e-6
+    assert np.abs(motion.R @ motion.R.T - np.eye(3)).max() < 1e-14
+
+
+def test_a_translation_has_no_rotation_and_the_identity_no_motion():
+    matrix = np.eye(4)
+    assert rigid(matrix + 1e-8) is STILL
+    matrix[0, 3] = 2.0
+    assert np.array_equal(rigid(matrix + 1e-8).R, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    "linear", [np.diag([2, 2, 2]), np.diag([1, 1, 1.01]), np.diag([-1, 1, 1]), np.full((3, 3), np.nan)]
+)
+def test_other_matrices_are_no_motion(linear):
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    assert rigid(matrix) is None
+
+
+@pytest.mark.parametrize(
+    ("g", "weight"), [(1.0, np.inf), (0.9995, np.inf), (0.5, 1.0), (0.99, 99.0), (0.2, 0.25)]
+)
+def test_the_weight_in_a_group_is_the_weight_of_a_handle(g, weight):
+    handles = rig_of(bumpy(2), weight=g).handles
+    assert handles.weight[handles.group == 1] == pytest.approx(weight, rel=1e-4)
+    assert np.isinf(handles.weight[handles.group == 0]).all()
+
+
+def test_a_small_weight_follows_less():
+    """The group goes about a fraction g of the way that a hard group goes."""
+    gone = []
+    for g in (0.02, 0.5, 0.98):
+        rig = rig_of(bumpy(2), weight=g)
+        U = rig.deform([STILL, Motion(np.eye(3), np.array([0.0, 0.0, 1.0]))])
+        own = rig.handles.index[rig.handles.group == 1]
+        gone.append(float((U[own] - rig.V[own])[:, 2].mean()))
+    assert 0 < gone[0] < 0.5 < gone[1] < gone[2] < 1
+
+
+def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
+    mesh = bumpy(2)
+    # Every face has vertices of its own: all edges are seams.
+    V = np.vstack([mesh.V[mesh.F].reshape(-1, 3), [[9.0, 9.0, 9.0]]]).astype(np.float32)
+    F = np.arange(3 * mesh.m).reshape(-1, 3)
+    low, high = (weights(len(V), np.flatnonzero(mask)) for mask in (V[:, 2] < -1.5, V[:, 2] > 1.5))
+    high[-1] = 0
+    rig = Rig(V, F, [Group("low", low, False), Group("high", high, True)])
+    assert rig.mesh.n == mesh.n
+    U = rig.deform([STILL, Motion(np.eye(3), np.array([0.5, 0.0, 0.0]))])
+    assert np.array_equal(U[-1], V[-1]) and np.abs(U - V).max() > 0.4
+    order = np.lexsort(V[:-1].T)
+    same = (V[:-1][order][1:] == V[:-1][order][:-1]).all(axis=1)
+    assert same.sum() > mesh.m and np.array_equal(U[:-1][order][1:][same], U[:-1][order][:-1][same])
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        ([], "there are no handles"),
+        ([(range(5), False)], "all handles are fixed"),
+        ([(range(5), False), (range(4, 9), True)], "'group 0' and 'group 1' share 1 vertex;"),
+        ([(range(5), False), (range(2, 9), True)], "'group 0' and 'group 1' share 3 vertices;"),
+        ([(range(5), False), ((), True)], "'group 1' has no vertex"),
+        ([(range(5), False), ((162,), True)], "'group 1' has no vertex of a face"),
+    ],
+)
+def test_groups_that_cannot_be_handles_are_refused(groups, said):
+    mesh = bumpy(2)
+    V = np.vstack([mesh.V, [[9.0, 9.0, 9.0]]]).astype(np.float32)
+    made = [Group(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in enumerate(groups)]
+    with pytest.raises(InputError, match=said):
+        Rig(V, mesh.F, made)
+
+
+def test_a_mesh_without_faces_is_refused():
+    with pytest.raises(InputError, match="the mesh has no faces"):
+        Rig(np.zeros((4, 3), dtype=np.float32), np.zeros((0, 3), dtype=int), [Group("a", np.ones(4), True)])
+
+
+def test_a_drag_comes_near_the_converged_shape_and_can_begin_anew():
+    rig = rig_of(bumpy(3))
+    drag = Drag(rig)
+    motions = [STILL, Motion(np.eye(3), np.array([0.4, 0.0, 0.2]))]
+    first = drag.step(motions)
+    for _ in range(30):
+        last = drag.step(motions)
+    goal, own = rig.deform(motions), rig.handles.index
+    assert np.array_equal(last[own], goal[own]) and last.dtype == np.float32
+    assert np.linalg.norm(last - goal, axis=1).mean() < 0.01 * rig.mesh.diagonal
+    drag.forget()
+    assert np.array_equal(drag.step(motions), first)
+
+
+def test_all_components_with_a_moving_handle_follow_and_the_others_follow_at_the_end():
+    mesh = bumpy(2)
+    V = np.vstack([mesh.V, mesh.V + [5, 0, 0], mesh.V + [5, 5, 0]]).astype(np.float32)
+    F, n = np.vstack([mesh.F, mesh.F + mesh.n, mesh.F + 2 * mesh.n]), mesh.n
+    top, bottom = np.argsort(mesh.V[:, 2])[-20:], np.argsort(mesh.V[:, 2])[:20]
+    groups = [
+        Group("fixed", weights(3 * n, [*bottom, *(bottom + n)]), False),
+        Group("left", weights(3 * n, top), True),
+        Group("right", weights(3 * n, top + n), True),
+    ]
+    rig = Rig(V, F, groups)
+    motions = [STILL, *(Motion(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0, 0, 0.5]))]
+    step, end = Drag(rig).step(motions), rig.deform(motions)
+    for vertices, t in ((top, [0.5, 0, 0]), (top + n, [0, 0, 0.5])):
+        for U in (step, end):
+            assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
+    assert np.array_equal(step[2 * n :], V[2 * n :]) and not np.array_equal(end[2 * n :], V[2 * n :])

@@ -1,0 +1,146 @@
+"""The command that builds the Blender extension."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import PathDistribution, version
+from importlib.util import find_spec
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from sshade.cli import blender
+from sshade.cli.main import main
+from sshade.errors import InputError
+from tests.sshade.blender.wheels import small_wheel
+
+PIP = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--disable-pip-version-check"]
+
+
+def test_an_extension_has_a_manifest_and_its_files(tmp_path):
+    wheel = small_wheel(tmp_path)
+    blender.write_extension(tmp_path / "a.zip", [wheel])
+    blender.write_extension(tmp_path / "b.zip", [wheel])
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    with ZipFile(tmp_path / "a.zip") as archive:
+        content = tomllib.loads(archive.read("blender_manifest.toml").decode())
+        names = set(archive.namelist())
+        assert archive.read(f"wheels/{wheel.name}") == wheel.read_bytes()
+        sources = [archive.read(name).decode() for name in names if name.endswith(".py")]
+    assert content["schema_version"] == "1.0.0" and content["id"] == "sshade" and content["type"] == "add-on"
+    assert content["version"] == version("sshade") and content["maintainer"]
+    assert content["license"] == ["SPDX:GPL-3.0-or-later"] and content["name"] == "SShaDe"
+    assert len(content["tagline"]) <= 64 and content["tagline"][-1].isalnum()
+    assert content["wheels"] == [f"./wheels/{wheel.name}"] and len(content["platforms"]) == 1
+    assert {"__init__.py", "rig.py", "live.py"} < names
+    assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in sources)
+
+
+def test_no_numpy_is_bundled():
+    assert set(blender.BUNDLED) == {"numba", "llvmlite", "scipy"}
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "name"),
+    [
+        ("Linux", "x86_64", "linux-x64"),
+        ("Windows", "AMD64", "windows-x64"),
+        ("Darwin", "arm64", "macos-arm64"),
+        ("Linux", "riscv64", None),
+        ("FreeBSD", "amd64", None),
+    ],
+)
+def test_platforms_have_blenders_names(system, machine, name, monkeypatch):
+    monkeypatch.setattr(blender.platform, "system", lambda: system)
+    monkeypatch.setattr(blender.platform, "machine", lambda: machine)
+    if name:
+        assert blender.platform_name() == name
+    else:
+        with pytest.raises(InputError, match=f"no Blender for {system}"):
+            blender.platform_name()
+
+
+def test_a_python_that_no_blender_runs_is_refused(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(blender, "BLENDERS", {(2, 7): ("2.7.0", None)})
+    assert main(["blender", "-o", str(tmp_path / "a.zip")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "install sshade for Python 2.7" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """An installed package, and the wheel that it came from, which has scripts and data."""
+    wheel, place = small_wheel(tmp_path), tmp_path / "installed"
+    with ZipFile(wheel, "a") as archive:
+        archive.writestr(
+            "sshade_probe-1.0.dist-info/entry_points.txt", "[console_scripts]\nprobe = os:getcwd\n"
+        )
+    subprocess.run([*PIP, "--target", place, wheel], check=True)
+    return PathDistribution(place / "sshade_probe-1.0.dist-info"), wheel
+
+
+def test_an_installed_package_is_packed_into_its_wheel_again(installed, tmp_path):
+    package, wheel = installed
+    folder = tmp_path / "again"
+    folder.mkdir()
+    again = blender.repacked(package, folder)
+    assert again.name == wheel.name
+    with ZipFile(wheel) as one, ZipFile(again) as other:
+        assert set(one.namelist()) == set(other.namelist())
+        for name in one.namelist():
+            assert name.endswith("/RECORD") or one.read(name) == other.read(name)
+    subprocess.run([*PIP, "--target", tmp_path / "third", again], check=True)  # pip checks the RECORD
+
+
+def test_without_network_the_command_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setattr(blender, "own_wheel", small_wheel)
+    assert main(["blender", "-o", str(tmp_path / "sshade.zip")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "pip could not fetch numba==" in error and "check the network" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wheels_are_fetched_in_the_installed_versions_with_progress(tmp_path, monkeypatch):
+    """From a folder, through pip, as for an index."""
+    wheel = small_wheel(tmp_path)
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    monkeypatch.setattr(blender, "BUNDLED", ("sshade_probe",))
+    monkeypatch.setattr(blender, "version", lambda name: "1.0")
+    seen = []
+    found = blender.fetched_wheels(tmp_path, lambda *report: seen.append(report))
+    assert [path.read_bytes() for path in found] == [wheel.read_bytes()]
+    assert seen == [("fetching wheels", 0, 1, "sshade_probe==1.0"), ("fetching wheels", 1, 1)]
+
+
+@pytest.mark.full
+def test_a_whole_extension_runs_in_a_blender_that_has_nothing_else(tmp_path):
+    """Needs the network. Only bpy and NumPy are importable; everything else comes from the extension."""
+    if find_spec("bpy") is None:
+        pytest.skip("needs bpy: pip install '.[blender-test]'")
+    assert main(["blender", "-o", str(tmp_path / "sshade.zip")]) == 0
+    site = tmp_path / "site"
+    site.mkdir()
+    for name in ("bpy", "numpy"):
+        folder = Path(find_spec(name).origin).parent
+        (site / folder.name).symlink_to(folder)
+        if (libraries := folder.with_name(f"{folder.name}.libs")).is_dir():
+            (site / libraries.name).symlink_to(libraries)
+    code = f"""
+import sys
+sys.path.insert(0, {str(site)!r})
+import bpy
+bpy.ops.extensions.package_install_files(
+    repo="user_default", filepath={str(tmp_path / "sshade.zip")!r}, enable_on_install=True)
+import numba, scipy, sshade
+assert all("extensions" in module.__file__ for module in (numba, scipy, sshade))
+exec(open({str(Path(__file__).parents[3] / "docs" / "blender_task.py")!r}).read().split("if __name__")[0])
+main({str(tmp_path / "tube.blend")!r})
+"""
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
+    subprocess.run([sys.executable, "-I", "-S", "-c", code], env=environment, check=True)
+    assert (tmp_path / "tube.blend").is_file()
