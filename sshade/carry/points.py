@@ -1,8 +1,8 @@
 """Points that go with a mesh: bound once, placed for each pose of the mesh.
 
-Each triangle has an affine map from rest to pose. It takes the sides to the posed sides, and the normal n to
-s n' with s^2 the area of the posed surface over the area at rest, so that rigid motions and uniform scales are
-exact. A sample of the surface has the mean of the maps around it. A point x moves to
+Each triangle has an affine map from rest to pose. It takes the sides to the posed sides, and the normal n
+to s n'. The square of s is the area of the posed surface over the area at rest, so that rigid motions and
+uniform scales are exact. A sample of the surface has the mean of the maps around it. A point x moves to
 
     x' = sum_k w_k (A_k x + t_k) ,
 
@@ -13,7 +13,7 @@ Properties:
 
 - A point on a triangle keeps its place on it.
 - x' is continuous in x, also halfway between two limbs. Where the limbs are a gap g apart and their motions
-  differ by d, the blend between them stretches space by at most 4 d / g.
+  differ by d, the blend between them stretches space by 3 to 5.5 d / g at most.
 - A is continuous off the surface. Across an edge on the surface it jumps as the affine maps of triangles do.
 
 Weights are those of a partition of unity as in H. Whitney, "Analytic extensions of differentiable functions
@@ -36,8 +36,9 @@ from sshade.solver.rotations import fit_rotations
 from sshade.task import DeformationResult
 from sshade.threads import ThreadTeam, available_cpus, in_ranges
 
-#: Largest distance of a point from the surface, as a fraction of the bounding-box diagonal.
-FARTHEST = 0.25
+#: Largest distance of a point from the surface, as a fraction of the bounding-box diagonal. No point
+#: inside of a closed surface is farther away.
+FARTHEST = 0.5
 #: Number of points or elements that a thread treats at a time.
 ROWS = 8192
 
@@ -132,7 +133,12 @@ class PointBinder:
             raise InputError(f"point {bad[0]} has a NaN or infinite coordinate")
         X = X - self.mesh.origin
         self._require_near(X, self._box_distances(X), "box")
-        order = curve_order(X) if len(X) else np.zeros(0, dtype=np.int64)
+        if not len(X):
+            none = np.empty(0, dtype=np.int64)
+            return BoundPoints(
+                self, X, none, np.zeros(1, np.int64), none.astype(np.int32), np.empty(0, np.float32)
+            )
+        order = curve_order(X)
         X = np.ascontiguousarray(X[order])
         squared, found = np.empty(len(X)), self._samples
         in_ranges(
@@ -158,14 +164,15 @@ class PointBinder:
         if far.any():
             worst = int(np.argmax(distance))
             number = worst if order is None else int(order[worst])
+            allowed = FARTHEST * self.mesh.diagonal
             raise InputError(
-                f"{int(far.sum())} of {len(X)} points are too far from the {what} of the mesh to go with it: "
-                f"point {number} by {distance[worst]:.3g}, and at most {100 * FARTHEST:.0f} % of the diagonal, "
-                f"{FARTHEST * self.mesh.diagonal:.3g}, is allowed; leave them out, or check the units"
+                f"{int(far.sum())} of {len(X)} points are too far from the {what} of the mesh: point "
+                f"{number} by {distance[worst]:.3g}, where {allowed:.3g} is allowed, {100 * FARTHEST:.0f} % of "
+                "the diagonal; leave them out, or check the units"
             )
 
     def maps(self, V: np.ndarray, team: ThreadTeam) -> np.ndarray:
-        """Return the rows A and t (e, 12) of the maps of triangles and samples, for posed V about the origin."""
+        """Return the rows A and t (e, 12) of the maps of triangles and samples, for a pose V (n, 3)."""
         triangles, samples = len(self._F), sum(len(means.start) - 1 for means in self._samples.means)
         M = np.empty((triangles + samples, 12))
         areas = team.ranges(lambda first, end: _normals(first, end, V, self._F, M), triangles, rows=ROWS)
@@ -228,7 +235,11 @@ class BoundPoints:
             When the pose has another number of vertices, or a position is not finite.
         """
         positions = np.empty((len(self), 3)) if out is None else out
-        if positions.shape != (len(self), 3) or positions.dtype != np.float64 or not positions.flags.c_contiguous:
+        if (
+            positions.shape != (len(self), 3)
+            or positions.dtype != np.float64
+            or not positions.flags.c_contiguous
+        ):
             raise InputError(f"`out` must be a contiguous float64 array of shape {(len(self), 3)}")
         self._place(pose, positions, np.empty((0, 9)))
         return positions
@@ -281,7 +292,8 @@ def _invert(first, end, corners, inverse):
         one, other = _cross(v, n), _cross(n, u)
         length = np.sqrt(squared)
         for a in range(3):
-            inverse[i, a], inverse[i, 3 + a], inverse[i, 6 + a] = one[a] / squared, other[a] / squared, n[a] / length
+            inverse[i, a], inverse[i, 3 + a] = one[a] / squared, other[a] / squared
+            inverse[i, 6 + a] = n[a] / length
 
 
 @kernel

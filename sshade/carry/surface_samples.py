@@ -41,7 +41,8 @@ class SurfaceSamples(NamedTuple):
     spacing : float
         Of the first level; it doubles from level to level.
     places, areas : (s, 3) and (s,) float64
-        The points, then the samples of each level, in the order of their trees, and their areas.
+        The points, then the centroids around the samples of each level, in the order of their trees, and
+        their areas.
     levels : (l + 1, 2) int64
         Where places and boxes of each set begin; at last, where they end.
     boxes : (b, 6) float64
@@ -74,7 +75,7 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
     spacing = h = max(SPACING * np.sqrt(typical), np.sqrt(DENSE * below[-1] / most))
     points, row = _points(corners, spacing)
     count = np.bincount(row, minlength=len(areas))
-    sets = [_Set(points, (areas / count)[row], normals[row])]
+    sets = [_Set(points, points, (areas / count)[row], normals[row])]
     parents: list[np.ndarray] = []
     means: list[Means] = []
     while len(sets) < 3 or len(sets[-1].points) >= LEAST:
@@ -90,20 +91,25 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
         weight = (last.areas / area[parent])[sequence]
         means.append(Means(start, row[sequence] if len(sets) == 1 else sequence, weight))
         parents.append(parent)
-        sets.append(_Set(last.points[kept], area, last.normals[kept]))
+        centre = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
+        sets.append(_Set(last.points[kept], centre / area[:, None], area, last.normals[kept]))
         h *= 2
+    single = (count == 1)[row]
+    cell = np.arange(len(areas))
+    sets[0], fine = _refined(sets[0], corners, row, single)
+    first_parent, parents[0] = parents[0], parents[0][fine]
     sizes = [len(one.points) for one in sets]
-    first = np.cumsum([len(areas) - sizes[0], *sizes])  # numbers of the elements of each set; points have none
-    trees = [Tree.of(one.points, one.points).boxes for one in sets]
+    first = np.cumsum(
+        [len(areas) - sizes[0], *sizes]
+    )  # numbers of the elements of each set; points have none
+    trees = [Tree.of(one.centres, one.centres).boxes for one in sets]
     last = np.arange(sizes[-1])
     parents += [last, last]
     owner = [parents[k + 1][parents[k]] + first[min(k + 2, len(sets) - 1)] for k in range(len(sets))]
-    cell = np.arange(len(areas))
-    single = (count == 1)[row]
-    cell[row[single]] = first[1] + parents[0][single]
+    cell[row[single]] = first[1] + first_parent[single]
     return SurfaceSamples(
         float(spacing),
-        np.concatenate([one.points for one in sets]),
+        np.concatenate([one.centres for one in sets]),
         np.concatenate([one.areas for one in sets]),
         np.stack([np.cumsum([0, *sizes]), np.cumsum([0, *map(len, trees)])], axis=1),
         np.concatenate(trees),
@@ -115,8 +121,23 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
 
 class _Set(NamedTuple):
     points: np.ndarray
+    centres: np.ndarray
     areas: np.ndarray
     normals: np.ndarray
+
+
+def _refined(one: _Set, corners: np.ndarray, row: np.ndarray, single: np.ndarray) -> tuple[_Set, np.ndarray]:
+    """Replace the only point of a triangle by three, whose quadrature is exact for quadratic functions.
+
+    Returns the set, and for each of its points the point that it replaces.
+    """
+    fine = np.repeat(np.arange(len(row)), np.where(single, 3, 1))
+    points, three = one.points[fine], np.flatnonzero(single[fine])
+    of = corners[row[fine[three]]]
+    corner = np.take_along_axis(of, np.tile(np.arange(3), len(three) // 3)[:, None, None], axis=1)[:, 0]
+    points[three] = 0.5 * (of.mean(axis=1) + corner)
+    areas = (one.areas / np.where(single, 3, 1))[fine]
+    return _Set(points, points, areas, one.normals[fine]), fine
 
 
 def _points(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -173,7 +194,7 @@ def _hash(points, i, low, spacing, dx, dy, dz, size):
 
 @subroutine
 def _nearest_kept(i, points, normals, low, spacing, head, after, kept):
-    """Return the number of the nearest kept point within the spacing whose normal is on the same side, or -1."""
+    """Return the number of the nearest kept point within the spacing and on the same side, or -1."""
     best, found = spacing * spacing, np.int64(-1)
     for dx in range(-1, 2):
         for dy in range(-1, 2):
@@ -181,7 +202,11 @@ def _nearest_kept(i, points, normals, low, spacing, head, after, kept):
                 j = head[_hash(points, i, low, spacing, dx, dy, dz, len(head))]
                 while j >= 0:
                     k = kept[j]
-                    x, y, z = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+                    x, y, z = (
+                        points[k, 0] - points[i, 0],
+                        points[k, 1] - points[i, 1],
+                        points[k, 2] - points[i, 2],
+                    )
                     d = x * x + y * y + z * z
                     side = normals[k, 0] * normals[i, 0] + normals[k, 1] * normals[i, 1]
                     side += normals[k, 2] * normals[i, 2]

@@ -7,11 +7,13 @@ or more where samples are sparse. The weight of an element at the distance r fro
 
     (d / r)^2  times the integral of  (1 - |y - x|^2 / R^2)^2  over the element.
 
-The integral over a triangle is exact. A sample has its area times the value of the integrand. Weights of a
-level are divided by their sum. Two levels are blended over a third of an octave of d. d, R and r are
-continuous functions of the point, and weights vanish at R, so all weights are continuous. On the surface only
-the triangles at the point remain. Because R is a multiple of d, the blend between two walls extends over a
-fixed portion of the gap between them, and because weights are integrals, it does not depend on the triangles.
+The integral over a triangle is exact. A sample has its area times the value of the
+integrand; samples two levels finer than the elements stand for the elements. Weights of a level lose a small
+portion of the largest one, and are divided by their sum. Two levels are blended over four fifths of an octave
+of d. d, R and r are continuous functions of the point. Weights vanish at R, so all weights are continuous.
+On the surface only the triangles at the point remain. Because R is a multiple of d, the blend between two
+walls extends over a fixed portion of the gap between them. Because weights are integrals, it hardly depends
+on the triangles.
 
 If more than :data:`MOST` elements are within R, the distance of the next element replaces R. This distance is
 continuous, too.
@@ -71,7 +73,8 @@ class Tree(NamedTuple):
 def curve_order(points: np.ndarray) -> np.ndarray:
     """Return the order (k,) int64 of points (k, 3) along a space-filling curve."""
     low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
-    return np.argsort(_codes(points, low, (1 << BITS) / (extent * (1 + 1e-9)) if extent else 0.0), kind="stable")
+    scale = (1 << BITS) / (extent * (1 + 1e-9)) if extent else 0.0
+    return np.argsort(_codes(points, low, scale), kind="stable")
 
 
 @kernel
@@ -148,7 +151,10 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
     weight : (k,) float32
     """
     count = np.empty(end - first, dtype=np.int64)
-    element, weight = np.empty(12 * (end - first) + 64, np.int32), np.empty(12 * (end - first) + 64, np.float32)
+    element, weight = (
+        np.empty(12 * (end - first) + 64, np.int32),
+        np.empty(12 * (end - first) + 64, np.float32),
+    )
     stack, found, gap = np.empty(128, np.int64), np.empty(1024, np.int64), np.empty(1024)
     slot = np.full(len(corners) + len(samples), -1, dtype=np.int32)
     total, top, least_d = 0, len(levels), ON_SURFACE * spacing
@@ -293,7 +299,7 @@ def _nearest_sample(x, y, z, samples, boxes, stack):
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
 def _triangles_within(x, y, z, radius, corners, boxes, stack, found, gap):
-    """Collect the triangles within a radius and their squared distances; return their number and the arrays."""
+    """Collect the triangles within a radius, with squared distances; return their number and the arrays."""
     count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
     stack[0] = 1
     while size > 0:
@@ -318,7 +324,7 @@ def _triangles_within(x, y, z, radius, corners, boxes, stack, found, gap):
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
 def _samples_within(x, y, z, radius, samples, boxes, stack, found, gap):
-    """Collect the samples within a radius and their squared distances; return their number and the arrays."""
+    """Collect the samples within a radius, with squared distances; return their number and the arrays."""
     count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
     stack[0] = 1
     while size > 0:

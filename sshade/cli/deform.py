@@ -30,6 +30,9 @@ for the whole mesh:
 
   "volumes": [{"name": "belly", "boxes": [[[x, y, z], [x, y, z]]], "goal": 1.2}]
 
+Files after --with are carried with the mesh: clothes, hair, point clouds, Gaussian splats. They must lie on,
+inside or near the mesh. Each is written beside OUT, under a name that begins with OUT, with all its contents.
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -46,17 +49,20 @@ examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
+  sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb scene.ply
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from sshade.cli import carried
 from sshade.cli.arguments import (
     CARRY,
     HANDLES,
@@ -97,12 +103,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "vertex is corrected by the snap, rotated with its group",
     }
     add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
+    carried.add_arguments(parser)
     add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     check_outputs(options, output=SUFFIXES)
+    companions = carried.outputs(options, options.output)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
@@ -115,11 +123,17 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
     check_input(options.mesh, SUFFIXES)
     given = read_handle_file(options.handles, raw=options.raw)
-    return _deform(options, values, resolved, given)
+    return _deform(options, values, resolved, given, companions)
 
 
 @announced_compilation()
-def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: HandleFile) -> int:
+def _deform(
+    options: argparse.Namespace,
+    values: dict[str, Any],
+    resolved: Options,
+    given: HandleFile,
+    companions: list[Path],
+) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.io.handles import handle_notes, on_mesh
@@ -147,12 +161,14 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
         carry_unconstrained=options.carry_unconstrained,
         volumes=volumes,
     )
+    bound = carried.bind_files(options.carried, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     placed = whole.placed(V, result.vertices)
     write_file(options.output, file, placed)
+    carried.write_files(bound, result.vertices)
     stored = stored_positions(options.output, file, placed)
     rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
     reach, error = reached(stored, whole, handles)
