@@ -167,8 +167,8 @@ class PointBinder:
             allowed = FARTHEST * self.mesh.diagonal
             raise InputError(
                 f"{int(far.sum())} of {len(X)} points are too far from the {what} of the mesh: point "
-                f"{number} by {distance[worst]:.3g}, where {allowed:.3g} is allowed, {100 * FARTHEST:.0f} % of "
-                "the diagonal; leave them out, or check the units"
+                f"{number} by {distance[worst]:.3g}, where {allowed:.3g} is allowed, {100 * FARTHEST:.0f} % "
+                "of the diagonal; leave them out, or check the units"
             )
 
     def maps(self, V: np.ndarray, team: ThreadTeam) -> np.ndarray:
@@ -205,7 +205,7 @@ class BoundPoints:
     start : (m + 1,) int64
         The elements of point i are the entries from ``start[i]`` to ``start[i + 1]``.
     element : (k,) int32
-    weight : (k,) float32
+    weight : (k,) float64
         In proportion to w; divided by their sum at each call.
     """
 
@@ -246,9 +246,9 @@ class BoundPoints:
 
     def with_maps(self, pose: DeformationResult | np.ndarray) -> PosedPoints:
         """Return positions, rotations and linear maps of the points in a pose; see :meth:`__call__`."""
-        positions, maps = np.empty((len(self), 3)), np.empty((len(self), 9))
-        self._place(pose, positions, maps)
-        maps = maps.reshape(-1, 3, 3)
+        positions, rows = np.empty((len(self), 3)), np.empty((len(self), 9))
+        self._place(pose, positions, rows)
+        maps = rows.reshape(-1, 3, 3)
         return PosedPoints(positions, nearest_rotations_in_threads(maps), maps)
 
     def _place(self, pose: DeformationResult | np.ndarray, positions: np.ndarray, maps: np.ndarray) -> None:
@@ -346,7 +346,7 @@ def _blend(first, end, X, order, start, element, weight, M, near, positions, map
         a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = a10 = a11 = 0.0
         amount = 0.0
         for j in range(start[i], start[i + 1]):
-            w, k = np.float64(weight[j]), element[j]
+            w, k = weight[j], element[j]
             amount += w
             a0, a1, a2 = a0 + w * M[k, 0], a1 + w * M[k, 1], a2 + w * M[k, 2]
             a3, a4, a5 = a3 + w * M[k, 3], a4 + w * M[k, 4], a5 + w * M[k, 5]

@@ -103,8 +103,8 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
         [len(areas) - sizes[0], *sizes]
     )  # numbers of the elements of each set; points have none
     trees = [Tree.of(one.centres, one.centres).boxes for one in sets]
-    last = np.arange(sizes[-1])
-    parents += [last, last]
+    top = np.arange(sizes[-1])
+    parents += [top, top]
     owner = [parents[k + 1][parents[k]] + first[min(k + 2, len(sets) - 1)] for k in range(len(sets))]
     cell[row[single]] = first[1] + first_parent[single]
     return SurfaceSamples(

@@ -148,7 +148,7 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
     -------
     count : (end - first,) int64
     element : (k,) int32
-    weight : (k,) float32
+    weight : (k,) float64
     """
     count = np.empty(end - first, dtype=np.int64)
     element, weight = (
@@ -191,7 +191,7 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
                 radius = np.sqrt(np.sort(gap[:size])[MOST]) + least_d
             while total + size > len(element):
                 element, weight = _doubled(element), _doubled(weight)
-            before, largest = total, np.float32(0.0)
+            before, largest = total, 0.0
             for j in range(size):
                 u = gap[j] / (radius * radius)
                 if u >= 1.0:

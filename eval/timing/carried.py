@@ -2,8 +2,8 @@
 
 Smooth maps of space (:mod:`eval.timing.warps`) move the vertices of a mesh. Random splats on its surface and
 within two percent of the diagonal go with it. The map and its derivative are the ground truth. Two baselines
-get the same vertices: the rigid motion of the nearest of 200 handles, and a linear blend of the displacements of
-the four nearest vertices of a proxy, which keeps covariances.
+get the same vertices: the rigid motion of the nearest of 200 handles, and a linear blend of the displacements
+of the four nearest vertices of a proxy, which keeps covariances.
 """
 
 from __future__ import annotations
