@@ -135,9 +135,7 @@ class PointBinder:
         self._require_near(X, self._box_distances(X), "box")
         if not len(X):
             none = np.empty(0, dtype=np.int64)
-            return BoundPoints(
-                self, X, none, np.zeros(1, np.int64), none.astype(np.int32), np.empty(0, np.float32)
-            )
+            return BoundPoints(self, X, none, np.zeros(1, np.int64), none.astype(np.int32), np.empty(0))
         order = curve_order(X)
         X = np.ascontiguousarray(X[order])
         squared, found = np.empty(len(X)), self._samples

@@ -153,7 +153,7 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
     count = np.empty(end - first, dtype=np.int64)
     element, weight = (
         np.empty(12 * (end - first) + 64, np.int32),
-        np.empty(12 * (end - first) + 64, np.float32),
+        np.empty(12 * (end - first) + 64),
     )
     stack, found, gap = np.empty(128, np.int64), np.empty(1024, np.int64), np.empty(1024)
     slot = np.full(len(corners) + len(samples), -1, dtype=np.int32)
