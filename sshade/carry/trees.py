@@ -2,8 +2,8 @@
 
 A point at a distance d from the surface blends affine maps of the surface around it. Near the surface the
 maps belong to triangles, farther away to samples. The spacing h of the samples grows with d, in levels by
-factors of two (:mod:`sshade.carry.surface_samples`). Around the point lies a ball of the radius R = REACH d,
-or more where samples are sparse. The weight of an element at the distance r from the point is
+factors of two (:mod:`sshade.carry.surface_samples`). Around the point lies a ball of the radius R = REACH d.
+The weight of an element at the distance r from the point is
 
     (d / r)^2  times the integral of  (1 - |y - x|^2 / R^2)^2  over the element.
 
@@ -35,8 +35,6 @@ REACH = 3.0
 ON_SURFACE = 1e-7
 #: Part of the weight of a triangle that does not depend on its area, so that a sliver alone has a weight.
 SLIVER = 1e-9
-#: Radius of the ball, in distances to the nearest sample, where samples are sparse.
-SPARSE = 1.3
 #: Distance to the surface, over the spacing of the first level, at which only the first level counts.
 FIRST = 0.5
 #: Slope of the blend of two levels, per octave.
@@ -176,17 +174,10 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
             else:
                 s, t = levels[at - 2, 0], levels[at - 1, 0]
                 tree = sample_boxes[levels[at - 2, 1] : levels[at - 1, 1]]
-                size = 0
-                for _ in range(2):
+                size, radius = 0, 0.5 * radius
+                while size == 0:  # once, unless the samples leave a hole
+                    radius *= 2.0
                     size, found, gap = _samples_within(x, y, z, radius, samples[s:t], tree, stack, found, gap)
-                    least = np.inf
-                    for j in range(size):
-                        least = min(least, gap[j])
-                    if size > 0 and SPARSE * np.sqrt(least) <= radius:
-                        break
-                    if size == 0:
-                        least = _nearest_sample(x, y, z, samples[s:t], tree, stack)
-                    radius = SPARSE * np.sqrt(least)
             if size > MOST:
                 radius = np.sqrt(np.sort(gap[:size])[MOST]) + least_d
             while total + size > len(element):
@@ -273,28 +264,6 @@ def _nearest(x, y, z, corners, boxes, guess, stack, far):
                 if d < best:
                     best, item = d, j
     return best, item
-
-
-@subroutine(fastmath={"contract"}, error_model="numpy")
-def _nearest_sample(x, y, z, samples, boxes, stack):
-    """Return the least squared distance from a sample."""
-    best, leaves, size = np.inf, len(boxes) // 2, 1
-    stack[0] = 1
-    while size > 0:
-        size -= 1
-        node = stack[size]
-        if _box_distance(x, y, z, boxes, node) >= best:
-            continue
-        if node >= leaves:
-            begin = (node - leaves) * LEAF
-            for j in range(begin, min(begin + LEAF, len(samples))):
-                best = min(best, _point_distance(x, y, z, samples, j))
-        else:
-            one, other = _box_distance(x, y, z, boxes, 2 * node), _box_distance(x, y, z, boxes, 2 * node + 1)
-            near = 2 * node if one <= other else 2 * node + 1
-            stack[size], stack[size + 1] = 4 * node + 1 - near, near
-            size += 2
-    return best
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
