@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sshade.carry.binding import Binding
     from sshade.carry.binding_file import load_binding, save_binding
+    from sshade.carry.points import BoundPoints, PosedPoints, bind_points
     from sshade.errors import InputError
     from sshade.handles import Handles
     from sshade.io.arrays import read, write
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Binding",
+    "BoundPoints",
     "DeformationResult",
     "DeformationTask",
     "Deformer",
@@ -37,10 +39,12 @@ __all__ = [
     "InputError",
     "Mesh",
     "Method",
+    "PosedPoints",
     "Slide",
     "TransferTask",
     "VolumeGoal",
     "bind",
+    "bind_points",
     "deform",
     "deform_sequence",
     "load_binding",
@@ -54,6 +58,7 @@ __all__ = [
 _MODULES = {
     "carry.binding": ["Binding"],
     "carry.binding_file": ["load_binding", "save_binding"],
+    "carry.points": ["BoundPoints", "PosedPoints", "bind_points"],
     "errors": ["InputError"],
     "handles": ["Handles"],
     "io.arrays": ["read", "write"],

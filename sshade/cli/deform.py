@@ -39,6 +39,9 @@ Frames move groups by their names:
   {"handles": [{"landmark": "hand", "vertices": [12, 13, 14]}],
    "frames": [{"time": 0.5, "handles": [{"landmark": "hand", "translation": [x, y, z]}]}, ...]}
 
+Files after --with are carried with the mesh: clothes, hair, point clouds, Gaussian splats. They must lie on,
+inside or near the mesh. Each is written beside OUT, under a name that begins with OUT, with all its contents.
+
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
 deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
@@ -57,6 +60,7 @@ examples:
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
   sshade deform body.ply poses/*.json -o out_%04d.ply
   sshade deform body.ply hands.json --animation rig.glb -o out.glb
+  sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb scene.ply
 """
 
 from __future__ import annotations
@@ -69,6 +73,7 @@ from typing import Any
 
 import numpy as np
 
+from sshade.cli import carried
 from sshade.cli.arguments import (
     CARRY,
     HANDLES,
@@ -114,6 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "glTF file whose animated nodes move the groups of the same names (.glb, .gltf)"
     parser.add_argument("--animation", type=Path, metavar="FILE", help=text)
     add_fps(parser, "poses per second: samples of --animation, or times of handle files in OUT")
+    carried.add_arguments(parser)
     add_repair(parser)
 
 
@@ -123,6 +129,9 @@ def command(options: argparse.Namespace) -> int:
     if not sequence:
         (options.handles,) = options.handles
         check_outputs(options, output=SUFFIXES)
+    elif options.carried:
+        raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
+    companions = carried.outputs(options, options.output)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
@@ -137,11 +146,17 @@ def command(options: argparse.Namespace) -> int:
     if sequence:
         return deform_poses(options, values, resolved)
     given = read_handle_file(options.handles, raw=options.raw)
-    return _deform(options, values, resolved, given)
+    return _deform(options, values, resolved, given, companions)
 
 
 @announced_compilation()
-def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: HandleFile) -> int:
+def _deform(
+    options: argparse.Namespace,
+    values: dict[str, Any],
+    resolved: Options,
+    given: HandleFile,
+    companions: list[Path],
+) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.io.handles import handle_notes, on_mesh
@@ -169,12 +184,14 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
         carry_unconstrained=options.carry_unconstrained,
         volumes=volumes,
     )
+    bound = carried.bind_files(options.carried, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     placed = whole.placed(V, result.vertices)
     write_file(options.output, file, placed)
+    carried.write_files(bound, result.vertices)
     stored = stored_positions(options.output, file, placed)
     rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
     reach, error = reached(stored, whole, handles)

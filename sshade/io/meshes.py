@@ -66,6 +66,11 @@ def surface_of(
     InputError
         When the file holds no surface. The message names `path`.
     """
+    if not len(file.F) and "property rot_0" in file.holds:
+        raise InputError(
+            f"{path}: holds Gaussian splats and no surface; give a mesh, and carry the splats with it: "
+            f"sshade deform MESH HANDLES -o OUT --with {Path(path).name}"
+        )
     with naming(path):
         return surface(file.V, file.F, weld=weld, rounding=file.rounding, repair=repair)
 

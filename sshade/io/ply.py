@@ -26,7 +26,7 @@ _NORMAL = ["nx", "ny", "nz"]
 _CHANGED = ["x", "y", "z", *_NORMAL]
 
 
-class _Ply(NamedTuple):
+class Ply(NamedTuple):
     """A PLY file.
 
     Attributes
@@ -59,7 +59,7 @@ def read_ply(path: Path) -> MeshFile:
     ValueError
         When the file is no PLY file, holds fewer or more numbers than it announces, or has no positions.
     """
-    ply = _parsed(path.read_bytes())
+    ply = parsed(path.read_bytes())
     if "vertex" not in ply.elements:
         raise ValueError("it has no vertices")
     vertices, faces = ply.elements["vertex"], ply.elements.get("face")
@@ -100,7 +100,8 @@ def _stored(kinds: list[np.dtype], V: np.ndarray) -> np.ndarray:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _parsed(data: bytes) -> _Ply:
+def parsed(data: bytes) -> Ply:
+    """Read the elements of a PLY file from its bytes; raise ValueError as :func:`read_ply`."""
     order, elements, body = read_header(data)
     numbers, at, words = data, body, None
     notes: tuple[str, ...] = ()
@@ -115,7 +116,7 @@ def _parsed(data: bytes) -> _Ply:
         element.rows, at = take(numbers, at, element, order)
     if at != len(numbers):
         raise ValueError("more numbers follow after the last announced row")
-    return _Ply(data, body, order, {element.name: element for element in elements}, words, notes)
+    return Ply(data, body, order, {element.name: element for element in elements}, words, notes)
 
 
 def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +145,7 @@ _MEANING = {
 }
 
 
-def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
+def _holds(ply: Ply, triangles: int) -> tuple[str, ...]:
     """Return the names of the contents besides positions and triangles."""
     found = []
     for element in ply.elements.values():
@@ -168,7 +169,7 @@ def _holds(ply: _Ply, triangles: int) -> tuple[str, ...]:
 
 
 def _content(
-    ply: _Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
+    ply: Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
 ) -> bytes | bytearray:
     vertices = ply.elements["vertex"]
     changes = [(vertices, vertices.numbers("x y z"), rest, V)]
@@ -182,15 +183,20 @@ def _content(
         N = faces.columns(normals)
         Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
         changes.append((faces, normals, N, turned(Q, N)))
-    header = _header_at(ply.data[: ply.body], source, path)
-    return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
+    return changed(ply, changes, source, path)
 
 
 #: An element, the numbers of its properties that change, and their values (rows, k) before and after.
 Change = tuple[Element, list[int], np.ndarray, np.ndarray]
 
 
-def _patched(ply: _Ply, changes: list[Change], header: bytes) -> bytearray:
+def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | bytearray:
+    """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change."""
+    header = _header_at(ply.data[: ply.body], source, path)
+    return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
+
+
+def _patched(ply: Ply, changes: list[Change], header: bytes) -> bytearray:
     content = bytearray(len(header) + len(ply.data) - ply.body)
     content[: len(header)], content[len(header) :] = header, memoryview(ply.data)[ply.body :]
     every = np.frombuffer(content, np.uint8)[len(header) :]
@@ -207,7 +213,7 @@ def _patched(ply: _Ply, changes: list[Change], header: bytes) -> bytearray:
     return content
 
 
-def _patched_text(ply: _Ply, words: Numbers, changes: list[Change]) -> bytes:
+def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
     edits = []
     for element, properties, _, new in changes:
         for rows in element.rows:

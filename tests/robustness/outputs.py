@@ -92,7 +92,35 @@ def _taken(name: str, path: str, given: Given = nothing, *, call: str = DEFORM) 
 
 SCRIPTS = both(_copy("body.ply", "Körper 体/模型 ü.ply"), _copy("pose.json", "поза 1.json"))
 
+WITH = "sshade deform body.ply pose.json -o out.ply --with extra.ply"
+SPLATS = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+FAR = mesh(BODY.V + 100, BODY.F, "extra.ply")
+COMPANIONS = {
+    "a missing file": (nothing, "extra.ply: no such file"),
+    "a mesh far away": (FAR, "extra.ply: 162 of 162 points are too far from the box of the mesh"),
+    "a mesh with NaN": (
+        mesh(np.full_like(BODY.V, np.nan), BODY.F, "extra.ply"),
+        "extra.ply: point 0 has a NaN",
+    ),
+    "garbage": (garbage("extra.ply"), "extra.ply: not a readable PLY file"),
+    "compressed splats": (
+        data("extra.ply", SPLATS + b"property uint packed_position\nend_header\n" + bytes(4)),
+        "extra.ply: holds compressed splats",
+    ),
+    "splats without rotations": (
+        data(
+            "extra.ply",
+            SPLATS
+            + b"".join(b"property float %s\n" % n for n in (b"x", b"y", b"z", b"f_dc_0"))
+            + b"end_header\n"
+            + bytes(16),
+        ),
+        "splats need scale_0, scale_1, scale_2",
+    ),
+}
+
 CASES = [
+    *refused(WITH, COMPANIONS, prefix="with: "),
     *refused(CARRY, MAPS, prefix="carry: "),
     _taken(
         "names in other scripts and with spaces",

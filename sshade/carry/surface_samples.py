@@ -1,0 +1,219 @@
+"""Samples of a surface in levels of spacing, each with the mean motion of the surface around it.
+
+The first level thins points that are spread over the triangles; each further level thins the samples of the
+level before, at twice the spacing. A sample suppresses samples within the spacing whose normals point to its
+side, so that both walls of a thin sheet keep samples. Suppressed samples belong to the nearest remaining one,
+which takes the mean of their maps, weighted by area.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.carry.trees import Tree, curve_order
+from sshade.kernels import kernel, subroutine
+
+#: Spacing of the first level, over the root of the area of a triangle that most of the surface exceeds.
+SPACING = 1.5
+#: Portion of the surface with smaller triangles.
+SMALLER = 0.1
+#: Least number of points per spacing squared, number of points for each triangle, and least number of points.
+DENSE, POINTS, LEAST_POINTS = 2.0, 4, 20_000
+#: Number of samples below which no further level follows.
+LEAST = 12
+
+
+class Means(NamedTuple):
+    """Rows whose means the elements of a level take: rows ``row[start[i]:start[i + 1]]`` for element i."""
+
+    start: np.ndarray
+    row: np.ndarray
+    weight: np.ndarray
+
+
+class SurfaceSamples(NamedTuple):
+    """Samples of all levels, and the points from which the first level was chosen.
+
+    Attributes
+    ----------
+    spacing : float
+        Of the first level; it doubles from level to level.
+    places, areas : (s, 3) and (s,) float64
+        The points, then the centroids around the samples of each level, in the order of their trees, and
+        their areas.
+    levels : (l + 1, 2) int64
+        Where places and boxes of each set begin; at last, where they end.
+    boxes : (b, 6) float64
+        Trees of all sets; see :class:`sshade.carry.trees.Tree`.
+    cell : (t,) int64
+        For each triangle the sample of the first level that has all its points, counted from t on. A
+        triangle with several points stands for itself.
+    owner : (s,) int64
+        For each point or sample the sample two levels on that it belongs to, counted from t on.
+    means : tuple of Means
+        For each level, the rows of the level before. Rows of the first level are triangles.
+    """
+
+    spacing: float
+    places: np.ndarray
+    areas: np.ndarray
+    levels: np.ndarray
+    boxes: np.ndarray
+    cell: np.ndarray
+    owner: np.ndarray
+    means: tuple[Means, ...]
+
+
+def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) -> SurfaceSamples:
+    """Sample triangles with corners (t, 3, 3), areas (t,), all above 0, and unit normals (t, 3)."""
+    order = np.argsort(areas)
+    below = np.cumsum(areas[order])
+    typical = areas[order[np.searchsorted(below, SMALLER * below[-1])]]
+    most = max(POINTS * len(areas), LEAST_POINTS)
+    spacing = h = max(SPACING * np.sqrt(typical), np.sqrt(DENSE * below[-1] / most))
+    points, row = _points(corners, spacing)
+    count = np.bincount(row, minlength=len(areas))
+    sets = [_Set(points, points, (areas / count)[row], normals[row])]
+    parents: list[np.ndarray] = []
+    means: list[Means] = []
+    while len(sets) < 3 or len(sets[-1].points) >= LEAST:
+        last = sets[-1]
+        kept, parent = _thin(last.points, last.normals, h)
+        order = curve_order(last.points[kept])
+        kept, rank = kept[order], np.empty(len(order), dtype=np.int64)
+        rank[order] = np.arange(len(order))
+        parent = rank[parent]
+        area = np.bincount(parent, last.areas, len(kept))
+        sequence = np.argsort(parent, kind="stable")
+        start = np.searchsorted(parent[sequence], np.arange(len(kept) + 1))
+        weight = (last.areas / area[parent])[sequence]
+        means.append(Means(start, row[sequence] if len(sets) == 1 else sequence, weight))
+        parents.append(parent)
+        centre = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
+        sets.append(_Set(last.points[kept], centre / area[:, None], area, last.normals[kept]))
+        h *= 2
+    single = (count == 1)[row]
+    cell = np.arange(len(areas))
+    sets[0], fine = _refined(sets[0], corners, row, single)
+    first_parent, parents[0] = parents[0], parents[0][fine]
+    sizes = [len(one.points) for one in sets]
+    first = np.cumsum(
+        [len(areas) - sizes[0], *sizes]
+    )  # numbers of the elements of each set; points have none
+    trees = [Tree.of(one.centres, one.centres).boxes for one in sets]
+    top = np.arange(sizes[-1])
+    parents += [top, top]
+    owner = [parents[k + 1][parents[k]] + first[min(k + 2, len(sets) - 1)] for k in range(len(sets))]
+    cell[row[single]] = first[1] + first_parent[single]
+    return SurfaceSamples(
+        float(spacing),
+        np.concatenate([one.centres for one in sets]),
+        np.concatenate([one.areas for one in sets]),
+        np.stack([np.cumsum([0, *sizes]), np.cumsum([0, *map(len, trees)])], axis=1),
+        np.concatenate(trees),
+        cell,
+        np.concatenate(owner),
+        tuple(means),
+    )
+
+
+class _Set(NamedTuple):
+    points: np.ndarray
+    centres: np.ndarray
+    areas: np.ndarray
+    normals: np.ndarray
+
+
+def _refined(one: _Set, corners: np.ndarray, row: np.ndarray, single: np.ndarray) -> tuple[_Set, np.ndarray]:
+    """Replace the only point of a triangle by three, whose quadrature is exact for quadratic functions.
+
+    Returns the set, and for each of its points the point that it replaces.
+    """
+    fine = np.repeat(np.arange(len(row)), np.where(single, 3, 1))
+    points, three = one.points[fine], np.flatnonzero(single[fine])
+    of = corners[row[fine[three]]]
+    corner = np.take_along_axis(of, np.tile(np.arange(3), len(three) // 3)[:, None, None], axis=1)[:, 0]
+    points[three] = 0.5 * (of.mean(axis=1) + corner)
+    areas = (one.areas / np.where(single, 3, 1))[fine]
+    return _Set(points, points, areas, one.normals[fine]), fine
+
+
+def _points(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Spread points (k, 3) over triangles, about a spacing apart; return the triangle (k,) of each, too."""
+    sides = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2)
+    first = np.argmax(sides, axis=1)
+    turned = np.take_along_axis(corners, ((first[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+    a, u, v = turned[:, 0], turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0]
+    longest = sides.max(axis=1)
+    height = np.linalg.norm(np.cross(u, v), axis=1) / longest
+    along = np.ceil(longest / spacing).astype(np.int64)
+    across = np.ceil(height / spacing).astype(np.int64)
+    along[longest <= 2 * spacing] = across[longest <= 2 * spacing] = 1
+    count = along * across
+    row = np.repeat(np.arange(len(corners)), count)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    s, t = (number % along[row] + 0.5) / along[row], (number // along[row] + 0.5) / across[row]
+    outside = s + t > 1
+    s, t = np.where(outside, 1 - s, s), np.where(outside, 1 - t, t)
+    single = (count == 1)[row]
+    s[single] = t[single] = 1 / 3
+    return a[row] + s[:, None] * u[row] + t[:, None] * v[row], row
+
+
+def _thin(points: np.ndarray, normals: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (k,) that are a spacing apart, and the number in them of the nearest for each point."""
+    size = 1 << int(np.ceil(np.log2(max(16, 2 * len(points)))))
+    return _thinned(points, normals, points.min(axis=0), spacing, np.full(size, -1, dtype=np.int64))
+
+
+@kernel
+def _thinned(points, normals, low, spacing, head):
+    after = np.full(len(points), -1, dtype=np.int64)  # chains of kept points with the same hash
+    kept, parent = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.int64)
+    count = 0
+    for i in range(len(points)):
+        if _nearest_kept(i, points, normals, low, spacing, head, after, kept) < 0:
+            place = _hash(points, i, low, spacing, 0, 0, 0, len(head))
+            after[count], head[place] = head[place], count
+            kept[count] = i
+            count += 1
+    for i in range(len(points)):
+        parent[i] = _nearest_kept(i, points, normals, low, spacing, head, after, kept)
+    return kept[:count].copy(), parent
+
+
+@subroutine
+def _hash(points, i, low, spacing, dx, dy, dz, size):
+    x = np.int64((points[i, 0] - low[0]) / spacing) + dx
+    y = np.int64((points[i, 1] - low[1]) / spacing) + dy
+    z = np.int64((points[i, 2] - low[2]) / spacing) + dz
+    return ((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (size - 1)
+
+
+@subroutine
+def _nearest_kept(i, points, normals, low, spacing, head, after, kept):
+    """Return the number of the nearest kept point within the spacing and on the same side, or -1."""
+    best, found = spacing * spacing, np.int64(-1)
+    for dx in range(-1, 2):
+        for dy in range(-1, 2):
+            for dz in range(-1, 2):
+                j = head[_hash(points, i, low, spacing, dx, dy, dz, len(head))]
+                while j >= 0:
+                    k = kept[j]
+                    x, y, z = (
+                        points[k, 0] - points[i, 0],
+                        points[k, 1] - points[i, 1],
+                        points[k, 2] - points[i, 2],
+                    )
+                    d = x * x + y * y + z * z
+                    side = normals[k, 0] * normals[i, 0] + normals[k, 1] * normals[i, 1]
+                    side += normals[k, 2] * normals[i, 2]
+                    if k == i:
+                        d = 0.0
+                        side = 1.0
+                    if d < best and side > 0.0:
+                        best, found = d, j
+                    j = after[j]
+    return found

@@ -1,0 +1,147 @@
+"""Splats in files: covariance and colours follow the map, everything else stays."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import InputError
+from sshade.io.meshes import read_surface
+from sshade.io.splats import harmonics, moved_shapes, read_points, turned_harmonics
+
+RNG = np.random.default_rng(0)
+NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 {} opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
+
+
+def names(rest: int = 45) -> list[str]:
+    return NAMES.format(" ".join(f"f_rest_{i}" for i in range(rest))).split()
+
+
+def write_splats(path, X, *, properties=None, text=False, kind="<f4", extra=""):
+    """Write splats at X (n, 3), with random numbers for all else; return the numbers (n, p)."""
+    properties = names() if properties is None else properties
+    values = np.random.default_rng(1).normal(size=(len(X), len(properties))).astype(kind)
+    values[:, :3] = X
+    form = "ascii" if text else "binary_little_endian"
+    word = {"<f4": "float", "<f8": "double"}[kind]
+    header = f"ply\nformat {form} 1.0\ncomment by a test\nelement vertex {len(X)}\n"
+    header += "".join(f"property {word} {name}\n" for name in properties) + extra + "end_header\n"
+    rows = "".join(" ".join(map(repr, row)) + "\n" for row in values.tolist()).encode() if text else None
+    path.write_bytes(header.encode() + (values.tobytes() if rows is None else rows))
+    return values
+
+
+def covariances(shapes):
+    R = Rotation.from_quat(shapes[:, [1, 2, 3, 0]]).as_matrix()
+    return np.einsum("nij,nj,nkj->nik", R, np.exp(2 * shapes[:, 4:]), R)
+
+
+def colours(C, d):
+    """Sample the functions of the direction."""
+    Y = np.empty((len(d), 15))
+    for row, direction in zip(Y, d, strict=True):
+        harmonics.py_func(*direction, row)
+    count = C.shape[1] // 3
+    return np.einsum("nck,nk->nc", C.reshape(len(C), 3, count), Y[:, :count])
+
+
+def test_harmonics_are_orthonormal():
+    z, w = np.polynomial.legendre.leggauss(8)
+    angle = 2 * np.pi * np.arange(16) / 16
+    z, angle = (x.ravel() for x in np.meshgrid(z, angle, indexing="ij"))
+    r = np.sqrt(1 - z * z)
+    Y = np.empty((len(z), 15))
+    for row, d in zip(Y, np.stack([r * np.cos(angle), r * np.sin(angle), z], 1), strict=True):
+        harmonics.py_func(*d, row)
+    assert (Y.T * np.repeat(w, 16)) @ Y * 2 * np.pi / 16 == pytest.approx(np.eye(15), abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [0, 3, 8, 15])
+def test_turned_harmonics_have_the_old_colour_in_the_turned_direction(count):
+    C, R = RNG.normal(size=(50, 3 * count)), Rotation.random(50, random_state=1).as_matrix()
+    d = RNG.normal(size=(50, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    turned = turned_harmonics(C, R)
+    assert colours(turned, np.einsum("nij,nj->ni", R, d)) == pytest.approx(colours(C, d), abs=1e-12)
+    assert count == 0 or abs(turned - C).max() > 0.1
+
+
+def test_covariances_follow_linear_maps():
+    shapes = RNG.normal(size=(200, 7))
+    J = np.eye(3) + 0.4 * RNG.normal(size=(200, 3, 3))
+    moved = moved_shapes(shapes, J)
+    want = np.einsum("nij,njk,nlk->nil", J, covariances(shapes), J)
+    assert covariances(moved) == pytest.approx(want, rel=1e-10, abs=1e-10)
+    assert np.linalg.norm(moved[:, :4], axis=1) == pytest.approx(np.linalg.norm(shapes[:, :4], axis=1))
+
+
+def test_rotations_keep_scales_and_the_identity_keeps_everything():
+    shapes, R = RNG.normal(size=(50, 7)), Rotation.random(50, random_state=3)
+    moved = moved_shapes(shapes, R.as_matrix())
+    assert moved[:, 4:] == pytest.approx(shapes[:, 4:], abs=1e-12)
+    both = (R * Rotation.from_quat(shapes[:, [1, 2, 3, 0]])).as_matrix()
+    assert Rotation.from_quat(moved[:, [1, 2, 3, 0]]).as_matrix() == pytest.approx(both, abs=1e-12)
+    assert moved_shapes(shapes, np.tile(np.eye(3), (50, 1, 1))) == pytest.approx(shapes, abs=1e-12)
+
+
+def test_flat_splats_and_collapsing_maps_stay_finite():
+    shapes = np.zeros((3, 7))
+    shapes[:, 0] = 2.0
+    shapes[0, 4:] = [0.0, -1.0, -80.0]
+    shapes[1, :4] = 0.0  # no rotation: the splat stays
+    J = np.stack([Rotation.from_rotvec([0, 0, 1]).as_matrix(), 2 * np.eye(3), np.zeros((3, 3))])
+    moved = moved_shapes(shapes, J)
+    assert moved[0, 4:] == pytest.approx([0.0, -1.0, -80.0], abs=1e-9)
+    assert (moved[1:] == shapes[1:]).all()
+
+
+@pytest.mark.parametrize(("text", "kind"), [(False, "<f4"), (False, "<f8"), (True, "<f8")])
+def test_all_properties_of_a_file_are_kept(tmp_path, text, kind):
+    path, out = tmp_path / "scene.ply", tmp_path / "out.ply"
+    properties = [*names(24), "mine"]
+    values = write_splats(path, RNG.normal(size=(9, 3)), properties=properties, text=text, kind=kind)
+    points = read_points(path)
+    assert points.is_splats and pytest.approx(values[:, :3]) == points.V
+    R = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    points.write(out, points.V + 1, np.tile(R, (9, 1, 1)), np.tile(2 * R, (9, 1, 1)))
+    again = read_points(out)
+    column = {name: i for i, name in enumerate(properties)}
+    new = again.ply.elements["vertex"].columns(list(range(len(properties))))
+    for name in ("f_dc_0", "f_dc_1", "f_dc_2", "opacity", "mine"):
+        assert (new[:, column[name]] == values[:, column[name]]).all()
+    assert new[:, :3] == pytest.approx(values[:, :3] + 1)
+    assert new[:, 3:6] == pytest.approx(values[:, 3:6] @ R.T, abs=1e-6)
+    scales = [column[f"scale_{i}"] for i in range(3)]
+    assert new[:, scales] == pytest.approx(values[:, scales] + np.log(2), abs=1e-6)
+    assert b"comment by a test" in out.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("properties", "words"),
+    [
+        (
+            [n for n in names() if n != "scale_2"],
+            "need scale_0, scale_1, scale_2, and the file has scale_0, scale_1;",
+        ),
+        (
+            [n for n in names() if not n.startswith("rot_")],
+            "need rot_0, rot_1, rot_2, rot_3, and the file has none",
+        ),
+        (names(44), "has 44 properties f_rest_"),
+        (["packed_position", "packed_scale"], "compressed splats"),
+    ],
+)
+def test_other_layouts_are_refused(tmp_path, properties, words):
+    write_splats(
+        tmp_path / "scene.ply", np.zeros((2, 3))[:, : min(3, len(properties))], properties=properties
+    ) if len(properties) > 3 else (tmp_path / "scene.ply").write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uint packed_position\nend_header\n"
+        + bytes(4)
+    )
+    with pytest.raises(InputError, match=words):
+        read_points(tmp_path / "scene.ply")
+
+
+def test_splats_alone_are_no_mesh(tmp_path):
+    write_splats(tmp_path / "scene.ply", np.zeros((2, 3)))
+    with pytest.raises(InputError, match="holds Gaussian splats and no surface; give a mesh"):
+        read_surface(tmp_path / "scene.ply")
