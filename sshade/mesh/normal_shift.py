@@ -16,7 +16,7 @@ NEWTON_STEPS = 8
 
 
 def shifted(
-    V: np.ndarray, F: np.ndarray, weight: np.ndarray, deficit: float, *, most: float, error: float
+    V: np.ndarray, F: np.ndarray, weight: np.ndarray, volume: float, *, most: float, error: float
 ) -> np.ndarray:
     """Move vertices along their normals, all by one distance times their weights.
 
@@ -26,30 +26,30 @@ def shifted(
     F : (m, 3) uint32
         Faces of a closed and consistently oriented surface.
     weight : (n,) float64
-    deficit : float
-        Volume to gain, in length^3.
+    volume : float
+        Volume to reach, in length^3.
     most : float
         Largest distance.
     error : float
-        Error of the volume that is left.
+        Error of the volume that is allowed.
 
     Returns
     -------
     (n, 3) float64
         V itself where no move is needed.
     """
-    if deficit == 0.0:
-        return V
     n, origin = len(V), V[F[0, 0]]
     Z = _normals(F, V, weight)
     total = sum(in_ranges(lambda first, end: _volume(first, end, F, V, Z, origin), len(F)))
-    a, b, c = total.tolist()
-    shift = 0.0
+    now, a, b, c = total.tolist()
+    deficit, shift = volume - now, 0.0
     for _ in range(NEWTON_STEPS):
         missing, slope = deficit - shift * (a + shift * (b + shift * c)), a + shift * (2 * b + shift * 3 * c)
         if abs(missing) <= error or slope <= 0.0:
             break
         shift = float(np.clip(shift + missing / slope, -most, most))
+    if shift == 0.0:
+        return V
     out = np.empty_like(V)
     in_ranges(lambda first, end: _add(first, end, V, shift, Z, out), n)
     return out
@@ -78,8 +78,8 @@ def _normals(F, V, weight):
 
 @kernel
 def _volume(first, end, F, V, Z, origin):
-    """(3,) coefficients of s, s^2 and s^3 of the volume of V + s Z, over a range of faces."""
-    one, two, three = 0.0, 0.0, 0.0
+    """(4,) coefficients of 1, s, s^2 and s^3 of the volume of V + s Z, over a range of faces."""
+    zero, one, two, three = 0.0, 0.0, 0.0, 0.0
     for t in range(first, end):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
         px, py, pz = V[i, 0] - origin[0], V[i, 1] - origin[1], V[i, 2] - origin[2]
@@ -93,10 +93,11 @@ def _volume(first, end, F, V, Z, origin):
         mx, my = ay * dz - az * dy + cy * bz - cz * by, az * dx - ax * dz + cz * bx - cx * bz
         mz = ax * dy - ay * dx + cx * by - cy * bx
         lx, ly, lz = cy * dz - cz * dy, cz * dx - cx * dz, cx * dy - cy * dx
+        zero += px * nx + py * ny + pz * nz
         one += zx * nx + zy * ny + zz * nz + px * mx + py * my + pz * mz
         two += zx * mx + zy * my + zz * mz + px * lx + py * ly + pz * lz
         three += zx * lx + zy * ly + zz * lz
-    return np.array([one, two, three]) / 6.0
+    return np.array([zero, one, two, three]) / 6.0
 
 
 @kernel

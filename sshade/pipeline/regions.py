@@ -246,9 +246,8 @@ class HandleRegions:
             return self.goals.corrected(V, self._movable, most=most)
         if not self.volume:
             return V
-        volume, area = self._measured(V)
-        most, error = SHIFT * np.sqrt(area / self.vertices), ROUNDING * abs(self.volume)
-        return shifted(V, self._faces, self._movable, self.volume - volume, most=most, error=error)
+        most, error = SHIFT * np.sqrt(self._mesh.area / self.vertices), ROUNDING * abs(self.volume)
+        return shifted(V, self._faces, self._movable, self.volume, most=most, error=error)
 
     @cached_property
     def _movable(self) -> np.ndarray:
