@@ -30,7 +30,7 @@ class Strip(NamedTuple):
 
 def strips() -> list[Strip]:
     """Compute the rows of the picture."""
-    motion = body_motion(pose="leg_lift", count=9, level=1)
+    motion = body_motion(pose="bend_twist", count=9, level=1)
     body = [result.vertices for result in deform_sequence(motion.task, motion.targets)][::2]
     (drive,) = drives((("horse", "cat"),))
     driven = retarget(drive.source, drive.poses, drive.target, marks=drive.marks)
