@@ -266,7 +266,12 @@ def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, manner, name, cod
     Path("a.txt").write_text("old")
     environment = {**os.environ, "PYTHONPATH": str(Path(sshade.__file__).parents[1])}
     line = [sys.executable, "-c", ENDLESS, manner]
-    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+
+    def begin_with_default() -> None:  # nohup and others ignore signals, which children inherit
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
+
+    with subprocess.Popen(line, **pipes, env=environment, preexec_fn=begin_with_default) as process:
         process.stdout.readline()
         assert len(list(here.iterdir())) == 2
         begin = perf_counter()
