@@ -70,8 +70,8 @@ class Options:
         Scalar whose gradient directs triangle frames: the coordinate of largest extent, the steepest
         coordinate in each triangle, or a named coordinate. Change it to compare; blended frames ignore it.
     workers : int, optional
-        Number of threads; by default two for each CPU for samplings, one for each CPU for the polish. Results
-        do not depend on it.
+        Number of threads; by default two for each CPU for samplings, one for each CPU for a single proxy and
+        the polish. Results do not depend on it.
     seed : int
         Seed of the sampling. Change it to see how much a result depends on the sampling.
     volume : float
