@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output
-from sshade.io.splats import PointFile, read_points
-from sshade.mesh.mesh import Mesh
+
+if TYPE_CHECKING:
+    from sshade.io.splats import PointFile
+    from sshade.mesh.mesh import Mesh
 
 
 class Carried(NamedTuple):
@@ -76,6 +78,8 @@ def bind_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
 
 
 def _read(source: Path) -> MeshFile | PointFile:
+    from sshade.io.splats import read_points
+
     if source.suffix.lower() == ".ply" and source.stat().st_size > 0:
         try:
             points = read_points(source)
