@@ -99,9 +99,9 @@ def write_files(carried: Sequence[Carried], V: np.ndarray) -> None:
     from sshade.io.meshes import write_file
 
     for source, file, path, bound in carried:
-        if isinstance(file, PointFile):
+        if not isinstance(file, MeshFile):
             file.write(path, *bound.with_maps(V))  # type: ignore[attr-defined]
         else:
             write_file(path, file, bound(V))  # type: ignore[operator]
-        what = "splats" if isinstance(file, PointFile) and file.is_splats else "points"
+        what = "splats" if not isinstance(file, MeshFile) and file.is_splats else "points"
         say(f"{path}: {len(file.V)} {what} of {source} carried with the mesh")
