@@ -10,8 +10,8 @@ Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
 In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
-follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Handles of
-posed bodies are neither dense nor predicted, and the weight is 0.
+follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Landmarks of
+posed bodies are neither dense nor predicted: the weight is 0, or a few hundredths with thirty landmarks.
 """
 
 from __future__ import annotations
@@ -131,14 +131,15 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     if mode == "auto" and 2 * len(edge_vertices(mesh, handles.index)) < len(handles):  # handles are regions
         return None
     root, spacing = float(np.sqrt(mesh.area)), _distance_to_handles(task)
-    cluster = _clusters(x, LINKED * spacing)
+    linked = _near(x, LINKED * spacing)
+    cluster = _clusters(linked, len(x))
     if mode == "auto" and cluster.max() + 1 < LEAST:
         return None
-    thinned = _thinned(x, THINNED * spacing)
+    thinned = _thinned(_near(x, THINNED * spacing), len(x))
     centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
     reliable = np.ones(len(centres))
     if mode == "auto":
-        predicting = _thinned(x, LINKED * spacing)
+        predicting = _thinned(linked, len(x))
         elsewhere = points_elsewhere(x, predicting, centres, cluster, FAR_AWAY * spacing)
         error = fit_splines(x, y, elsewhere).left_out
         apart = np.linalg.norm(x[elsewhere[:, 1:4]] - x[centres][:, None], axis=2).mean(axis=1)
@@ -158,7 +159,9 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     weight = np.minimum(weight, 1.0)
     weight[weight > 1 - ROUNDING] = 1.0
     area = mesh.vertex_areas
-    return Warp(V, weight, 1.0 if (weight == 1.0).all() else float(weight @ area / area.sum()), exact)
+    # No dot product: the threads of BLAS would add in another order on another number of cores.
+    portion = 1.0 if (weight == 1.0).all() else float((weight * area).sum() / area.sum())
+    return Warp(V, weight, portion, exact)
 
 
 def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,19 +184,21 @@ def _distance_to_handles(task: DeformationTask) -> float:
     return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
-def _clusters(x: np.ndarray, radius: float) -> np.ndarray:
-    """Return the cluster (k,) of each point: points nearer than the radius are in the same."""
-    near = cKDTree(x).query_pairs(radius, output_type="ndarray")
-    graph = coo_array((np.ones(len(near), dtype=bool), near.T), shape=(len(x), len(x)))
+def _near(x: np.ndarray, radius: float) -> np.ndarray:
+    """Return the pairs (p, 2) of points that are nearer than a radius, in the order of the later point."""
+    near = np.sort(cKDTree(x).query_pairs(radius, output_type="ndarray"), axis=1)
+    return near[np.argsort(near[:, 1], kind="stable")]
+
+
+def _clusters(near: np.ndarray, k: int) -> np.ndarray:
+    """Return the cluster (k,) of each point: near points are in the same."""
+    graph = coo_array((np.ones(len(near), dtype=bool), near.T), shape=(k, k))
     return connected_components(graph, directed=False)[1]
 
 
-def _thinned(x: np.ndarray, radius: float) -> np.ndarray:
-    """Return points (t,) of a set in which no two are nearer than a radius."""
-    near = cKDTree(x).query_pairs(radius, output_type="ndarray")
-    near = np.sort(near, axis=1)
-    near = near[np.argsort(near[:, 1], kind="stable")]
-    kept = np.ones(len(x), dtype=bool)
+def _thinned(near: np.ndarray, k: int) -> np.ndarray:
+    """Return points (t,) of a set in which no two are near."""
+    kept = np.ones(k, dtype=bool)
     # A point is dropped if an earlier point that is kept is near; pairs are in the order of the later point.
     for first, second in near.tolist():
         if kept[first]:

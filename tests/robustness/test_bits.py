@@ -46,9 +46,6 @@ def _digest(array: np.ndarray) -> str:
 @pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity") or available_cpus() < 2, reason="it takes two cores to compare with"
 )
-@pytest.mark.xfail(
-    reason="fast has other bits in a process that may use one core only; the cause is not known"
-)
 def test_the_same_bits_on_one_core_as_on_several():
     """Fresh processes: what a process may use is read when libraries start their threads."""
     one = min(os.sched_getaffinity(0))
