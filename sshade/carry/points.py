@@ -27,12 +27,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from sshade.carry.blended import nearest_rotations
 from sshade.carry.surface_samples import SurfaceSamples, sample_surface
 from sshade.carry.trees import Tree, curve_order, squared_distances, weigh
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh, bounds
-from sshade.solver.rotations import fit_rotations
 from sshade.task import DeformationResult
 from sshade.threads import ThreadTeam, available_cpus, in_ranges
 
@@ -262,15 +262,9 @@ class BoundPoints:
 
 def nearest_rotations_in_threads(A: np.ndarray) -> np.ndarray:
     """Return the rotations R (k, 3, 3) nearest to matrices A (k, 3, 3), computed in several threads."""
-    S = np.empty((len(A), 9))
-
-    def fit(first: int, end: int) -> None:
-        S[first:end].reshape(-1, 3, 3)[:] = A[first:end].transpose(0, 2, 1)
-        fit_rotations(S[first:end], np.tile([1.0, 0.0, 0.0, 0.0], (end - first, 1)))
-
     with ThreadTeam(available_cpus() if len(A) > ROWS else 1) as team:
-        team.ranges(fit, len(A), rows=ROWS)
-    return S.reshape(-1, 3, 3)
+        parts = team.ranges(lambda first, end: nearest_rotations(A[first:end]), len(A), rows=ROWS)
+    return np.concatenate([A[:0], *parts])
 
 
 @subroutine(inline="always")

@@ -25,9 +25,9 @@ from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.normal_shift import shifted
 from sshade.options import Options
 from sshade.pipeline.goals import Goals
+from sshade.pipeline.normal_shift import shifted
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
 from sshade.sampling.proxy import Sampling, sample_proxy

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import Mesh
-from sshade.mesh.normal_shift import shifted
+from sshade.pipeline.normal_shift import shifted
 from tests.shapes import bumpy, icosphere, rotation
 
 BODY = bumpy(3)

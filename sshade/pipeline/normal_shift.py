@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.kernels import kernel
+from sshade.mesh.mesh import unit_rows
+from sshade.solver.constraints import add_gradients
 from sshade.threads import in_ranges
 
 #: Number of Newton steps for the root of the polynomial.
@@ -39,7 +41,9 @@ def shifted(
         V itself where no move is needed.
     """
     n, origin = len(V), V[F[0, 0]]
-    Z = _normals(F, V, weight)
+    Z = np.zeros_like(V)
+    add_gradients(F, V, 1.0, 0.0, Z, Z, 0, n)
+    Z = weight[:, None] * unit_rows(Z)
     total = sum(in_ranges(lambda first, end: _volume(first, end, F, V, Z, origin), len(F)))
     now, a, b, c = total.tolist()
     deficit, shift = volume - now, 0.0
@@ -50,30 +54,7 @@ def shifted(
         shift = float(np.clip(shift + missing / slope, -most, most))
     if shift == 0.0:
         return V
-    out = np.empty_like(V)
-    in_ranges(lambda first, end: _add(first, end, V, shift, Z, out), n)
-    return out
-
-
-@kernel
-def _normals(F, V, weight):
-    """Unit normals (n, 3) of vertices, by area, times weights; 0 where areas cancel."""
-    Z = np.zeros_like(V)
-    for t in range(len(F)):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        ax, ay, az = V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
-        bx, by, bz = V[k, 0] - V[i, 0], V[k, 1] - V[i, 1], V[k, 2] - V[i, 2]
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        for corner in (i, j, k):
-            Z[corner, 0] += x
-            Z[corner, 1] += y
-            Z[corner, 2] += z
-    for i in range(len(Z)):
-        length = np.sqrt(Z[i, 0] * Z[i, 0] + Z[i, 1] * Z[i, 1] + Z[i, 2] * Z[i, 2])
-        factor = weight[i] / length if length > 0.0 else 0.0
-        for c in range(3):
-            Z[i, c] *= factor
-    return Z
+    return V + shift * Z
 
 
 @kernel
@@ -98,10 +79,3 @@ def _volume(first, end, F, V, Z, origin):
         two += zx * mx + zy * my + zz * mz + px * lx + py * ly + pz * lz
         three += zx * lx + zy * ly + zz * lz
     return np.array([zero, one, two, three]) / 6.0
-
-
-@kernel
-def _add(first, end, V, shift, Z, out):
-    for i in range(first, end):
-        for c in range(3):
-            out[i, c] = V[i, c] + shift * Z[i, c]
