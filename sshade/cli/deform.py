@@ -66,7 +66,6 @@ examples:
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -86,15 +85,13 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.limits import require_memory
 from sshade.cli.notes import announced_warnings, notes
-from sshade.cli.sequence import add_fps, deform_poses, is_sequence
+from sshade.cli.sequence import add_fps, deform_poses, is_sequence, require_memory_to_deform, softened
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import naming
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
-from sshade.threads import available_cpus
 
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
@@ -168,15 +165,12 @@ def _deform(
     file, whole = read_surface(options, options.output)
     V = file.V
     mesh = whole.mesh
-    at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())
-    samples = min(resolved.vertices, int(len(V) / resolved.coarser))
-    require_memory(vertices=len(V), proxy_vertices=at_once * samples)
+    require_memory_to_deform(len(V), resolved)
     with naming(options.handles):
         handles = on_mesh(given, mesh, vertex=whole.vertex)
         volumes = volumes_on_surface(given.volumes, whole, file.F)
     if options.weight is not None:
-        softened = handles.exact & ~handles.free
-        handles = replace(handles, weight=np.where(softened, options.weight, handles.weight))
+        handles = softened(handles, options.weight)
     task = DeformationTask(
         options.mesh.stem,
         mesh,

@@ -147,12 +147,10 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
 
     file, whole = read_surface(options, _output_of_contents(options.output))
     mesh, files = whole.mesh, [pose.file for pose in given.poses]
-    at_once = min(resolved.samplings, resolved.workers or 2 * available_cpus())
-    samples = min(resolved.vertices, int(len(file.V) / resolved.coarser))
-    require_memory(vertices=len(file.V), proxy_vertices=at_once * samples)
+    require_memory_to_deform(len(file.V), resolved)
     poses = given.on(mesh, whole.vertex)
     if options.weight is not None:
-        poses = [_softened(handles, options.weight) for handles in poses]
+        poses = [softened(handles, options.weight) for handles in poses]
     goals = []
     for pose in given.poses:
         with naming(pose.name):
@@ -213,7 +211,14 @@ def _output_of_contents(output: Path) -> Path | None:
     return None if output.suffix.lower() in CACHES else output
 
 
-def _softened(handles: Handles, weight: float) -> Handles:
+def require_memory_to_deform(vertices: int, options: Options) -> None:
+    """Raise MemoryError if a limit leaves too little memory; see :func:`sshade.cli.limits.require_memory`."""
+    at_once = min(options.samplings, options.workers or 2 * available_cpus())
+    samples = min(options.vertices, int(vertices / options.coarser))
+    require_memory(vertices=vertices, proxy_vertices=at_once * samples)
+
+
+def softened(handles: Handles, weight: float) -> Handles:
     """Return handles whose hard positions are soft, with a weight."""
     return replace(handles, weight=np.where(handles.exact & ~handles.free, weight, handles.weight))
 

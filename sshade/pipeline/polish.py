@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from math import inf
 from time import perf_counter
 from typing import Any
@@ -17,8 +18,7 @@ from sshade.options import ENERGY, Options
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, renamed
 from sshade.sampling.fronts import Fronts
-from sshade.solver.attachment import Attachment
-from sshade.solver.local_global import LocalGlobal, part_faces, part_ratios
+from sshade.solver.local_global import LocalGlobal, bind_task, part_ratios
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus
@@ -66,7 +66,9 @@ def polished(
     begin = perf_counter()
     give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:
-        solver_ready = pool.submit(_bind, task, options.attachment, options.thickness)
+        own = replace(options, bending=0.0)  # V-cycles have no bending
+        bind = partial(bind_task, factorised=False, exact_steps=0, hold_slides=True)
+        solver_ready = pool.submit(bind, task, own)
         proxy = deform()
         arrived = perf_counter()
         progress("polish", 0, options.polish_iterations, "preparing")
@@ -108,27 +110,6 @@ def polished(
     }
     facts = {**solution.facts(), **facts}
     return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
-
-
-def _bind(task: DeformationTask, weight: float, thickness: float) -> tuple[LocalGlobal, np.ndarray, float]:
-    """The solver at full resolution, the targets of handles and attached vertices, and the time taken."""
-    begin = perf_counter()
-    attachment = Attachment(task.mesh, task.handles, weight, fold=True)
-    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
-    stiffness = attachment.stiffness
-    if attachment.slide is not None:  # vertices with a rotation alone stay free, if others are held
-        free = np.array([slide is not None and slide.free for slide in attachment.slide])
-        stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
-        targets = targets.copy()
-    parts = part_faces(task)
-    bound: dict[str, Any] = {
-        "stiffness": stiffness,
-        "multigrid": True,
-        "thickness": thickness,
-        "parts": parts,
-    }
-    solver = LocalGlobal(task.mesh, attachment.vertex, **bound)
-    return solver, targets, perf_counter() - begin
 
 
 def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -218,21 +218,38 @@ def bind_task(
     *,
     energy: Energy = "spokes_and_rims",
     factorised: bool | None = None,
+    exact_steps: int = EXACT_STEPS,
+    hold_slides: bool = False,
 ) -> Bound:
-    """Bind a solver to the mesh and the handles of a task; parameters as of :func:`local_global`."""
+    """Bind a solver to the mesh and the handles of a task.
+
+    Parameters
+    ----------
+    task, options, energy, factorised
+        As of :func:`local_global`.
+    exact_steps : int
+        See :class:`sshade.solver.system.System`.
+    hold_slides : bool
+        Handles that slide stay at targets which the caller writes; handles with a rotation alone stay free.
+    """
     begin = perf_counter()
     needed = options.bending > 0 or task.handles.slide is not None
     multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
     attachment = Attachment(task.mesh, task.handles, options.attachment, fold=True)
     targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
+    slide, stiffness = attachment.slide, attachment.stiffness
+    if hold_slides and slide is not None:
+        free = np.array([one is not None and one.free for one in slide])
+        stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
+        targets, slide = targets.copy(), None
     solver = LocalGlobal(
         task.mesh,
         attachment.vertex,
         energy=energy,
-        stiffness=attachment.stiffness,
-        slide=attachment.slide,
+        stiffness=stiffness,
+        slide=slide,
         multigrid=multigrid,
-        exact_steps=EXACT_STEPS,
+        exact_steps=exact_steps,
         bending=options.bending,
         thickness=options.thickness,
         parts=part_faces(task),
