@@ -170,14 +170,14 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
                 continue
             radius, s = REACH * d, 0
             if at < 2:
-                size, found, gap = _triangles_within(x, y, z, radius, corners, boxes, stack, found, gap)
+                size, found, gap = _within(x, y, z, radius, corners, boxes, stack, found, gap)
             else:
                 s, t = levels[at - 2, 0], levels[at - 1, 0]
                 tree = sample_boxes[levels[at - 2, 1] : levels[at - 1, 1]]
                 size, radius = 0, 0.5 * radius
                 while size == 0:  # once, unless the samples leave a hole
                     radius *= 2.0
-                    size, found, gap = _samples_within(x, y, z, radius, samples[s:t], tree, stack, found, gap)
+                    size, found, gap = _within(x, y, z, radius, samples[s:t], tree, stack, found, gap)
             if size > MOST:
                 radius = np.sqrt(np.sort(gap[:size])[MOST]) + least_d
             while total + size > len(element):
@@ -267,8 +267,11 @@ def _nearest(x, y, z, corners, boxes, guess, stack, far):
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
-def _triangles_within(x, y, z, radius, corners, boxes, stack, found, gap):
-    """Collect the triangles within a radius, with squared distances; return their number and the arrays."""
+def _within(x, y, z, radius, items, boxes, stack, found, gap):
+    """Collect the triangles (k, 9) or points (k, 3) within a radius, with squared distances.
+
+    Return their number and the arrays.
+    """
     count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
     stack[0] = 1
     while size > 0:
@@ -283,33 +286,9 @@ def _triangles_within(x, y, z, radius, corners, boxes, stack, found, gap):
         begin = (node - leaves) * LEAF
         if count + LEAF > len(found):
             found, gap = _doubled(found), _doubled(gap)
-        for j in range(begin, min(begin + LEAF, len(corners))):
-            d = _triangle_distance(x, y, z, corners, j)
-            if d <= squared:
-                found[count], gap[count] = j, d
-                count += 1
-    return count, found, gap
-
-
-@subroutine(fastmath={"contract"}, error_model="numpy")
-def _samples_within(x, y, z, radius, samples, boxes, stack, found, gap):
-    """Collect the samples within a radius, with squared distances; return their number and the arrays."""
-    count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
-    stack[0] = 1
-    while size > 0:
-        size -= 1
-        node = stack[size]
-        if node < leaves:
-            for child in (2 * node, 2 * node + 1):
-                if _box_distance(x, y, z, boxes, child) <= squared:
-                    stack[size] = child
-                    size += 1
-            continue
-        begin = (node - leaves) * LEAF
-        if count + LEAF > len(found):
-            found, gap = _doubled(found), _doubled(gap)
-        for j in range(begin, min(begin + LEAF, len(samples))):
-            d = _point_distance(x, y, z, samples, j)
+        for j in range(begin, min(begin + LEAF, len(items))):
+            points = items.shape[1] == 3
+            d = _point_distance(x, y, z, items, j) if points else _triangle_distance(x, y, z, items, j)
             if d <= squared:
                 found[count], gap[count] = j, d
                 count += 1
