@@ -9,15 +9,23 @@ without Blender.
 
 def register() -> None:
     """Add properties, operators and the panel to Blender."""
+    import bpy
+
     from . import live, operators, panel, properties
 
-    for module in (properties, operators, panel, live):
-        module.register()
+    for one in (*properties.CLASSES, *operators.CLASSES, *panel.CLASSES):
+        bpy.utils.register_class(one)
+    bpy.types.Object.sshade = bpy.props.PointerProperty(type=properties.SSHADE_PG_object)
+    live.register()
 
 
 def unregister() -> None:
     """End live modes, and remove everything that :func:`register` added."""
+    import bpy
+
     from . import live, operators, panel, properties
 
-    for module in (live, panel, operators, properties):
-        module.unregister()
+    live.unregister()
+    del bpy.types.Object.sshade
+    for one in reversed((*properties.CLASSES, *operators.CLASSES, *panel.CLASSES)):
+        bpy.utils.unregister_class(one)

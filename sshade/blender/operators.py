@@ -173,13 +173,3 @@ CLASSES = (
     SSHADE_OT_handle_remove,
     SSHADE_OT_empty_add,
 )
-
-
-def register() -> None:
-    for one in CLASSES:
-        bpy.utils.register_class(one)
-
-
-def unregister() -> None:
-    for one in reversed(CLASSES):
-        bpy.utils.unregister_class(one)

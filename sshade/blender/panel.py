@@ -66,13 +66,3 @@ class SSHADE_PT_panel(bpy.types.Panel):
 
 
 CLASSES = (SSHADE_UL_handles, SSHADE_PT_panel)
-
-
-def register() -> None:
-    for one in CLASSES:
-        bpy.utils.register_class(one)
-
-
-def unregister() -> None:
-    for one in reversed(CLASSES):
-        bpy.utils.unregister_class(one)

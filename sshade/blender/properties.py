@@ -78,13 +78,4 @@ class SSHADE_PG_object(bpy.types.PropertyGroup):
     message: StringProperty(options={"SKIP_SAVE"})
 
 
-def register() -> None:
-    bpy.utils.register_class(SSHADE_PG_handle)
-    bpy.utils.register_class(SSHADE_PG_object)
-    bpy.types.Object.sshade = PointerProperty(type=SSHADE_PG_object)
-
-
-def unregister() -> None:
-    del bpy.types.Object.sshade
-    bpy.utils.unregister_class(SSHADE_PG_object)
-    bpy.utils.unregister_class(SSHADE_PG_handle)
+CLASSES = (SSHADE_PG_handle, SSHADE_PG_object)
