@@ -151,7 +151,7 @@ def _bodies(first: int, second: int) -> Drive:
         rotations, shifts = bodies.rotations[first], bodies.shifts[first]
         return np.array([bodies.pose(subject, rotations=rotations[k], shift=shifts[k]) for k in range(4)])
 
-    marks = _spread(bodies.rest[first], MARKS)
+    marks = spread(bodies.rest[first], MARKS)
     pairs = np.stack([marks, marks], axis=1)
     source = Mesh(bodies.rest[first], bodies.faces)
     poses, rest = posed(first), bodies.rest[second]
@@ -228,7 +228,7 @@ def _extreme(animal: Bodies, bone: int, direction: np.ndarray) -> int:
     return int(vertices[(animal.rest[0][vertices] @ direction).argmax()])
 
 
-def _spread(V: np.ndarray, count: int) -> np.ndarray:
+def spread(V: np.ndarray, count: int) -> np.ndarray:
     """Return vertices of V (n, 3) that are far from each other."""
     found, distance = [0], np.linalg.norm(V - V[0], axis=1)
     while len(found) < count:

@@ -56,19 +56,25 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
-def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsys, suffix):
-    whole, parts = f"whole_%d{suffix}", f"parts_%d{suffix}"
-    assert main(["deform", "body.ply", *poses(), "-o", whole, *FAST]) == 0
-    write, count = meshes.write_file, []
+def interrupted_at_the_third_file(monkeypatch) -> list[Path]:
+    """Interrupt the third call that writes a mesh; return a list that takes the path of each call."""
+    write, paths = meshes.write_file, []
 
     def interrupted(path, file, V):
-        count.append(path)
-        if len(count) == 3:
+        paths.append(path)
+        if len(paths) == 3:
             raise KeyboardInterrupt
         write(path, file, V)
 
     monkeypatch.setattr(meshes, "write_file", interrupted)
+    return paths
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsys, suffix):
+    whole, parts = f"whole_%d{suffix}", f"parts_%d{suffix}"
+    assert main(["deform", "body.ply", *poses(), "-o", whole, *FAST]) == 0
+    count = interrupted_at_the_third_file(monkeypatch)
     assert main(["deform", "body.ply", *poses(), "-o", parts, *FAST]) == 130
     assert len(list(Path().glob(f"parts_?{suffix}"))) == 2
     before = Path(f"parts_1{suffix}").stat().st_mtime_ns

@@ -6,12 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from defaust.tasks.motions import spread
 from sshade.cli.main import main
-from sshade.io import meshes
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.shapes import bent, bumpy
-from tests.sshade.cli.test_sequences import read_gltf, read_pc2, shown_at, vertices
-from tests.sshade.pipeline.test_retarget import spread
+from tests.sshade.cli.test_sequences import (
+    interrupted_at_the_third_file,
+    read_gltf,
+    read_pc2,
+    shown_at,
+    vertices,
+)
 
 BODY, OTHER = bumpy(2), bumpy(3)
 AMOUNTS = (0.05, 0.1, 0.15)
@@ -63,15 +68,7 @@ def test_poses_drive_another_mesh_through_marks(folder):
 def test_an_interrupted_retargeting_goes_on_to_the_same_bytes(folder, monkeypatch, capsys):
     command = ["transfer-pose", "rest.ply", "poses", "other.ply", "--marks", "marks.json", "-o"]
     assert main([*command, "out_%d.ply"]) == 0
-    write, count = meshes.write_file, []
-
-    def interrupted(path, file, V):
-        count.append(path)
-        if len(count) == 3:
-            raise KeyboardInterrupt
-        write(path, file, V)
-
-    monkeypatch.setattr(meshes, "write_file", interrupted)
+    count = interrupted_at_the_third_file(monkeypatch)
     assert main([*command, "parts_%d.ply"]) == 130
     assert main([*command, "parts_%d.ply"]) == 0
     assert len(count) == 4

@@ -5,19 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from defaust.sources.synthetic import load_bodies
+from defaust.tasks.motions import spread
 from sshade import InputError, Mesh, deform, retarget
 from sshade.pipeline.proxies import bind
 from sshade.pipeline.retarget import Retargeting
 from tests.shapes import beside, bumpy, shifted, tube
-
-
-def spread(V: np.ndarray, count: int) -> np.ndarray:
-    """Vertices far from each other: each next one is farthest from all before."""
-    found, distance = [0], np.linalg.norm(V - V[0], axis=1)
-    while len(found) < count:
-        found.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(V - V[found[-1]], axis=1))
-    return np.array(found)
 
 
 def same(count: int, mesh: Mesh) -> np.ndarray:
