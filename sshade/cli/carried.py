@@ -16,6 +16,7 @@ from sshade.io.document import SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output
 
 if TYPE_CHECKING:
+    from sshade.carry.points import BoundPoints
     from sshade.io.splats import PointFile
     from sshade.mesh.mesh import Mesh
 
@@ -26,7 +27,7 @@ class Carried(NamedTuple):
     source: Path
     file: MeshFile | PointFile
     output: Path
-    bound: object
+    bound: BoundPoints
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -99,9 +100,10 @@ def write_files(carried: Sequence[Carried], V: np.ndarray) -> None:
     from sshade.io.meshes import write_file
 
     for source, file, path, bound in carried:
-        if not isinstance(file, MeshFile):
-            file.write(path, *bound.with_maps(V))  # type: ignore[attr-defined]
+        what = "points"
+        if isinstance(file, MeshFile):
+            write_file(path, file, bound(V))
         else:
-            write_file(path, file, bound(V))  # type: ignore[operator]
-        what = "splats" if not isinstance(file, MeshFile) and file.is_splats else "points"
+            file.write(path, *bound.with_maps(V))
+            what = "splats" if file.is_splats else "points"
         say(f"{path}: {len(file.V)} {what} of {source} carried with the mesh")

@@ -11,7 +11,7 @@ cache:
 
   sshade transfer-pose rest.ply poses/ edited.ply -o out_%04d.ply
 
-With --marks, EDITED is any other mesh, with vertices of its own. Marks are places on MESH (source) and EDITED
+With --marks, EDITED is any other mesh. Its vertices need not correspond. Marks are places on MESH (source) and EDITED
 (target) that correspond, as ids of vertices or as positions:
 
   sshade transfer-pose cat.ply walk/ horse.ply --marks marks.json -o horse.glb

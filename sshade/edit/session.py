@@ -311,7 +311,7 @@ class Session:
             self._take(self.document.received_groups(content, name, first=self._number))
 
     def recover(self, path: Path | None = None) -> None:
-        """Replace groups, settings and selection by those of a recovery file, by default of the first offer.
+        """Restore groups, settings and selection from a recovery file, by default from the first offer.
 
         An offered file is removed after the recovery file of this session was written.
 
@@ -368,7 +368,7 @@ class Session:
         Raises
         ------
         InputError
-            When there is no such group, it is static, or the mesh cannot be bound with these handles.
+            When no group has the number, the group is static, or the mesh cannot be bound with these handles.
         """
         with self._following:
             with self._lock:
