@@ -2,7 +2,8 @@
 
 ``python -m docs.editing --picture`` only makes the picture of the page, from a body of ``make tables``. Run
 ``make bench`` before measuring, which builds the bodies. The script drags a group of a body in Chromium as a
-person would. The processor also draws, because Chromium has no graphics card here. The machine must do nothing else.
+person would. The processor also draws, because Chromium has no graphics card here. The machine must do
+nothing else.
 """
 
 from __future__ import annotations

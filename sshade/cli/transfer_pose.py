@@ -11,8 +11,8 @@ cache:
 
   sshade transfer-pose rest.ply poses/ edited.ply -o out_%04d.ply
 
-With --marks, EDITED is any other mesh. Its vertices need not correspond. Marks are places on MESH (source) and EDITED
-(target) that correspond, as ids of vertices or as positions:
+With --marks, EDITED is any other mesh. Its vertices need not correspond. Marks are places on MESH (source)
+and EDITED (target) that correspond, as ids of vertices or as positions:
 
   sshade transfer-pose cat.ply walk/ horse.ply --marks marks.json -o horse.glb
 
