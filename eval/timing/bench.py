@@ -12,6 +12,8 @@ kinds:
   scaling  subdivided meshes, each in a new process, with the peak of its memory
   whole    `sshade deform --method METHOD` from start to end, with files and imports; without cases on a
            tiny mesh
+  versions fast, fine, paper, "drag fast" and "drag paper" with this version of the project and with the
+           commit of --against, which is written to out/versions
 
 With --sizes, the cases are replaced by their midpoint subdivisions with the nearest numbers of vertices.
 A method or a case is [LABEL=]NAME [KEY=VALUE ...], with NAME in conf/method or conf/dataset. A KEY with a dot
@@ -22,6 +24,7 @@ examples:
     --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
   sshade-eval bench drag --methods "paper-1=paper samplings=1 solver.start=rest" \\
     --cases "defaust root=data/defaust_170k subject=0 pose=1,2"
+  sshade-eval bench versions --against HEAD~20 --methods fast "drag fast" --cases "mesh ..." --rounds 7
   sshade-eval timings speed drag
 """
 
@@ -29,20 +32,31 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 
 from eval.rows.files import TIMING
 from eval.rows.frame import to_frame, write_csv
+from eval.rows.store import Row
 from eval.timing.cases import read_cases, read_methods
 from eval.timing.drag import time_drags
 from eval.timing.scaling import SIZES, time_scaling
 from eval.timing.speed import time_methods
 from eval.timing.table import require_free
-from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
+from eval.timing.turns import DRAG, SCALING, SPEED, VERSIONS, WHOLE
+from eval.timing.versions import time_versions
 from eval.timing.whole import time_commands
 from sshade.errors import InputError
 
-#: Function that times the methods of a kind; `whole` takes the texts of methods.
-KINDS = {SPEED: time_methods, DRAG: time_drags, SCALING: time_scaling, WHOLE: time_commands}
+#: Function that times the methods of a kind.
+KINDS: dict[str, Callable[..., list[Row]]] = {
+    SPEED: time_methods,
+    DRAG: time_drags,
+    SCALING: time_scaling,
+    WHOLE: time_commands,
+    VERSIONS: time_versions,
+}
+#: Kinds that take the texts of methods.
+TEXTS = (WHOLE, VERSIONS)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rounds", type=int, default=3, metavar="R", help="accepted repeats (default: 3)")
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
     parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
+    parser.add_argument("--against", metavar="COMMIT", help="older version, for versions")
     parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help="numbers of vertices")
 
 
@@ -62,9 +77,10 @@ def command(options: argparse.Namespace) -> int:
     kind, name, methods = options.kind, options.name or options.kind, options.methods
     _check(options, name)
     cases = read_cases(options.cases, sizes=options.sizes or (SIZES if kind == SCALING else ()))
-    if kind != WHOLE:
+    if kind not in TEXTS:
         methods = read_methods(methods, blocks=dict.fromkeys(options.extrapolate, options.block))
-    rows = KINDS[kind](methods, cases, rounds=options.rounds)
+    older = {"against": options.against} if kind == VERSIONS else {}
+    rows = KINDS[kind](methods, cases, rounds=options.rounds, **older)
     path = TIMING / f"{name}.csv"
     write_csv(path, to_frame(row | {"kind": kind} for row in rows))
     lost = sum(not row["kept"] for row in rows)
@@ -82,4 +98,6 @@ def _check(options: argparse.Namespace, name: str) -> None:
         raise InputError(f"{options.kind} needs --cases; see `sshade-eval bench --help`")
     if options.extrapolate and options.kind != SPEED:
         raise InputError(f"{options.kind} takes no --extrapolate, which is for {SPEED}")
+    if (options.kind == VERSIONS) != (options.against is not None):
+        raise InputError(f"{VERSIONS} needs --against, and no other kind takes it")
     require_free(name)

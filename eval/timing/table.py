@@ -19,7 +19,8 @@ from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
-from eval.timing.turns import DRAG, SCALING, WHOLE
+from eval.timing.turns import DRAG, SCALING, VERSIONS, WHOLE
+from eval.timing.versions import NOW
 from sshade.errors import InputError
 from sshade.pipeline.deformer import SETTLED
 
@@ -109,10 +110,14 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
     kept = rows[rows["kept"].eq(True)]
     case = ["task.name", "task.checksum", "method.name"]
     lines = pd.DataFrame([_line(own) for _, own in kept.groupby(case, sort=False)])
-    base = lines[lines["method"] == (reference or REFERENCE)]
-    if len(base) and "seconds.total" in lines:
-        base = base.set_index("checksum")["seconds.total"]
-        lines["speed_up"] = lines["checksum"].map(base) / lines["seconds.total"]
+    # Each line is compared with the line of the same work in this table.
+    work = lines["checksum"]
+    base = lines["method"] == (reference or REFERENCE)
+    if rows["kind"].eq(VERSIONS).all():
+        work, base = work + lines["base"], lines["version"] != NOW
+    if base.any() and "seconds.total" in lines:
+        times = lines.assign(work=work)[base].set_index("work")["seconds.total"]
+        lines["speed_up"] = work.map(times) / lines["seconds.total"]
     return TimeTable(title, lines, _notes(rows, lines, reference or REFERENCE))
 
 
@@ -142,6 +147,8 @@ def _line(repeats: pd.DataFrame) -> dict[str, Any]:
     line = {
         "kind": first["kind"],
         "method": first["method.name"],
+        "base": first.get("method.base"),
+        "version": first.get("method.version"),
         "case": first["task.name"],
         "checksum": first["task.checksum"],
         "vertices": first["task.vertices"],
@@ -180,9 +187,10 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
         f"rejected repeats: {sum(~kept)}{f' ({reasons})' if reasons else ''}.",
     ]
     if "speed_up" in lines:
-        notes.append(
-            f"Times faster: median time of {reference} on the same case / median time of the method."
-        )
+        of = "the older version" if lines["kind"].eq(VERSIONS).all() else reference
+        notes.append(f"Times faster: median time of {of} on the same case / median time of the method.")
+        if of != reference:
+            notes.append("A drag's time is the median of its steps.")
     if lines["extrapolated"].notna().any():
         notes.append("Extrapolated: time before the iterations + iterations x time of an iteration.")
     if "seconds.step" in lines:
