@@ -66,9 +66,8 @@ def polished(
     begin = perf_counter()
     give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:
-        own = replace(options, bending=0.0)  # V-cycles have no bending
         bind = partial(bind_task, factorised=False, exact_steps=0, hold_slides=True)
-        solver_ready = pool.submit(bind, task, own)
+        solver_ready = pool.submit(bind, task, options)
         proxy = deform()
         arrived = perf_counter()
         progress("polish", 0, options.polish_iterations, "preparing")

@@ -76,7 +76,7 @@ class System:
         proves convergence is nearly exact as well.
     bending : float
         Length over which the bending energy spreads a fold, as a fraction of the square root of the mesh's
-        area; 0 for none. Needs a factorisation. See :mod:`sshade.solver.terms.bending`.
+        area; 0 for none. See :mod:`sshade.solver.terms.bending`.
     thickness : float
         Weight of the local thickness; 0 for none. See :mod:`sshade.solver.terms.struts`.
     parts : sequence of (f,) int64
@@ -125,7 +125,7 @@ class System:
     Raises
     ------
     InputError
-        On an unknown energy, bending or slides with multigrid, handle vertices that are out of range or
+        On an unknown energy, slides with multigrid, handle vertices that are out of range or
         missing in a component, or a Laplacian that is not positive definite to rounding.
     """
 
@@ -145,8 +145,6 @@ class System:
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        if bending and multigrid:
-            raise InputError("bending needs a factorisation, not multigrid")
         if slide is not None and multigrid:
             raise InputError("sliding handles need a factorisation, not multigrid")
         self._parts = parts
@@ -156,7 +154,9 @@ class System:
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
         self._take_handles(index, stiffness, slide)
         h = half_cotangents(mesh)
-        self._laplacian = None if multigrid else laplacian_matrix(mesh.n, *edge_weights(mesh, h))
+        self._multigrid = multigrid
+        needed = bending > 0 or not multigrid
+        self._laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h)) if needed else None
         self.corners = 2 if energy == "spokes" else 3
         self.struts = Struts.of(mesh, self.place, thickness, self.corners) if thickness else None
         with ThreadPoolExecutor(max_workers=1) as pool:
@@ -199,11 +199,20 @@ class System:
         self.springs = Springs(handle, index[handle], self.place[index[handle]], stiffness[handle])
 
     def _bind(self) -> None:
-        """Assemble and factorise the matrix."""
-        self.matrix, self.plate, self.factorised, self.response = self._laplacian, None, None, None
-        if self.matrix is None:
+        """Make the bending energy; assemble and factorise the matrix, unless V-cycles take its place."""
+        self.matrix, self.plate, self.factorised, self.response = None, None, None, None
+        laplacian, fixed = self._laplacian, self.index[self.hard]
+        if laplacian is None:
             return
-        laplacian, fixed = self.matrix, self.index[self.hard]
+        if self._length:
+            stiffness = bending_stiffness(self.mesh, laplacian, fixed, self._length)
+            in_order = laplacian[self.vertex][:, self.vertex]
+            in_order.sort_indices()
+            rest = in_order @ (self.mesh.V - self.mesh.origin)[self.vertex]
+            self.plate = Plate(in_order, stiffness[self.vertex], rest, self.corners)
+        if self._multigrid:
+            return
+        self.matrix = laplacian
         if len(self.springs.vertex):
             self.matrix = csr_array(self.matrix + self.springs.matrix(self.mesh.n))
         if len(self._loose):
@@ -212,12 +221,7 @@ class System:
         if self.struts:
             self.matrix = csr_array(self.matrix + self.struts.matrix(self.mesh.n))
         if self._length:
-            stiffness = bending_stiffness(self.mesh, laplacian, fixed, self._length)
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
-            in_order = laplacian[self.vertex][:, self.vertex]
-            in_order.sort_indices()
-            rest = in_order @ (self.mesh.V - self.mesh.origin)[self.vertex]
-            self.plate = Plate(in_order, stiffness[self.vertex], rest, self.corners)
         self.factorised = Factorised(self.matrix, fixed, self.place)
         if self.sliding:
             self.response = self.sliding.response(self.factorised, self.mesh.n)
@@ -252,13 +256,15 @@ class System:
         return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None, parts)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
-        """Assemble the matrix of a V-cycle: the Laplacian with weights (m,) of triangles, and pulls."""
+        """Assemble the matrix of a V-cycle: Laplacian with weights (m,) of triangles, bending and pulls."""
         pattern = pattern_in_order(self.mesh, self.vertex, self.place)
         L = weighted_laplacian(*pattern, self.elements.corners, self.elements.H, weight)
         if len(self.springs.place):
             diagonal = L.diagonal()
             diagonal[self.springs.place] += self.springs.stiffness
             L.setdiag(diagonal)
+        if self.plate:
+            L = csr_array(L + bending_matrix(self.plate.laplacian, self.plate.stiffness))
         if self.struts:
             ends = np.stack([self.struts.first, self.struts.second])
             L = csr_array(L + self.struts.matrix(self.mesh.n, ends=ends))

@@ -13,7 +13,7 @@ edge of a handle region, as in a clamped plate. Vertices on a free boundary have
 curvature there: functions that are harmonic up to the boundary cost nothing.
 
 The local step fits R_i to the covariances of both energies, and the global step has the matrix ``L + L D L``
-with the diagonal D of l^2 / a_i. Neither step raises the energy.
+with the diagonal D of l^2 / a_i, or a V-cycle for it. Neither step raises the energy.
 
 M. Botsch, L. Kobbelt, "An intuitive framework for real-time freeform modeling", 2004 (regions with a
 slope at their edges); M. Wardetzky, M. Bergou, D. Harmon, D. Zorin, E. Grinspun, "Discrete quadratic

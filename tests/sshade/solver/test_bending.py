@@ -5,8 +5,9 @@ import pytest
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.multigrid import Multigrid
 from tests.shapes import bumpy, held_ends, jittered, strip
 from tests.sshade.naive import TASKS, Naive, vertex_areas
 from tests.sshade.pipeline.test_degenerate import split
@@ -94,12 +95,18 @@ def test_faces_without_area_change_the_shape_little():
     assert np.abs(W[: mesh.n] - V).max() < 0.02 * mesh.diagonal
 
 
-def test_it_needs_a_factorisation():
-    task = TASKS["bar"]
-    with pytest.raises(InputError, match="needs a factorisation"):
-        LocalGlobal(task.mesh, task.handles.index, multigrid=True, bending=0.1)
-    with pytest.raises(InputError, match="needs a factorisation"):
-        local_global(task, factorised=False, bending=0.1)
+@pytest.mark.parametrize("stiffness", [1.0, 0.1])
+def test_v_cycles_reach_the_minimum_of_the_factorisation(monkeypatch, stiffness):
+    """The coarsest level is small, so that the bending goes through several levels."""
+    monkeypatch.setitem(Multigrid.__init__.__kwdefaults__, "coarsest", 20)
+    task = held_ends(bumpy(3))
+    energy = {"bending": 0.03, "stiffness": stiffness, "tolerance": 1e-9, "max_iterations": 3000}
+    expected = local_global(task, factorised=True, **energy)
+    found = local_global(task, factorised=False, **energy)
+    assert found.extra["energy"] == pytest.approx(expected.extra["energy"], rel=1e-6)
+    assert np.abs(found.vertices - expected.vertices).max() < 1e-4 * task.mesh.diagonal
+    without = local_global(task, factorised=False, **energy | {"bending": 0.0})
+    assert np.abs(found.vertices - without.vertices).max() > 1e-3 * task.mesh.diagonal
 
 
 def test_a_large_mesh_is_factorised_where_it_bends(monkeypatch):
