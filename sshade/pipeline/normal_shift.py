@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.kernels import kernel
-from sshade.mesh.mesh import unit_rows
 from sshade.solver.constraints import add_gradients
-from sshade.threads import in_ranges
+from sshade.threads import CHUNK, ThreadTeam, available_cpus
 
 #: Number of Newton steps for the root of the polynomial.
 NEWTON_STEPS = 8
@@ -40,11 +39,13 @@ def shifted(
     (n, 3) float64
         V itself where no move is needed.
     """
-    n, origin = len(V), V[F[0, 0]]
-    Z = np.zeros_like(V)
-    add_gradients(F, V, 1.0, 0.0, Z, Z, 0, n)
-    Z = weight[:, None] * unit_rows(Z)
-    total = sum(in_ranges(lambda first, end: _volume(first, end, F, V, Z, origin), len(F)))
+    n, origin, half = len(V), V[F[0, 0]], -(-len(F) // 2)
+    with ThreadTeam(min(2, available_cpus())) as team:
+        # Each half of the faces has its own sums, so that results do not depend on the number of threads.
+        G, Z = np.zeros((2, n, 3)), np.empty_like(V)
+        team(lambda i: add_gradients(F[i * half :][:half], V, 1.0, 0.0, G[i], G[i], 0, n), 2)
+        team.ranges(lambda *own: _directions(*own, *G, weight, Z), n, rows=CHUNK)
+        total = sum(team.ranges(lambda *own: _volume(*own, F, V, Z, origin), len(F), rows=CHUNK))
     now, a, b, c = total.tolist()
     deficit, shift = volume - now, 0.0
     for _ in range(NEWTON_STEPS):
@@ -54,7 +55,19 @@ def shifted(
         shift = float(np.clip(shift + missing / slope, -most, most))
     if shift == 0.0:
         return V
-    return V + shift * Z
+    Z *= shift
+    Z += V
+    return Z
+
+
+@kernel
+def _directions(first, end, G, H, weight, Z):
+    """Write the unit vectors along G + H, times weights (n,), to Z (n, 3); 0 where the sum is 0."""
+    for i in range(first, end):
+        x, y, z = G[i, 0] + H[i, 0], G[i, 1] + H[i, 1], G[i, 2] + H[i, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        factor = weight[i] / length if length > 0.0 else 0.0
+        Z[i, 0], Z[i, 1], Z[i, 2] = factor * x, factor * y, factor * z
 
 
 @kernel
