@@ -14,12 +14,12 @@ from eval.metrics import Task
 from eval.publish.columns import Column
 from eval.publish.html import texts
 from eval.publish.panels import error_label, error_of
-from eval.publish.report.surface import pack, surface
 from eval.rows.experiment import Experiment
 from eval.rows.store import Row
 from eval.run.recall import load_task
 from sshade.errors import InputError
 from sshade.figures import View, colour_range, picture
+from sshade.plotting.surface import pack, surface
 from sshade.task import TransferTask
 
 #: Width of a rendering in pixels.

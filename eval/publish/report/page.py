@@ -16,7 +16,7 @@ from eval.publish.report.cases import show_case
 from eval.publish.summary import converged_runs, make_table
 from eval.rows.experiment import Experiment
 from eval.rows.frame import method_names, numbers, records, valid
-from sshade import threejs
+from sshade import plotting, threejs
 from sshade.errors import InputError
 from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
@@ -74,6 +74,7 @@ def write_page(
         camera={name: list(direction) for name, direction in camera.items()},
         ramp=_ramp(),
         three=threejs.source(),
+        viewer=plotting.viewer(),
         valid=len(valid(every)),
         runs=len(every),
     )

@@ -20,7 +20,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 
-from eval.publish.report.surface import pack, surface
+from sshade.plotting.surface import pack, surface
 
 
 def plain(html: str) -> str:

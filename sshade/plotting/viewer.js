@@ -1,4 +1,4 @@
-// The report's 3D view: one case at a time, its shapes to switch between, the camera kept.
+// The 3D view of a page: one case at a time, its shapes to switch between, the camera kept.
 (() => {
   "use strict";
   const { cases, camera: look } = JSON.parse(document.getElementById("turn-cases").textContent);

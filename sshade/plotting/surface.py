@@ -1,4 +1,4 @@
-"""The shapes of a case for the 3D view: reduced to fewer vertices and packed into text."""
+"""The shapes of a 3D view: reduced to fewer vertices and packed into text."""
 
 from __future__ import annotations
 
