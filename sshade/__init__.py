@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.retarget import retarget
     from sshade.pipeline.sequence import deform_sequence
     from sshade.pipeline.transfer import transfer_pose
+    from sshade.plotting.figure import plot
     from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
     from sshade.volume_goals import VolumeGoal
@@ -48,6 +49,7 @@ __all__ = [
     "deform",
     "deform_sequence",
     "load_binding",
+    "plot",
     "read",
     "retarget",
     "save_binding",
@@ -69,6 +71,7 @@ _MODULES = {
     "pipeline.retarget": ["retarget"],
     "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
+    "plotting.figure": ["plot"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
     "volume_goals": ["VolumeGoal"],

@@ -232,7 +232,7 @@ def deform(
                 "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
                 "welded"
             )
-        return run(shape, **options)
+        return run(shape, **options).of(shape)
     if (mesh := opened(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
         V, F = mesh.V, mesh.F
