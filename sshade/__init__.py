@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sshade.carry.binding import Binding
     from sshade.carry.binding_file import load_binding, save_binding
     from sshade.carry.points import BoundPoints, PosedPoints, bind_points
+    from sshade.edit.call import edit_handles
     from sshade.errors import InputError
     from sshade.handles import Handles
     from sshade.io.arrays import read, write
@@ -48,6 +49,7 @@ __all__ = [
     "bind_points",
     "deform",
     "deform_sequence",
+    "edit_handles",
     "load_binding",
     "plot",
     "read",
@@ -61,6 +63,7 @@ _MODULES = {
     "carry.binding": ["Binding"],
     "carry.binding_file": ["load_binding", "save_binding"],
     "carry.points": ["BoundPoints", "PosedPoints", "bind_points"],
+    "edit.call": ["edit_handles"],
     "errors": ["InputError"],
     "handles": ["Handles"],
     "io.arrays": ["read", "write"],

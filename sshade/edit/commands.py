@@ -268,6 +268,7 @@ class Commands:
             "scale": self._scale,
             "version": session.version,
             "files": session.document.neighbours,
+            "returns": session.document.is_in_memory,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,

@@ -163,8 +163,9 @@ class _Scene:
         self.mesh: Mesh | None = None
         self.handles: Handles | None = None
         self.poses: list[Shape] = []
-        #: Faces of the first object, and the vertex of the mesh for each of its vertices, or -1.
-        self._F = self._vertex = np.zeros(0, dtype=np.int64)
+        #: Number of vertices and faces of the first object, and the mesh in it.
+        self._n, self._F = 0, np.zeros((0, 3), dtype=np.int64)
+        self._whole: Surface
         self._chosen = False
 
     def take(self, one: Any, following: list[Any]) -> None:
@@ -198,20 +199,20 @@ class _Scene:
     def values(self, values: ArrayLike) -> np.ndarray:
         """Return values of the vertices of the first object as values (n,) of the mesh."""
         array = _numbers(values)
-        if array is None or array.shape != self._vertex.shape or not np.isfinite(array).all():
+        if array is None or array.shape != (self._n,) or not np.isfinite(array).all():
             given = "other objects" if array is None else f"an array {array.shape}, or one with NaN"
             raise InputError(
-                f"values are one finite number for each of the {len(self._vertex):,} vertices, not {given}"
+                f"values are one finite number for each of the {self._n:,} vertices, not {given}"
             )
-        return array[self._vertex >= 0].astype(np.float64)
+        return array[self._whole.vertex >= 0].astype(np.float64)
 
     def _add_mesh(self, V: np.ndarray, F: np.ndarray, mesh: Mesh | None = None) -> None:
         if self.mesh is not None:
             self._require_faces(V, F, "a further mesh")
             self._add_pose("pose", V)
             return
-        whole = cleaned(V, F) if mesh is None else Surface(mesh, np.arange(mesh.n), {})
-        self.mesh, self._F, self._vertex = whole.mesh, np.asarray(F), whole.vertex
+        self._whole = cleaned(V, F) if mesh is None else Surface(mesh, np.arange(mesh.n), {})
+        self.mesh, self._n, self._F = self._whole.mesh, len(V), np.asarray(F)
 
     def _add_task(self, task: DeformationTask | TransferTask) -> None:
         rest = task.mesh
@@ -225,10 +226,10 @@ class _Scene:
             self.handles = task.handles
 
     def _require_faces(self, V: np.ndarray, F: np.ndarray, name: str) -> None:
-        if len(V) != len(self._vertex) or not (F is self._F or np.array_equal(F, self._F)):
+        if len(V) != self._n or not (F is self._F or np.array_equal(F, self._F)):
             raise InputError(
                 f"{name} has {len(V):,} vertices and {len(F):,} faces, and the first mesh "
-                f"{len(self._vertex):,} and {len(self._F):,}, or the faces differ: a figure shows poses of "
+                f"{self._n:,} and {len(self._F):,}, or the faces differ: a figure shows poses of "
                 "one mesh, so plot other meshes by themselves"
             )
 
@@ -236,23 +237,18 @@ class _Scene:
         if self.mesh is None:
             before = "it knows no task" if name == "result" else "no faces follow it"
             raise InputError(f"the mesh of a {name} is missing, because {before}: pass the mesh first")
-        if V.shape != (len(self._vertex), 3):
+        if V.shape != (self._n, 3):
             raise InputError(
-                f"a {name} has shape {V.shape}, and the mesh {len(self._vertex):,} vertices: pass poses of "
-                "one mesh"
+                f"a {name} has shape {V.shape}, and the mesh {self._n:,} vertices: pass poses of one mesh"
             )
-        self.poses.append(Shape(name, "", self.mesh.checked(V[self._vertex >= 0], name)))
+        self.poses.append(Shape(name, "", self.mesh.checked(V[self._whole.vertex >= 0], name)))
 
     def _add_handles(self, handles: Handles) -> None:
         if self.mesh is None:
             raise InputError("the mesh of the handles is missing: pass the mesh first")
         if self._chosen:
             raise InputError("a figure shows one object of handles, and two were passed")
-        if (outside := handles.index[handles.index >= len(self._vertex)]).size:
-            raise InputError(f"handle vertex {outside[0]} is none of the {len(self._vertex):,} of the mesh")
-        index = self._vertex[handles.index]
-        if (index < 0).any():
-            raise InputError(f"handle vertex {handles.index[np.argmin(index)]} belongs to no face")
+        index = self._whole.places(handles.index)
         self.handles, self._chosen = replace(handles, index=index, extent=self.mesh.diagonal), True
 
 
