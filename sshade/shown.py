@@ -6,7 +6,7 @@ from importlib import import_module
 
 from sshade.errors import InputError
 
-#: Module that draws. It is imported by its name, so that drawing is no part of the version of a method.
+#: Module that draws. An import by name keeps drawing out of the version of a method.
 FIGURES = "sshade.plotting.figure"
 
 

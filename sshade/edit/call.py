@@ -53,7 +53,7 @@ def edit_handles(
     up : {"y", "z"}
         Axis that points up at first.
     port : int
-        Port of the page, by default any free one. Choose a port to forward it from another machine.
+        Port of the page, by default any free port. Choose a port to forward it from another machine.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def edit_handles(
     if not isinstance(handles, Handles | None):
         raise InputError(f"handles are an sshade.Handles, not an object of type {type(handles).__name__}")
     settings = Settings(require_method(method, METHODS))
-    is_mesh = isinstance(mesh, Mesh)  # its arrays cannot be written to; those of other objects are copied
+    is_mesh = isinstance(mesh, Mesh)  # arrays of other objects may change later, and are copied
     V, F = (array if is_mesh else np.array(array) for array in (shape.V, shape.F))
     digest = blake2b(np.ascontiguousarray(V).tobytes() + np.ascontiguousarray(F).tobytes(), digest_size=3)
     path = Path.cwd() / f"mesh_{digest.hexdigest()}.ply"

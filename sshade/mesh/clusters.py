@@ -37,7 +37,7 @@ def cluster_vertices(mesh: Mesh, wanted: int) -> Clusters:
     ----------
     mesh : Mesh
     wanted : int
-        Approximate number of clusters, at least half the number that is returned.
+        Approximate number of clusters. At most twice as many are returned.
 
     Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
     """

@@ -35,7 +35,7 @@ from sshade.task import DeformationResult, DeformationTask, TransferTask
 HEIGHT = 520
 #: Direction to the camera and upward direction, by the axis that points up.
 CAMERAS = {"y": (TOWARDS, UP), "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0))}
-#: What :func:`plot` takes, for messages.
+#: Arguments of :func:`plot`, for messages.
 TAKEN = "meshes, positions, handles, tasks and results"
 
 
@@ -57,11 +57,12 @@ class Figure:
         return f"<sshade figure of {self._about}; a notebook shows it, and save(path) writes a web page>"
 
     def _repr_html_(self) -> str:
-        # The frame keeps styles, scripts and names of several figures apart.
+        # The frame keeps styles, scripts and names of several figures apart. Notebooks that are not trusted
+        # leave frames out and show their text.
         return (
             f'<iframe srcdoc="{html.escape(self.page)}" title="{html.escape(self._about)}" '
             f'sandbox="allow-scripts" loading="lazy" width="100%" height="{HEIGHT}" style="border: 0">'
-            "</iframe>"
+            "Run this cell, or trust the notebook, to see the figure.</iframe>"
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -92,10 +93,10 @@ def plot(
 ) -> Figure:
     """Draw poses of a mesh and their handles in a figure that turns.
 
-    - ``plot(mesh)`` draws a mesh,
-    - ``plot(task)`` and ``plot(mesh, handles)`` add handles: fixed in blue, moved in yellow, and the targets
-      of moved handles pale,
-    - ``plot(result)`` draws the rest shape and the result, between which the figure switches,
+    - ``plot(mesh)`` draws a mesh.
+    - ``plot(task)`` and ``plot(mesh, handles)`` add handles: blue handles are fixed, yellow handles move to
+      pale targets.
+    - ``plot(result)`` draws the rest shape and the result. Buttons switch between the two.
     - ``plot(result, other_result)`` and ``plot(mesh, V, other_V)`` compare poses.
 
     Colours of a pose show how much the edges at each vertex changed their length. A mesh of more than 28,000
@@ -104,8 +105,8 @@ def plot(
     Parameters
     ----------
     *shown : Mesh, Handles, DeformationTask, TransferTask, DeformationResult or (n, 3) float64
-        The first mesh is the rest shape. Further meshes and positions are poses of it. Vertices and
-        faces, one after the other, are a mesh, as are the objects of trimesh and pyvista that
+        The first mesh is the rest shape. Further meshes and positions are poses of the mesh. A mesh may be
+        given as vertices followed by faces, or as an object of trimesh or pyvista that
         :func:`sshade.deform` takes. Without `Handles`, the handles of the first task are shown.
     names : sequence of str
         Names of the poses after the rest shape; by default "result", or numbers.
@@ -157,7 +158,7 @@ def plot(
 
 
 class _Scene:
-    """What the arguments of :func:`plot` are: a mesh, poses of it, and handles."""
+    """The mesh, the poses and the handles among the arguments of :func:`plot`."""
 
     def __init__(self) -> None:
         self.mesh: Mesh | None = None
@@ -169,7 +170,7 @@ class _Scene:
         self._chosen = False
 
     def take(self, one: Any, following: list[Any]) -> None:
-        """Take an argument, and of those that follow the faces that belong to vertices."""
+        """Take an argument. Faces that follow vertices are taken with the vertices, and leave `following`."""
         if isinstance(one, Handles):
             self._add_handles(one)
         elif isinstance(one, DeformationTask | TransferTask):
