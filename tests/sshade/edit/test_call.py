@@ -1,6 +1,10 @@
 """sshade.edit_handles: it waits for the page, and returns handles at vertices of the mesh."""
 
+import os
+import re
 import socket
+import subprocess
+import sys
 from math import inf
 from pathlib import Path
 from threading import Thread
@@ -11,9 +15,11 @@ import pytest
 import sshade
 from sshade import DeformationTask, Handles, InputError, Slide
 from sshade.edit import call
+from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy, torn
 from tests.sshade.edit.lent import ask, command, unpacked
 
+ROOT = Path(__file__).parents[3]
 BODY = bumpy(3)
 LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
 
@@ -176,6 +182,35 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
 
     read = read_handles("mine.json", BODY)
     assert np.array_equal(read.index, handles.index) and np.array_equal(read.target, handles.target)
+
+
+def test_a_browser_returns_the_handles_to_a_process_of_python(browser):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    lines = [
+        "import sshade, webbrowser",
+        "webbrowser.open = lambda address: False",
+        "mesh = sshade.Mesh(*sshade.read('body.ply'))",
+        "handles = sshade.edit_handles(mesh, sshade.Handles([7, 3], mesh.V[[7, 3]], group=[0, 1]))",
+        "print(handles.index.tolist(), handles.group.tolist())",
+    ]
+    line, path = [sys.executable, "-c", "\n".join(lines)], {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(line, text=True, stdout=subprocess.PIPE, env={**os.environ, **path}) as process:
+        try:
+            address = re.search(r"http://\S+", process.stdout.readline())[0]
+            page = browser.new_page()
+            page.on("dialog", lambda dialog: pytest.fail(dialog.message))
+            page.goto(address)
+            page.wait_for_selector("#stage[data-state=converged]")
+            assert not page.locator("#change").is_visible()
+            page.get_by_role("button", name="delete").last.click()
+            page.get_by_role("button", name="delete").nth(1).wait_for(state="detached")
+            page.get_by_role("button", name="Return to Python").click()
+            page.get_by_text("Python goes on with the handles; this page can be closed.").wait_for()
+            page.close()
+            out, _ = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert process.returncode == 0 and out.strip() == "[7] [0]"
 
 
 @pytest.mark.parametrize(
