@@ -68,6 +68,13 @@ class DeformationTask(Shown):
             if getattr(self, name) is not None:
                 self.mesh.checked(getattr(self, name), name)
 
+    def at(self, handles: Handles) -> DeformationTask:
+        """Return the task with handles that were checked for its mesh; it has no guess and no truth."""
+        task = copy(self)
+        for name, value in {"handles": handles, "guess": None, "truth": None}.items():
+            object.__setattr__(task, name, value)
+        return task
+
 
 @dataclass(frozen=True, eq=False)
 class TransferTask(Shown):

@@ -97,7 +97,7 @@ class Sequence:
         )
         self._bindings.end()
         result = replace(result, extra={**result.extra, "followed": guess is not None})
-        return result.of(replace(pose, guess=None))
+        return result.of(self.task.at(pose.handles))
 
     def _is_near(self, handles: Handles, before: Handles) -> bool:
         """Whether no handle moved farther than :data:`NEAR_POSE` since the pose before."""

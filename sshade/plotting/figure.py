@@ -152,7 +152,7 @@ def plot(
         label = "change of edge length (%)"
         shapes[1:] = [shape._replace(values=edge_error(mesh, shape.V)) for shape in poses]
         top = colour_range(shape.values for shape in shapes[1:] if shape.values is not None)
-    top = top if top > bottom else bottom + 1.0
+    top = top if top > bottom else bottom + max(1.0, abs(bottom))
     view = packed_view(mesh, shapes, handles=scene.handles, bottom=bottom, top=top, label=label)
     return Figure(_page(view, up), " and ".join(shape.name for shape in shapes))
 
@@ -189,7 +189,7 @@ class _Scene:
             self._add_mesh(shape.V, shape.F)
         elif (V := _numbers(one)) is not None:
             F = _numbers(following[0]) if following else None
-            if F is not None and F.dtype.kind in "iu":
+            if F is not None and F.dtype.kind in "iu" and (self.mesh is None or np.array_equal(F, self._F)):
                 self._add_mesh(V, F)
                 del following[0]
             else:

@@ -66,6 +66,8 @@ def test_poses_of_all_kinds_are_shapes_of_one_figure():
     assert names(plot(V, F, 2 * V, other)) == ["rest", "pose 1", "pose 2"]
     assert names(plot(Arrays(V, F), RESULT, (2 * V).tolist())) == ["rest", "result", "pose"]
     assert names(plot(RESULT.of(TASK), RESULT.of(TASK), names=["fast", "fine"])) == ["rest", "fast", "fine"]
+    whole = np.rint(9 * V).astype(int)  # positions may be integers, as faces are
+    assert names(plot(V, F, whole, whole, V, F)) == ["rest", "pose 1", "pose 2", "pose 3"]
     assert names(plot(REST, RESULT.of(TASK), other)) == ["rest", "result", "pose"]
     transfer = TransferTask("t", REST, other, 2 * V, truth=3 * V)
     assert names(plot(RESULT.of(transfer))) == ["rest", "result"]
@@ -97,7 +99,8 @@ def test_values_colour_all_shapes_from_the_least_to_the_greatest():
     facts = view(plot(REST, RESULT, values=REST.V[:, 2], label="z (m)"))
     assert all(shape["error"] for shape in facts["shapes"]) and facts["label"] == "z (m)"
     assert (facts["bottom"], facts["top"]) == (REST.V[:, 2].min(), REST.V[:, 2].max())
-    assert view(plot(REST, values=np.full(REST.n, 2.0)))["top"] > 2  # a range that is no point
+    for one in (2.0, 1e30, -1e30):  # the range is no point
+        assert view(plot(REST, values=np.full(REST.n, one)))["top"] > one
 
 
 @pytest.mark.parametrize(
