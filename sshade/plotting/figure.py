@@ -57,8 +57,8 @@ class Figure:
         return f"<sshade figure of {self._about}; a notebook shows it, and save(path) writes a web page>"
 
     def _repr_html_(self) -> str:
-        # The frame keeps styles, scripts and names of several figures apart. Notebooks that are not trusted
-        # leave frames out and show their text.
+        # The frame keeps styles, scripts and names of several figures apart. A notebook without trust leaves
+        # the frame out and shows the text inside.
         return (
             f'<iframe srcdoc="{html.escape(self.page)}" title="{html.escape(self._about)}" '
             f'sandbox="allow-scripts" loading="lazy" width="100%" height="{HEIGHT}" style="border: 0">'
@@ -111,7 +111,7 @@ def plot(
     names : sequence of str
         Names of the poses after the rest shape; by default "result", or numbers.
     values : (n,) float64, optional
-        Values that colour all shapes instead, such as distances.
+        Values that replace the change of edge length in the colours of all shapes.
     label : str
         Name and unit of the values.
     up : {"y", "z"}
@@ -120,8 +120,8 @@ def plot(
     Raises
     ------
     InputError
-        On another object, poses or handles of another mesh, a result without a task and no mesh, values or
-        names of another number, or another axis.
+        On an unknown object, poses or handles of another mesh, a result without a task and without a mesh,
+        a wrong number of values or names, or an unknown axis.
 
     Examples
     --------
