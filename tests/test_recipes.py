@@ -76,6 +76,7 @@ def test_recipe_polyscope(run, monkeypatch):
     monkeypatch.setattr(polyscope, "show", lambda: callbacks[0]())
     names = run("polyscope", blocks=1)
     assert names["shown"].n_vertices() == BODY.n and same(moved[0], names["expected"], atol=1e-3)
+    polyscope.shutdown()  # writes its files to the folder of the test
 
 
 def test_recipe_open3d(run):
