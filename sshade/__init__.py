@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sshade.carry.binding import Binding
     from sshade.carry.binding_file import load_binding, save_binding
     from sshade.carry.points import BoundPoints, PosedPoints, bind_points
+    from sshade.edit.call import edit_handles
     from sshade.errors import InputError
     from sshade.handles import Handles
     from sshade.io.arrays import read, write
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from sshade.pipeline.retarget import retarget
     from sshade.pipeline.sequence import deform_sequence
     from sshade.pipeline.transfer import transfer_pose
+    from sshade.plotting.figure import plot
     from sshade.slides import Slide
     from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
     from sshade.volume_goals import VolumeGoal
@@ -47,7 +49,9 @@ __all__ = [
     "bind_points",
     "deform",
     "deform_sequence",
+    "edit_handles",
     "load_binding",
+    "plot",
     "read",
     "retarget",
     "save_binding",
@@ -59,6 +63,7 @@ _MODULES = {
     "carry.binding": ["Binding"],
     "carry.binding_file": ["load_binding", "save_binding"],
     "carry.points": ["BoundPoints", "PosedPoints", "bind_points"],
+    "edit.call": ["edit_handles"],
     "errors": ["InputError"],
     "handles": ["Handles"],
     "io.arrays": ["read", "write"],
@@ -69,6 +74,7 @@ _MODULES = {
     "pipeline.retarget": ["retarget"],
     "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
+    "plotting.figure": ["plot"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
     "volume_goals": ["VolumeGoal"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,11 +14,12 @@ from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.unconstrained import how_to_constrain, without_handles
 from sshade.progress import Progress, silent
+from sshade.shown import Shown
 from sshade.volume_goals import VolumeGoal, check_goals
 
 
 @dataclass(frozen=True, eq=False)
-class DeformationTask:
+class DeformationTask(Shown):
     """One deformation problem: a rest mesh and handles.
 
     Parameters
@@ -66,9 +68,16 @@ class DeformationTask:
             if getattr(self, name) is not None:
                 self.mesh.checked(getattr(self, name), name)
 
+    def at(self, handles: Handles) -> DeformationTask:
+        """Return the task with handles that were checked for its mesh; it has no guess and no truth."""
+        task = copy(self)
+        for name, value in {"handles": handles, "guess": None, "truth": None}.items():
+            object.__setattr__(task, name, value)
+        return task
+
 
 @dataclass(frozen=True, eq=False)
-class TransferTask:
+class TransferTask(Shown):
     """One pose transfer: put an edited shape into the pose of the shape that it was made from.
 
     With the unedited shape as `mesh`, the task is isometric reconstruction. A method must then read
@@ -110,7 +119,7 @@ class TransferTask:
 
 
 @dataclass(frozen=True, eq=False)
-class DeformationResult:
+class DeformationResult(Shown):
     """Deformed vertices, and a record of the computation.
 
     Parameters
@@ -126,6 +135,9 @@ class DeformationResult:
     extra : mapping
         Further flat facts for the row (last residual, counts, ...), and
         arrays. Arrays named ``*_curve``, with one row for each step, are stored with the run.
+    task : DeformationTask or TransferTask, optional
+        The task, with whose mesh and handles a notebook shows the result. None if a function such as
+        :func:`sshade.deform` has not set it.
 
     Raises
     ------
@@ -138,6 +150,7 @@ class DeformationResult:
     converged: bool | None
     seconds: Mapping[str, float] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
+    task: DeformationTask | TransferTask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.vertices).all():
@@ -145,6 +158,12 @@ class DeformationResult:
             raise FloatingPointError(
                 f"{count} deformed vertices are not finite; zero-area triangles in the rest mesh do this"
             )
+
+    def of(self, task: DeformationTask | TransferTask) -> DeformationResult:
+        """Return this result with its task; the arrays are the same."""
+        result = copy(self)
+        object.__setattr__(result, "task", task)
+        return result
 
 
 class Method(Protocol):

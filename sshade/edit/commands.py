@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from sshade.edit.preview import VERTICES, Preview, preview
+from sshade.edit.preview import VERTICES, preview
 from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Motion, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
 from sshade.io.entries import REST
+from sshade.mesh.clusters import Clusters
 from sshade.options import require_method
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
@@ -50,7 +51,7 @@ class Commands:
         self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
-        self._previews: dict[str, Preview | None] = {}
+        self._previews: dict[str, Clusters | None] = {}
 
     def __call__(self, name: str, arguments: Any) -> bytes:
         """Execute a command and return the answer.
@@ -187,7 +188,7 @@ class Commands:
         path, lost = self._session.save(content, name, over=over, progress=self._progress)
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
-    def _preview(self, arguments: Mapping[str, Any]) -> Preview | None:
+    def _preview(self, arguments: Mapping[str, Any]) -> Clusters | None:
         """Return the preview for a page that says how it is drawn; None for small meshes and other pages."""
         drawn = arguments.get("drawn")
         if drawn is None:
@@ -267,6 +268,7 @@ class Commands:
             "scale": self._scale,
             "version": session.version,
             "files": session.document.neighbours,
+            "returns": session.document.is_in_memory,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,

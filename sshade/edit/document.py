@@ -12,6 +12,8 @@ import numpy as np
 
 from sshade.edit.state import Group, State, groups_of
 from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.io.document import MeshFile
 from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.handles import on_mesh, write_handles
@@ -34,6 +36,8 @@ class FileExists(InputError):
 class Document:
     """A mesh file and the surface in it that can be deformed, and the files that the editor writes.
 
+    A mesh in memory takes the place of a file for Python, which waits for the handles.
+
     Parameters
     ----------
     path : path
@@ -41,6 +45,9 @@ class Document:
     output, handles : path, optional
         Files for the deformed mesh and the handles. They are replaced without a question. By default the
         files lie beside the mesh and are named after it.
+    file : MeshFile, optional
+        Contents, if there is no file `path`: a mesh in memory. `path` then determines the names of the files
+        that are written.
     carry : bool
         The `carry_unconstrained` of :class:`sshade.DeformationTask`.
     weld, repair
@@ -55,6 +62,8 @@ class Document:
         Path of the file that is proposed for the next save, by content: "handles" and "mesh".
     notes : tuple of str
         Oddities of the mesh file.
+    is_in_memory : bool
+        Whether there is no file.
 
     Raises
     ------
@@ -68,6 +77,7 @@ class Document:
         *,
         output: Path | None,
         handles: Path | None,
+        file: MeshFile | None = None,
         carry: bool,
         weld: float = NEAR,
         repair: bool = False,
@@ -81,7 +91,8 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
-        self._carry, self._file = carry, read_file(path)
+        self.is_in_memory = file is not None
+        self._carry, self._file = carry, read_file(path) if file is None else file
         self.notes = self._file.notes
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
@@ -112,6 +123,32 @@ class Document:
         file = read_handle_file(path)
         with naming(path):
             return self._groups(file, first)
+
+    def groups_of(self, handles: Handles) -> tuple[Group, ...]:
+        """Return the groups of handles at vertices of the file.
+
+        Raises
+        ------
+        InputError
+            When a handle is no vertex of a face.
+        """
+        index = self._surface.places(handles.index)
+        return groups_of(replace(handles, index=index, extent=self.mesh.diagonal), {}, first=1)
+
+    def all_handles(self, state: State) -> Handles:
+        """Return the groups as handles at vertices of the file, each copy of a vertex included.
+
+        Raises
+        ------
+        InputError
+            When there are no groups.
+        """
+        handles, vertex = state.handles(self.mesh), self._surface.vertex
+        row = np.full(self.mesh.n + 1, -1)  # the last one is for vertices of no face
+        row[handles.index] = np.arange(len(handles))
+        index = np.flatnonzero(row[vertex] >= 0)
+        index = index[np.argsort(row[vertex[index]], kind="stable")]
+        return handles.sampled(row[vertex[index]], index, self.mesh.V)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
         """Read the groups of a handle file in this project's JSON; messages call it `name`.
@@ -213,7 +250,12 @@ class Document:
 
     @property
     def command(self) -> str:
-        """Command line that computes the same shape from the saved handles and their options."""
+        """Command line that computes the same shape from the saved handles and their options.
+
+        For a mesh in memory, the line of Python that reads the saved handles.
+        """
         handles = str(self.outputs["handles"])
+        if self.is_in_memory:
+            return f"handles = sshade.io.handles.read_handles({handles!r}, mesh)"
         words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])

@@ -48,15 +48,15 @@ class Session:
     ----------
     path : path
         Any mesh file that ``sshade deform`` takes.
-    handles : path, optional
-        Handle file with the first groups.
+    handles : path or Handles, optional
+        Handle file with the first groups, or handles at vertices of the file.
     output, handles_output : path, optional
         See :class:`sshade.edit.document.Document`.
     settings : Settings
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
-    **welding
-        ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
+    **options
+        ``file``, ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
 
     Attributes
     ----------
@@ -83,15 +83,15 @@ class Session:
         self,
         path: Path,
         *,
-        handles: Path | None = None,
+        handles: Path | Handles | None = None,
         output: Path | None = None,
         handles_output: Path | None = None,
         settings: Settings = Settings(),  # noqa: B008  (immutable)
         carry_unconstrained: bool = False,
-        **welding: Any,
+        **options: Any,
     ) -> None:
-        welding["carry"] = carry_unconstrained
-        self.document = Document(path, output=output, handles=handles_output, **welding)
+        options["carry"] = carry_unconstrained
+        self.document = Document(path, output=output, handles=handles_output, **options)
         self.mesh = mesh = self.document.mesh
         self.recovery = Recovery(self.document.outputs["handles"].parent, self.document.name, mesh)
         self.trouble = ""
@@ -108,7 +108,10 @@ class Session:
         #: Groups and handles of the last step of a drag.
         self._dragged: tuple[tuple[Group, ...], Handles] | None = None
         if handles is not None:
-            self._take(self.document.read_groups(handles, first=1))
+            if isinstance(handles, Handles):
+                self._take(self.document.groups_of(handles))
+            else:
+                self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
 
     @property
@@ -467,12 +470,28 @@ class Session:
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
             self.document.write_handles(self.state, path)
-            self._saved = self.state.groups, self.state.settings
-            self._saved_selection = self.state.selection
-            self._keep()
+            self._count_as_saved()
         return path, ()
 
+    def hand_over(self) -> Handles:
+        """Return the groups as handles at vertices of the file; they then count as saved.
+
+        Raises
+        ------
+        InputError
+            When there are no groups.
+        """
+        with self._lock:
+            handles = self.document.all_handles(self.state)
+            self._count_as_saved()
+        return handles
+
     # Helpers.
+
+    def _count_as_saved(self) -> None:
+        self._saved = self.state.groups, self.state.settings
+        self._saved_selection = self.state.selection
+        self._keep()
 
     def _take(self, groups: tuple[Group, ...]) -> None:
         """Replace all groups by the groups of a file."""

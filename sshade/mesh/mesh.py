@@ -13,6 +13,7 @@ from sshade.kernels import kernel
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
 from sshade.mesh.sides import EdgeSides, sides_by_edge
+from sshade.shown import Shown
 
 #: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
 LARGEST = 1e60
@@ -33,7 +34,7 @@ class Topology(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Shown):
     """A triangle mesh.
 
     Arrays are read-only, and copied where needed. Every vertex belongs to a triangle, and no triangle

@@ -54,6 +54,24 @@ class Surface(NamedTuple):
         """
         return restricted(goals, self.vertex[F], self.mesh.F, strict=True) if goals else ()
 
+    def places(self, index: np.ndarray) -> np.ndarray:
+        """Return the vertices (k,) of the mesh for original vertices (k,) that are handles.
+
+        Raises
+        ------
+        InputError
+            When a handle is out of range, or belongs to no face.
+        """
+        outside = index[index >= len(self.vertex)]
+        if len(outside):
+            raise InputError(
+                f"handle id {outside[0]} is out of range: the mesh has {len(self.vertex)} vertices"
+            )
+        places = self.vertex[index]
+        if (places < 0).any():
+            raise InputError(f"handle vertex {index[np.argmin(places)]} belongs to no face")
+        return places
+
     @property
     def original(self) -> np.ndarray:
         """(k,) int64: the first of the original vertices of each vertex of the mesh."""

@@ -232,7 +232,7 @@ def deform(
                 "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
                 "welded"
             )
-        return run(shape, **options)
+        return run(shape, **options).of(shape)
     if (mesh := opened(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
         V, F = mesh.V, mesh.F
@@ -244,7 +244,7 @@ def deform(
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
     extent = whole.mesh.diagonal
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
-    handles = replace(handles, index=_on(whole.vertex, handles.index), extent=extent)
+    handles = replace(handles, index=whole.places(handles.index), extent=extent)
     goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
     task = DeformationTask(
         "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
@@ -260,14 +260,3 @@ def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
             "targets bc, or vertices V and faces F with b and bc"
         )
     return arrays
-
-
-def _on(vertex: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vertices of a surface for handle ids: `vertex` (n,) is the surface vertex of each vertex, or -1."""
-    outside = b[b >= len(vertex)]
-    if len(outside):
-        raise InputError(f"handle id {outside[0]} is out of range: the mesh has {len(vertex)} vertices")
-    index = vertex[b]
-    if (index < 0).any():
-        raise InputError(f"handle vertex {b[np.argmin(index)]} belongs to no face")
-    return index

@@ -103,7 +103,7 @@ class Deformer:
         self._regional = has_regions(mesh, self.index, plain)
         task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
         task, ratios = with_ratios(task, method, self._values)
-        self._values, self._volumes = dict(ratios), task.volumes
+        self._task, self._values, self._volumes = task, dict(ratios), task.volumes
         self._parts: tuple[VolumeGoal, ...] = ()
         self._options = self._resolved()
         self._engine = engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
@@ -326,8 +326,9 @@ class Deformer:
             out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
         ):
             raise InputError(f"`out` must be a contiguous float64 array of shape {self.mesh.V.shape}")
+        task = self._task.at(handles)
         if self._regions.covered:
-            result = all_on_targets(DeformationTask("drag", self.mesh, handles))
+            result = all_on_targets(task)
         else:
             alone = len(self._proxies) == 1
 
@@ -337,10 +338,10 @@ class Deformer:
                 return bound.deform(handles, self._regions, options, again=again, team=self._team, out=into)
 
             result = self._engine.average(deform, handles, self._regions, options)
-        if out is None or result.vertices is out:
-            return result
-        out[:] = result.vertices
-        return replace(result, vertices=out)
+        if out is not None and result.vertices is not out:
+            out[:] = result.vertices
+            result = replace(result, vertices=out)
+        return result.of(task)
 
 
 def _at_rest(

@@ -96,7 +96,8 @@ class Sequence:
             pose, method=self._method, progress=progress, once=self._bindings, **self._options
         )
         self._bindings.end()
-        return replace(result, extra={**result.extra, "followed": guess is not None})
+        result = replace(result, extra={**result.extra, "followed": guess is not None})
+        return result.of(self.task.at(pose.handles))
 
     def _is_near(self, handles: Handles, before: Handles) -> bool:
         """Whether no handle moved farther than :data:`NEAR_POSE` since the pose before."""

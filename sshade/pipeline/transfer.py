@@ -61,7 +61,7 @@ def transfer(
     """
     shape = None if task.mesh.V is task.rest.V else task.mesh.V
     transfer = PoseTransfer(task.rest, shape, residual=residual, keep=False, progress=progress, **options)
-    return transfer(task.posed, progress=progress)
+    return transfer(task.posed, progress=progress).of(task)
 
 
 class PoseTransfer:

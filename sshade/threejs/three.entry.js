@@ -1,4 +1,4 @@
-// What the report's 3D view and the editor take from three.js. three.min.js is made of it, in an empty folder, by:
+// What the 3D views of figures and reports and the editor take from three.js. three.min.js is made of it, in an empty folder, by:
 //   npm install three@0.187.0 esbuild@0.28.2
 //   npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --legal-comments=eof --outfile=three.min.js
 export {

@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,25 +14,16 @@ from eval.metrics import Task
 from eval.publish.columns import Column
 from eval.publish.html import texts
 from eval.publish.panels import error_label, error_of
-from eval.publish.report.surface import pack, surface
 from eval.rows.experiment import Experiment
 from eval.rows.store import Row
 from eval.run.recall import load_task
 from sshade.errors import InputError
 from sshade.figures import View, colour_range, picture
+from sshade.plotting.surface import Shape, packed_view
 from sshade.task import TransferTask
 
 #: Width of a rendering in pixels.
 PANEL = 360
-
-
-class Shape(NamedTuple):
-    """A shape of a case: the rest shape (without an error), the ground truth, or a result."""
-
-    name: str
-    caption: str
-    V: np.ndarray
-    error: np.ndarray | None = None
 
 
 @dataclass
@@ -104,23 +95,21 @@ def show_case(
         case.missing.append(f"No pictures: {error}.")
         return case
     case.label, shapes = error_label(task), _shapes(task, found)
-    case.top = colour_range(shape.error for shape in shapes if shape.error is not None)
+    case.top = colour_range(shape.values for shape in shapes if shape.values is not None)
     view = View.of([shape.V for shape in shapes], towards=towards, up=up)
     handles = getattr(task, "handles", None)
     case.handles = handles is not None
     try:
         for shape in shapes:
             at_rest = handles if shape.name == "rest" else None
-            colours = {"error": shape.error, "top": case.top, "handles": at_rest}
+            colours = {"error": shape.values, "top": case.top, "handles": at_rest}
             pixels = picture(task.mesh, shape.V, view=view, width=PANEL, **colours)
             case.panels.append({"name": shape.name, "caption": shape.caption, "image": image_uri(pixels)})
     except InputError as error:  # the system cannot draw
         case.missing.append(f"No pictures: {error}.")
     if turnable:
-        try:
-            case.view = _packed(case, task, shapes)
-        except InputError as error:
-            case.missing.append(f"Not in the 3D view: {error}.")
+        view = packed_view(task.mesh, shapes, handles=handles, top=case.top, label=case.label)
+        case.view = {**view, "name": case.name}
     return case
 
 
@@ -134,38 +123,6 @@ def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
         error = error_of(task, V)
         shapes.append(Shape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
     return shapes
-
-
-def _packed(case: Case, task: Task, shapes: list[Shape]) -> dict[str, Any]:
-    """Pack the shapes, handles and scale of a case for the 3D view."""
-    handles = getattr(task, "handles", None)
-    index = np.zeros(0, dtype=np.int64) if handles is None else handles.index
-    shown = surface(task.mesh, keep=index)
-    place = np.full(task.mesh.n, -1)
-    place[shown.samples] = np.arange(len(shown.samples))
-    reduced = len(shown.samples) < task.mesh.n
-    packed = pack(
-        [shape.V[shown.samples] for shape in shapes],
-        [None if shape.error is None else shown.mean(shape.error) for shape in shapes],
-        shown.faces,
-        top=case.top,
-    )
-    return packed | {
-        "name": case.name,
-        "note": f"{len(shown.samples):,} of {task.mesh.n:,} vertices are shown." if reduced else "",
-        "vertices": len(shown.samples),
-        "faces": len(shown.faces),
-        "diagonal": task.mesh.diagonal,
-        "label": case.label,
-        "top": case.top,
-        "shapes": [
-            {"name": shape.name, "caption": shape.caption, "error": shape.error is not None}
-            for shape in shapes
-        ],
-        "handles": place[index].tolist(),
-        "dynamic": [] if handles is None else handles.dynamic.tolist(),
-        "targets": [] if handles is None else handles.target.round(6).tolist(),
-    }
 
 
 def image_uri(pixels: np.ndarray) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from typing import Any
 
@@ -16,9 +15,8 @@ from eval.publish.report.cases import show_case
 from eval.publish.summary import converged_runs, make_table
 from eval.rows.experiment import Experiment
 from eval.rows.frame import method_names, numbers, records, valid
-from sshade import threejs
+from sshade import plotting, threejs
 from sshade.errors import InputError
-from sshade.figures import COLOURS
 from sshade.progress import Progress, silent
 
 #: Default number of cases of an experiment in the 3D view.
@@ -61,7 +59,7 @@ def write_page(
     form = {"cases": cases, "mixed": mixed, "camera": camera, "progress": progress}
     sections = [_section(experiment, **form) for experiment in experiments]
     views = [
-        case.view | {"experiment": section["name"], "id": f"{section['slug']}-case-{i}"}
+        case.view | {"title": f"{section['name']}: {case.name}", "id": f"{section['slug']}-case-{i}"}
         for section in sections
         for i, case in enumerate(section["cases"])
         if case.view is not None
@@ -72,8 +70,11 @@ def write_page(
         data=[view.pop("data") for view in views],
         views=views,
         camera={name: list(direction) for name, direction in camera.items()},
-        ramp=_ramp(),
+        ramp=plotting.ramp(),
         three=threejs.source(),
+        viewer=plotting.part("viewer.js"),
+        view_markup=plotting.part("view.html"),
+        view_style=plotting.style(),
         valid=len(valid(every)),
         runs=len(every),
     )
@@ -131,11 +132,3 @@ def _convergence(experiment: Experiment) -> list[list[str]]:
 def _range(values: pd.Series, form: str) -> str:
     """Return the smallest, median and largest number."""
     return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
-
-
-def _ramp() -> str:
-    """Return 256 colours of errors, three bytes each, as base64."""
-    import matplotlib
-
-    colours = matplotlib.colormaps[COLOURS](np.arange(256), bytes=True)[:, :3]
-    return base64.b64encode(colours.tobytes()).decode("ascii")

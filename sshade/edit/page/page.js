@@ -480,9 +480,10 @@ window.addEventListener("keydown", (event) => {
 });
 
 byId("quit").addEventListener("click", async () => {
-  if (facts?.unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
+  const unsaved = facts?.unsaved && !facts.returns;
+  if (unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
   await request("quit", "").catch(() => {});
-  ended("The editor has ended; this page can be closed.");
+  ended(`${facts?.returns ? "Python goes on with the handles" : "The editor has ended"}; this page can be closed.`);
 });
 
 function ended(sentence) {
@@ -517,7 +518,8 @@ async function stayConnected() {
     await new Promise((resolve) => setTimeout(resolve, WAIT));
   }
   if (document.body.classList.contains("ended")) return;
-  ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
+  const again = facts?.returns ? "Call sshade.edit_handles" : "Start sshade edit";
+  ended(`The editor has ended. ${again} again; it offers work that was not saved.`);
 }
 
 picking.use("view");

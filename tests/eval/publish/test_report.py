@@ -1,12 +1,9 @@
 """The report's text: everything that the rows say stands in it, and nothing is fetched or run."""
 
-import base64
-import gzip
 import json
 import re
 from html import unescape
 
-import numpy as np
 import pytest
 import yaml
 from report_runs import METHODS, make_transfers
@@ -14,13 +11,10 @@ from report_runs import METHODS, make_transfers
 from eval.main import call
 from eval.rows.frame import read_csv, records
 from sshade.errors import InputError
-from tests.shapes import bumpy
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
-
-from eval.publish.report.surface import pack, surface
 
 
 def plain(html: str) -> str:
@@ -198,36 +192,3 @@ def test_pose_transfers_are_held_against_the_truth(tmp_path):
     assert distances[:2] == distances[3:5] and len(set(distances)) == 3
     case = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', (tmp_path / "r.html").read_text())[1])
     assert case["cases"][0]["handles"] == case["cases"][0]["targets"] == []
-
-
-def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
-    mesh = bumpy(3)
-    whole = surface(mesh, keep=np.array([3]))
-    assert np.array_equal(whole.faces, mesh.F) and np.array_equal(whole.samples, np.arange(mesh.n))
-    values = np.random.default_rng(0).normal(size=mesh.n)
-    assert np.array_equal(whole.mean(values), values)
-    keep = np.array([600, 7, 80])
-    some = surface(mesh, keep=keep, limit=600, samples=150)
-    assert some.samples[:3].tolist() == keep.tolist()
-    assert 150 <= len(some.samples) < 170 and some.faces.max() == len(some.samples) - 1
-    for k in (0, 2, 100):
-        assert some.mean(values)[k] == pytest.approx(values[some.cell == k].mean())
-    assert some.mean(np.full(mesh.n, 2.5)) == pytest.approx(2.5)
-
-
-def test_packed_shapes_come_back_to_their_precision():
-    mesh = bumpy(1)
-    shapes = [mesh.V, 2 * mesh.V + 1]
-    error = np.linspace(0, 12, mesh.n)
-    packed = pack(shapes, [None, error], mesh.F, top=10.0)
-    assert packed == pack(shapes, [None, error], mesh.F, top=10.0)
-    data = gzip.decompress(base64.b64decode(packed["data"]))
-    n, m = mesh.n, mesh.m
-    assert len(data) == 6 * m + 2 * 6 * n + n
-    assert np.array_equal(np.frombuffer(data, "<u2", 3 * m).reshape(-1, 3), mesh.F)
-    low, span = np.array(packed["low"]), np.array(packed["span"])
-    for k, V in enumerate(shapes):
-        stored = np.frombuffer(data, "<u2", 3 * n, offset=6 * m + 6 * n * k).reshape(3, n).T
-        assert (np.abs(low + span * stored / 65535 - V) <= 0.5001 * span / 65535).all()
-    stored = np.frombuffer(data, "u1", offset=6 * m + 12 * n).astype(float)
-    assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255

@@ -86,7 +86,7 @@ def test_the_view_switches_shapes_errors_handles_and_cases(page):
     page.locator("#turn").scroll_into_view_if_needed()
     assert page.locator("#turn-stage").get_attribute("data-shape") == "stretching"
     coloured = stage(page)
-    page.get_by_label("error").uncheck()
+    page.get_by_label("colours").uncheck()
     plain = stage(page)
     assert changed(coloured, plain) > 0.02
     assert np.ptp(plain, axis=2).max() > 100  # the handles keep their colours

@@ -1,35 +1,30 @@
-// The report's 3D view: one case at a time, its shapes to switch between, the camera kept.
+// The 3D view of a page: one case at a time, its shapes to switch between, the camera kept.
 (() => {
   "use strict";
   const { cases, camera: look } = JSON.parse(document.getElementById("turn-cases").textContent);
   const ramp = linear(decode(document.getElementById("turn-ramp").textContent));
   const byId = (name) => document.getElementById(`turn-${name}`);
-  const stage = byId("stage"), canvas = byId("canvas"), list = byId("case"), shapes = byId("shapes");
+  const stage = byId("stage"), list = byId("case"), shapes = byId("shapes");
   const body = new THREE.Color("#d9d5cf");
 
-  let renderer;
-  try {
-    renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
-  } catch {
-    stage.textContent = "This browser draws no WebGL, which the 3D view needs.";
-    return;
-  }
-  renderer.setClearColor(0xffffff);
   const scene = new THREE.Scene();
   const camera = new THREE.PerspectiveCamera(30, 1, 0.01, 100);
   camera.up.fromArray(look.up).normalize();
-  const controls = new THREE.OrbitControls(camera, canvas);
+  const controls = new THREE.OrbitControls(camera, stage);
   controls.addEventListener("change", draw);
   scene.add(new THREE.HemisphereLight(0xffffff, 0x9a9690, 2.0));
   const lamp = new THREE.DirectionalLight(0xffffff, 1.5);
   scene.add(lamp, lamp.target);
 
+  let renderer = null; // while the view is in sight
   let shown = null; // the case on the stage
+  let framed = false; // whether the camera was placed; a hidden page has no size for it
   let order = 0; // the latest request: one that was overtaken draws nothing
 
   for (const [i, entry] of cases.entries()) {
-    list.append(new Option(`${entry.experiment}: ${entry.name}`, i));
+    list.append(new Option(entry.title, i));
   }
+  list.parentElement.hidden = cases.length < 2;
 
   function decode(text) {
     return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -99,7 +94,11 @@
     shown = { entry, surface, balls, goals, unpacked, parts: [surface, balls, goals] };
     scene.add(...shown.parts);
     list.value = i;
-    byId("top").textContent = Number(entry.top.toPrecision(2));
+    const coloured = entry.shapes.some((shape) => shape.error);
+    byId("scale").hidden = byId("error").parentElement.hidden = !coloured;
+    byId("handles").parentElement.hidden = entry.handles.length === 0;
+    shapes.hidden = entry.shapes.length < 2;
+    for (const end of ["bottom", "top"]) byId(end).textContent = Number(entry[end].toPrecision(2));
     byId("label").textContent = entry.label;
     byId("note").textContent = entry.note;
     fillShapes(entry, wanted);
@@ -168,6 +167,8 @@
     const upright = new THREE.Vector3().crossVectors(towards, right);
     const centre = new THREE.Vector3(...low.map((x, c) => x + span[c] / 2));
     resize();
+    framed = stage.clientWidth > 0 && stage.clientHeight > 0;
+    if (!framed) return;
     const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
     let distance = 0; // at which every corner of the box is inside of the picture
     for (let corner = 0; corner < 8; corner += 1) {
@@ -186,17 +187,38 @@
 
   function resize() {
     const { clientWidth: width, clientHeight: height } = stage;
-    renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    renderer.setSize(width, height, false);
+    if (!width || !height) return;
+    renderer?.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    renderer?.setSize(width, height, false);
     camera.aspect = width / height;
     camera.updateProjectionMatrix();
+  }
+
+  function begin() {
+    try {
+      renderer = new THREE.WebGLRenderer({ antialias: true });
+    } catch {
+      stage.textContent = "This browser draws no WebGL, which the 3D view needs.";
+      return;
+    }
+    renderer.setClearColor(0xffffff);
+    renderer.domElement.id = "turn-canvas";
+    stage.replaceChildren(renderer.domElement);
+    resize();
+    draw();
+  }
+
+  function end() {
+    renderer.dispose();
+    renderer.forceContextLoss();
+    renderer = null;
   }
 
   function draw() {
     lamp.position.copy(camera.position);
     lamp.target.position.copy(controls.target);
     lamp.target.updateMatrixWorld();
-    renderer.render(scene, camera);
+    renderer?.render(scene, camera);
   }
 
   list.addEventListener("change", () => showCase(Number(list.value), true));
@@ -209,8 +231,15 @@
     link.addEventListener("click", () => showCase(i, true));
   }
   new ResizeObserver(() => {
+    if (shown && !framed) frame();
     resize();
     draw();
+  }).observe(stage);
+  // A notebook may have many views, and browsers draw about 16: a view out of sight makes place for others.
+  new IntersectionObserver((changes) => {
+    const inSight = changes.at(-1).isIntersecting;
+    if (inSight && !renderer) begin();
+    else if (!inSight && renderer) end();
   }).observe(stage);
   showCase(0, false);
 })();

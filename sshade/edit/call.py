@@ -1,0 +1,104 @@
+"""Open the editor from Python, and return the handles that the user makes."""
+
+from __future__ import annotations
+
+import webbrowser
+from contextlib import suppress
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sshade.edit.server import Server
+from sshade.edit.session import Session
+from sshade.edit.state import METHODS, Settings
+from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.io.document import MeshFile
+from sshade.io.files import reason
+from sshade.io.objects import opened
+from sshade.mesh.mesh import Mesh
+from sshade.options import require_method
+
+#: Largest time in seconds for a computation to end before the function does.
+PATIENCE = 10.0
+
+
+def edit_handles(
+    mesh: Any,
+    handles: Handles | None = None,
+    *,
+    method: str = "fast",
+    carry_unconstrained: bool = False,
+    up: Literal["y", "z"] = "y",
+    port: int = 0,
+) -> Handles:
+    """Open the editor in a browser, wait until the user ends it, and return the handles.
+
+    The user ends the editor by *Return to Python* on its page. An interrupt of Python also ends it and
+    returns the handles. If Python is killed, a recovery file in the current folder keeps the handles: the
+    next call with the same mesh offers it. The address of the page is printed. Only this machine can open it.
+
+    Parameters
+    ----------
+    mesh : Mesh, trimesh.Trimesh, trimesh.Scene or pyvista.PolyData
+        The mesh at rest, as :func:`sshade.deform` takes it.
+    handles : Handles, optional
+        Handles to begin with.
+    method : {"fast", "fine", "paper"}
+        Method with which the page shows the mesh at first.
+    carry_unconstrained : bool
+        See :class:`sshade.DeformationTask`. Set it if the mesh has components without handles.
+    up : {"y", "z"}
+        Axis that points up at first.
+    port : int
+        Port of the page, by default any free port. Choose a port to forward it from another machine.
+
+    Returns
+    -------
+    Handles
+        At vertices of `mesh`, a group for each group of the page. All copies of a vertex along a seam have a
+        handle.
+
+    Raises
+    ------
+    InputError
+        On another object, handles that are no vertices of the mesh, an unknown method or axis, a port that
+        cannot be used, or when the user made no handles.
+    """
+    shape = opened(mesh)
+    if shape is None:
+        raise InputError(
+            f"edit_handles takes a mesh, not an object of type {type(mesh).__name__}; of arrays make "
+            "sshade.Mesh(V, F)"
+        )
+    if up not in ("y", "z"):
+        raise InputError(f'up is "y" or "z", not {up!r}')
+    if not isinstance(handles, Handles | None):
+        raise InputError(f"handles are an sshade.Handles, not an object of type {type(handles).__name__}")
+    settings = Settings(require_method(method, METHODS))
+    is_mesh = isinstance(mesh, Mesh)  # arrays of other objects may change later, and are copied
+    V, F = (array if is_mesh else np.array(array) for array in (shape.V, shape.F))
+    digest = blake2b(np.ascontiguousarray(V).tobytes() + np.ascontiguousarray(F).tobytes(), digest_size=3)
+    path = Path.cwd() / f"mesh_{digest.hexdigest()}.ply"
+    file = MeshFile(V, np.asarray(F, dtype=np.int64), holds=(), suffixes=(), content=lambda *_: b"")
+    session = Session(
+        path, handles=handles, settings=settings, carry_unconstrained=carry_unconstrained, file=file
+    )
+    try:
+        server = Server(session, port=port, up=up)
+    except (OSError, OverflowError) as error:
+        why = reason(error) if isinstance(error, OSError) else "a port is a number from 0 to 65535"
+        raise InputError(f"port {port} of this machine cannot be used ({why})") from error
+    try:
+        with server:
+            text = f"The editor is open at {server.address} until you click Return to Python on its page."
+            print(text, flush=True)  # noqa: T201
+            webbrowser.open(server.address)
+            with suppress(KeyboardInterrupt):  # a notebook ends a cell like this
+                server.serve_forever(poll_interval=0.1)
+            server.close()
+        return session.hand_over()
+    finally:
+        session.end(PATIENCE)

@@ -1,0 +1,198 @@
+"""The shapes of a 3D view: reduced to fewer vertices and packed into text."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.mesh.clusters import cluster_vertices
+from sshade.mesh.mesh import Mesh
+from sshade.sampling.proxy import sample_proxy
+
+#: Largest mesh that is shown completely, and number of vertices of larger meshes. Ids fit into 16 bits.
+LIMIT, SAMPLES = 28_000, 20_000
+#: Greatest number of handles that are shown.
+HANDLES = 1500
+#: Reduced meshes and the vertices that they keep, so that several views of a mesh reduce it once.
+_REDUCED: WeakKeyDictionary[Mesh, tuple[bytes, Surface]] = WeakKeyDictionary()
+
+
+class Shape(NamedTuple):
+    """One shape of a view.
+
+    Attributes
+    ----------
+    name, caption : str
+        The targets of handles are shown on the shape with the name "rest".
+    V : (n, 3) float64
+    values : (n,) float64, optional
+        Values that the colours show.
+    """
+
+    name: str
+    caption: str
+    V: np.ndarray
+    values: np.ndarray | None = None
+
+
+class Surface(NamedTuple):
+    """The part of a mesh that the 3D view shows.
+
+    Parameters
+    ----------
+    samples : (k,) int
+        Vertices of the mesh.
+    faces : (l, 3) int
+        Faces, as indices into `samples`.
+    cell : (n,) int
+        Index into `samples` of the sample of each vertex of the mesh.
+    """
+
+    samples: np.ndarray
+    faces: np.ndarray
+    cell: np.ndarray
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the means (k,) of values (n,) over the cells of the samples."""
+        count = np.bincount(self.cell, minlength=len(self.samples))
+        total = np.bincount(self.cell, values, minlength=len(self.samples))
+        return np.where(count > 0, total / np.maximum(count, 1), values[self.samples])
+
+
+def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> Surface:
+    """Return the mesh, or above `limit` vertices a coarser surface of about `samples` vertices.
+
+    The coarser surface is a proxy, whose vertices include `keep`. For a mesh that is not manifold or has
+    several components, it consists of clusters, and the vertices `keep` are beside them. All its vertices are
+    vertices of the mesh, and move with a deformation of the mesh.
+    """
+    if mesh.n <= limit:
+        return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
+    key = np.array([limit, samples, *keep]).tobytes()
+    if mesh not in _REDUCED or _REDUCED[mesh][0] != key:
+        _REDUCED[mesh] = key, _reduced(mesh, keep, samples)
+    return _REDUCED[mesh][1]
+
+
+def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> Surface:
+    try:
+        coarse = sample_proxy(mesh, max(samples, len(keep)), first=keep)
+        return Surface(coarse.samples, coarse.faces, coarse.cell)
+    except InputError:
+        few = cluster_vertices(mesh, samples)
+        beside = np.setdiff1d(keep, few.vertices)
+        return Surface(np.concatenate([few.vertices, beside]), few.faces, few.cell)
+
+
+def packed_view(
+    mesh: Mesh,
+    shapes: Sequence[Shape],
+    *,
+    handles: Handles | None,
+    bottom: float = 0.0,
+    top: float = 1.0,
+    label: str = "",
+) -> dict[str, Any]:
+    """Pack the shapes of a mesh with their handles for the script of the view.
+
+    Positions are relative to the centre of the mesh and its diagonal: the browser computes with float32.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of a diagonal above 0.
+    shapes : sequence of Shape
+    handles : Handles, optional
+        At most :data:`HANDLES` of them are shown.
+    bottom, top : float
+        Values at the ends of the colour scale.
+    label : str
+        What the colours show.
+
+    Returns
+    -------
+    dict
+        Plain values, and the ``data`` of :func:`pack`.
+    """
+    count = 0 if handles is None else len(handles)
+    rows = np.unique(np.linspace(0, count - 1, min(count, HANDLES)).astype(np.int64))
+    index = rows if handles is None else handles.index[rows]
+    shown = surface(mesh, keep=index)
+    place = np.full(mesh.n, -1)
+    place[shown.samples] = np.arange(len(shown.samples))
+    centre, size = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0)), mesh.diagonal
+    packed = pack(
+        [(shape.V[shown.samples] - centre) / size for shape in shapes],
+        [None if shape.values is None else shown.mean(shape.values) for shape in shapes],
+        shown.faces,
+        bottom=bottom,
+        top=top,
+    )
+    notes = []
+    if len(shown.samples) < mesh.n:
+        notes.append(f"{len(shown.samples):,} of {mesh.n:,} vertices are shown.")
+    if len(rows) < count:
+        notes.append(f"{len(rows):,} of {count:,} handles are shown.")
+    targets = np.zeros((0, 3)) if handles is None else (handles.target[rows] - centre) / size
+    return packed | {
+        "note": " ".join(notes),
+        "vertices": len(shown.samples),
+        "faces": len(shown.faces),
+        "diagonal": 1.0,
+        "label": label,
+        "bottom": bottom,
+        "top": top,
+        "shapes": [
+            {"name": shape.name, "caption": shape.caption, "error": shape.values is not None}
+            for shape in shapes
+        ],
+        "handles": place[index].tolist(),
+        "dynamic": [] if handles is None else handles.dynamic[rows].tolist(),
+        "targets": targets.round(6).tolist(),
+    }
+
+
+def pack(
+    shapes: list[np.ndarray],
+    values: list[np.ndarray | None],
+    faces: np.ndarray,
+    *,
+    bottom: float = 0.0,
+    top: float,
+) -> dict[str, Any]:
+    """Pack shapes of one mesh as compressed base64.
+
+    Little-endian: the faces as uint16; then for each shape its positions as uint16 in the bounding box of all
+    shapes, coordinate by coordinate; and its values, if it has some, as uint8 of the range of the colours.
+
+    Parameters
+    ----------
+    shapes : list of (k, 3) float64
+    values : list of (k,) float64 or None
+    faces : (l, 3) int
+    bottom, top : float
+        Range of the colours.
+
+    Returns
+    -------
+    dict
+        ``low`` and ``span`` of the box, and the ``data``.
+    """
+    points = np.concatenate(shapes)
+    low = points.min(axis=0)
+    span = np.maximum(points.max(axis=0) - low, np.finfo(np.float32).tiny)
+    parts = [np.ascontiguousarray(faces, dtype="<u2").tobytes()]
+    for V, value in zip(shapes, values, strict=True):
+        parts.append(np.rint((V - low) / span * 65535).astype("<u2").T.tobytes())
+        if value is not None:
+            height = np.clip((value - bottom) / (top - bottom), 0, 1)
+            parts.append(np.rint(255 * height).astype("u1").tobytes())
+    packed = gzip.compress(b"".join(parts), compresslevel=9, mtime=0)
+    return {"low": low.tolist(), "span": span.tolist(), "data": base64.b64encode(packed).decode("ascii")}

@@ -1,0 +1,188 @@
+"""What sshade.plot draws, what it refuses, and how meshes, tasks and results show themselves."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sshade
+from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask, plot
+from sshade.figures import edge_error
+from sshade.io.arrays import Arrays
+from sshade.plotting import surface
+from sshade.plotting.figure import Figure
+from tests.shapes import bumpy, end_handles, icosphere
+
+REST = bumpy(2)
+HANDLES = end_handles(REST.V, shift=(0.3, 0, 0.2))
+TASK = DeformationTask("bend", REST, HANDLES)
+RESULT = DeformationResult(REST.V * [1, 1, 1.2], 0, None)
+
+
+def view(figure: Figure) -> dict:
+    """The facts of a figure."""
+    (case,) = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', figure.page, re.S)[1])["cases"]
+    return case
+
+
+def names(figure: Figure) -> list[str]:
+    return [shape["name"] for shape in view(figure)["shapes"]]
+
+
+def test_a_mesh_alone_has_one_shape_without_colours_and_handles():
+    facts = view(plot(REST))
+    assert [(shape["name"], shape["error"]) for shape in facts["shapes"]] == [("rest", False)]
+    assert facts["vertices"] == REST.n and facts["faces"] == REST.m and facts["note"] == ""
+    assert facts["handles"] == facts["targets"] == []
+
+
+def test_a_task_shows_its_handles_and_its_truth():
+    facts = view(plot(TASK))
+    assert facts["handles"] == HANDLES.index.tolist() and facts["dynamic"] == HANDLES.dynamic.tolist()
+    centre = 0.5 * (REST.V.min(axis=0) + REST.V.max(axis=0))
+    expected = (HANDLES.target - centre) / REST.diagonal
+    np.testing.assert_allclose(facts["targets"], expected, atol=1e-6)
+    assert names(plot(replace(TASK, truth=RESULT.vertices))) == ["rest", "truth"]
+    assert view(plot(REST, HANDLES))["targets"] == facts["targets"]
+
+
+def test_a_result_is_coloured_by_the_change_of_its_edges():
+    facts = view(plot(RESULT.of(TASK)))
+    assert [(shape["name"], shape["error"]) for shape in facts["shapes"]] == [
+        ("rest", False),
+        ("result", True),
+    ]
+    assert facts["label"] == "change of edge length (%)" and facts["bottom"] == 0
+    assert facts["top"] == pytest.approx(np.percentile(edge_error(REST, RESULT.vertices), 98))
+    assert facts["handles"] == HANDLES.index.tolist()
+
+
+def test_poses_of_all_kinds_are_shapes_of_one_figure():
+    V, F = np.array(REST.V), np.array(REST.F)
+    other = Mesh(1.5 * V, F)
+    assert names(plot(REST, RESULT, RESULT)) == ["rest", "result 1", "result 2"]
+    assert names(plot(V, F, 2 * V, other)) == ["rest", "pose 1", "pose 2"]
+    assert names(plot(Arrays(V, F), RESULT, (2 * V).tolist())) == ["rest", "result", "pose"]
+    assert names(plot(RESULT.of(TASK), RESULT.of(TASK), names=["fast", "fine"])) == ["rest", "fast", "fine"]
+    whole = np.rint(9 * V).astype(int)  # positions may be integers, as faces are
+    assert names(plot(V, F, whole, whole, V, F)) == ["rest", "pose 1", "pose 2", "pose 3"]
+    assert names(plot(REST, RESULT.of(TASK), other)) == ["rest", "result", "pose"]
+    transfer = TransferTask("t", REST, other, 2 * V, truth=3 * V)
+    assert names(plot(RESULT.of(transfer))) == ["rest", "result"]
+    assert names(plot(transfer)) == ["rest", "truth"]
+
+
+def test_the_first_handles_that_are_passed_replace_those_of_the_task():
+    few = Handles(HANDLES.index[:3], HANDLES.target[:3])
+    for arguments in ((TASK, few), (few, TASK)[::-1], (REST, few, RESULT.of(TASK))):
+        assert view(plot(*arguments))["handles"] == few.index.tolist()
+
+
+def test_meshes_of_trimesh_and_pyvista_are_taken_with_vertices_that_no_face_uses():
+    trimesh = pytest.importorskip("trimesh")
+    V, F = np.vstack([[9.0, 9, 9], REST.V]), REST.F + 1
+    shape = trimesh.Trimesh(V, F, process=False)
+    handles = Handles(HANDLES.index + 1, HANDLES.target)
+    facts = view(plot(shape, handles, 2 * V, values=np.arange(len(V))))
+    assert facts["vertices"] == REST.n and facts["handles"] == HANDLES.index.tolist()
+    assert (facts["bottom"], facts["top"]) == (1, REST.n)
+    with pytest.raises(InputError, match="handle vertex 0 belongs to no face"):
+        plot(shape, Handles([0], V[:1]))
+    pyvista = pytest.importorskip("pyvista")
+    poly = pyvista.PolyData.from_regular_faces(REST.V, REST.F)
+    assert names(plot(poly, poly)) == ["rest", "pose"]
+
+
+def test_values_colour_all_shapes_from_the_least_to_the_greatest():
+    facts = view(plot(REST, RESULT, values=REST.V[:, 2], label="z (m)"))
+    assert all(shape["error"] for shape in facts["shapes"]) and facts["label"] == "z (m)"
+    assert (facts["bottom"], facts["top"]) == (REST.V[:, 2].min(), REST.V[:, 2].max())
+    for one in (2.0, 1e30, -1e30):  # the range is no point
+        assert view(plot(REST, values=np.full(REST.n, one)))["top"] > one
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "words"),
+    [
+        ((), {}, "there is no mesh to plot: plot takes meshes"),
+        (("body.ply",), {}, "not an object of type str"),
+        ((REST, None), {}, "not an object of type NoneType"),
+        ((REST, [["a", "b"]]), {}, "not an object of type list"),
+        ((HANDLES,), {}, "pass the mesh first"),
+        ((RESULT,), {}, "the mesh of a result is missing, because it knows no task"),
+        ((REST.V,), {}, "the mesh of a pose is missing, because no faces follow it"),
+        ((REST.V, REST.F - 1), {}, "ids go from 0 to"),
+        ((REST, REST.V[1:]), {}, "pass poses of one mesh"),
+        ((REST, REST.V * np.nan), {}, "NaN or infinite coordinate in the pose"),
+        ((REST, icosphere(1)), {}, "a further mesh has 42 vertices and 80 faces, and the first mesh 162"),
+        ((icosphere(1), RESULT.of(TASK)), {}, "the mesh of a task or result has 162 vertices"),
+        ((icosphere(1), RESULT), {}, "a result has shape .162, 3., and the mesh 42 vertices"),
+        ((Mesh(2 * REST.V, REST.F), TASK), {}, "not the rest shape that comes first"),
+        ((REST, HANDLES, HANDLES), {}, "one object of handles"),
+        (
+            (icosphere(1), Handles([100], [[0, 0, 0]])),
+            {},
+            "handle id 100 is out of range",
+        ),
+        ((Mesh(np.eye(3)[[0, 0, 0]], [[0, 1, 2]]),), {}, "all vertices of the mesh coincide"),
+        ((REST, RESULT), {"names": ["a", "b"]}, "1 poses follow the rest shape, and names has 2"),
+        ((REST, RESULT), {"names": "a"}, "names has 1"),
+        ((REST, RESULT), {"names": ["rest"]}, 'differ from each other and from "rest"'),
+        ((REST,), {"values": [1.0, 2]}, "one finite number for each of the 162 vertices"),
+        ((REST,), {"values": np.full(REST.n, np.nan)}, "one finite number"),
+        ((REST,), {"up": "x"}, 'up is "y" or "z"'),
+    ],
+)
+def test_a_mistake_is_one_sentence(arguments, options, words):
+    with pytest.raises(InputError, match=words) as raised:
+        plot(*arguments, **options)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_large_mesh_makes_a_small_figure_that_says_so(monkeypatch):
+    monkeypatch.setattr(surface, "LIMIT", 600)
+    monkeypatch.setattr(surface.surface, "__kwdefaults__", {"limit": 600, "samples": 150})
+    mesh = bumpy(4)
+    facts = view(plot(mesh, HANDLES, mesh.V * 2))
+    assert re.fullmatch(r"1\d\d of 2,562 vertices are shown.", facts["note"])
+    assert facts["vertices"] < 200 and max(facts["handles"]) < facts["vertices"]
+
+
+def test_a_saved_page_is_whole_and_asks_for_nothing(here):
+    figure = plot(RESULT.of(TASK), names=["</script><b>"])
+    figure.save("figure.html")
+    text = (here / "figure.html").read_text(encoding="utf-8")
+    assert text == figure.page and "default-src 'none'" in text
+    assert re.findall(" (?:src|href)=|@import|url\\(", text) == [] and "</script><b>" not in text
+    assert names(figure)[1] == "</script><b>"
+    with pytest.raises(InputError, match="unknown format"):
+        figure.save("figure.png")
+    with pytest.raises(InputError, match="no such folder|does not exist"):
+        figure.save("none/figure.html")
+
+
+def test_objects_show_themselves_as_their_figures():
+    for one in (REST, TASK, RESULT.of(TASK), TransferTask("t", REST, REST, REST.V)):
+        assert one._repr_html_() == plot(one)._repr_html_()
+    assert RESULT._repr_html_() is None  # it knows no mesh
+    assert repr(plot(TASK)).startswith("<sshade figure of rest; ")
+    assert plot(TASK)._repr_html_().count("<iframe ") == 1
+
+
+def test_results_know_their_tasks_without_copies_of_arrays():
+    result = sshade.deform(TASK)
+    assert result.task is TASK and "task" not in repr(result)
+    moved = sshade.deform(TASK, method=lambda task, **_: RESULT)
+    assert moved.task is TASK and moved.vertices is RESULT.vertices and RESULT.task is None
+    drag = Deformer(REST, HANDLES.index, group=HANDLES.group)
+    out = np.empty_like(REST.V)
+    dragged = drag(HANDLES.target, out=out)
+    assert dragged.vertices is out and dragged.task.mesh is REST
+    assert np.array_equal(dragged.task.handles.target, HANDLES.target)
+    assert drag.settle().task.mesh is REST
+    for pose in sshade.deform_sequence(TASK, [HANDLES.target, HANDLES]):
+        assert pose.task.mesh is REST and pose.task.guess is None
+    transferred = sshade.transfer_pose(REST, 2 * REST.V, samplings=1)
+    assert names(plot(transferred)) == ["rest", "result"]

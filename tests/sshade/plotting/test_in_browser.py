@@ -1,0 +1,101 @@
+"""Figures in a browser, in frames as a notebook shows them: they draw, react, and need no network."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("playwright")
+
+from sshade import DeformationResult, DeformationTask, plot
+from tests.browser import changed, pixels
+from tests.shapes import bumpy, end_handles
+
+REST = bumpy(3)
+TASK = DeformationTask("bend", REST, end_handles(REST.V, shift=(0.3, 0, 0.2)))
+RESULT = DeformationResult(REST.V * [1, 1, 1.3], 0, None).of(TASK)
+
+
+@pytest.fixture
+def notebook(browser, tmp_path):
+    """Open cells that show objects; the page says what was printed and asked for."""
+    opened = []
+
+    def show(*objects):
+        path = tmp_path / "notebook.html"
+        path.write_text("".join(f"<div>{one._repr_html_()}</div>" for one in objects), encoding="utf-8")
+        page = browser.new_page(viewport={"width": 800, "height": 600})
+        opened.append(page)
+        page.said, page.asked = [], []
+        page.on("console", lambda message: page.said.append(message.text))
+        page.on("pageerror", lambda error: page.said.append(str(error)))
+        page.on("request", lambda asked: page.asked.append(asked.url))
+        page.goto(path.as_uri())
+        return page
+
+    yield show
+    for page in opened:
+        page.close()
+
+
+def stage(page, number=0):
+    """The frame of a cell, and its view."""
+    frame = page.frame_locator("iframe").nth(number)
+    frame.locator("#turn-stage[data-shape]").wait_for(timeout=20_000)
+    return frame, frame.locator("#turn-stage")
+
+
+def drawn(picture: np.ndarray) -> float:
+    return float((picture[4:-4, 4:-4] < 235).any(axis=2).mean())
+
+
+def test_a_result_draws_switches_and_turns_without_a_network(notebook):
+    page = notebook(RESULT)
+    frame, view = stage(page)
+    first = pixels(view)
+    assert 0.02 < drawn(first) < 0.9
+    assert frame.locator("#turn-label").inner_text() == "change of edge length (%)"
+    frame.get_by_text("rest", exact=True).click()
+    assert changed(first, rest := pixels(view)) > 0.02
+    frame.get_by_label("handles").uncheck()
+    assert np.ptp(pixels(view)[4:-4, 4:-4], axis=2).max() < 60 < np.ptp(rest[4:-4, 4:-4], axis=2).max()
+    box = view.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 90, y, steps=4)
+    page.mouse.up()
+    assert changed(rest, pixels(view)) > 0.02
+    assert page.said == []
+    assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_controls_that_have_no_effect_are_hidden(notebook):
+    frame, view = stage(notebook(REST))
+    assert drawn(pixels(view)) > 0.02
+    for name in ("#turn-shapes", "#turn-scale", "#turn-error", "#turn-handles", "#turn-case"):
+        assert not frame.locator(name).is_visible(), name
+    assert frame.locator("#turn-home").is_visible()
+    assert frame.locator("#turn-note").inner_text() == ""
+
+
+def test_more_views_than_a_browser_draws_at_once_all_draw_when_they_are_in_sight(notebook):
+    page = notebook(*[plot(TASK)] * 20)
+    for number in (0, 10, 19, 0):
+        page.locator("iframe").nth(number).scroll_into_view_if_needed()
+        _, view = stage(page, number)
+        page.wait_for_timeout(100)
+        assert drawn(pixels(view)) > 0.02, number
+    assert page.said == []
+
+
+def test_a_saved_page_draws_with_z_upwards(browser, tmp_path):
+    shapes = []
+    for up in ("y", "z"):
+        plot(REST, up=up).save(tmp_path / f"{up}.html")
+        page = browser.new_page(viewport={"width": 500, "height": 500})
+        page.goto((tmp_path / f"{up}.html").as_uri())
+        page.wait_for_selector("#turn-stage[data-shape]")
+        rows, columns = np.nonzero((pixels(page.locator("#turn-stage"))[4:-4, 4:-4] < 235).any(axis=2))
+        shapes.append((np.ptp(rows), np.ptp(columns)))
+        page.close()
+    (height_y, width_y), (height_z, width_z) = shapes  # the body is longest along z
+    assert height_z > 1.2 * width_z and height_z / width_z > height_y / width_y

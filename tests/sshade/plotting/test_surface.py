@@ -1,0 +1,109 @@
+"""What a 3D view shows of a mesh, and how it is packed."""
+
+import base64
+import gzip
+
+import numpy as np
+import pytest
+
+from sshade.handles import Handles
+from sshade.mesh.clusters import cluster_vertices
+from sshade.mesh.mesh import Mesh
+from sshade.plotting import COLOURS, ramp
+from sshade.plotting import surface as module
+from sshade.plotting.surface import Shape, pack, packed_view, surface
+from tests.shapes import beside, bumpy, shifted
+
+
+def replace_handles(handles: Handles, scale: float, place: float) -> Handles:
+    return Handles(handles.index, scale * handles.target + place, dynamic=handles.dynamic)
+
+
+def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
+    mesh = bumpy(3)
+    whole = surface(mesh, keep=np.array([3]))
+    assert np.array_equal(whole.faces, mesh.F) and np.array_equal(whole.samples, np.arange(mesh.n))
+    values = np.random.default_rng(0).normal(size=mesh.n)
+    assert np.array_equal(whole.mean(values), values)
+    keep = np.array([600, 7, 80])
+    some = surface(mesh, keep=keep, limit=600, samples=150)
+    assert some.samples[:3].tolist() == keep.tolist()
+    assert 150 <= len(some.samples) < 170 and some.faces.max() == len(some.samples) - 1
+    for k in (0, 2, 100):
+        assert some.mean(values)[k] == pytest.approx(values[some.cell == k].mean())
+    assert some.mean(np.full(mesh.n, 2.5)) == pytest.approx(2.5)
+
+
+def test_packed_shapes_come_back_to_their_precision():
+    mesh = bumpy(1)
+    shapes = [mesh.V, 2 * mesh.V + 1]
+    error = np.linspace(0, 12, mesh.n)
+    packed = pack(shapes, [None, error], mesh.F, top=10.0)
+    assert packed == pack(shapes, [None, error], mesh.F, top=10.0)
+    data = gzip.decompress(base64.b64decode(packed["data"]))
+    n, m = mesh.n, mesh.m
+    assert len(data) == 6 * m + 2 * 6 * n + n
+    assert np.array_equal(np.frombuffer(data, "<u2", 3 * m).reshape(-1, 3), mesh.F)
+    low, span = np.array(packed["low"]), np.array(packed["span"])
+    for k, V in enumerate(shapes):
+        stored = np.frombuffer(data, "<u2", 3 * n, offset=6 * m + 6 * n * k).reshape(3, n).T
+        assert (np.abs(low + span * stored / 65535 - V) <= 0.5001 * span / 65535).all()
+    stored = np.frombuffer(data, "u1", offset=6 * m + 12 * n).astype(float)
+    assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255
+
+
+def test_a_large_mesh_of_several_components_is_shown_by_clusters_and_keeps_its_handles():
+    mesh = beside(bumpy(3), shifted(bumpy(3), [9, 0, 0]))
+    keep = np.array([5, 700])
+    some = surface(mesh, keep=keep, limit=600, samples=300)
+    assert set(keep) <= set(some.samples) and 150 < len(some.samples) < 600
+    drawn = Mesh(mesh.V[some.samples][used := np.unique(some.faces)], np.searchsorted(used, some.faces))
+    assert drawn.volume == pytest.approx(mesh.volume, rel=0.1)
+    values = mesh.V[:, 0]
+    assert np.isfinite(some.mean(values)).all()
+    assert np.abs(some.mean(values) - values[some.samples]).max() < 0.5
+
+
+def test_clusters_of_small_pieces_far_from_each_other_are_as_few_as_asked():
+    rng = np.random.default_rng(0)
+    corners = rng.uniform(0, 1, (2000, 1, 3)) + 1e-5 * rng.normal(size=(2000, 3, 3))
+    soup = Mesh(corners.reshape(-1, 3), np.arange(6000).reshape(-1, 3))
+    assert 50 <= len(cluster_vertices(soup, 200).vertices) <= 400
+
+
+def test_a_mesh_is_reduced_once(monkeypatch):
+    mesh, keep = bumpy(3), np.array([3, 9])
+    first = surface(mesh, keep=keep, limit=600, samples=150)
+    monkeypatch.setattr(module, "sample_proxy", lambda *_, **__: pytest.fail("it was reduced again"))
+    assert surface(mesh, keep=keep, limit=600, samples=150) is first
+    with pytest.raises(pytest.fail.Exception):
+        surface(mesh, keep=keep[:1], limit=600, samples=150)
+
+
+def test_a_view_does_not_depend_on_unit_and_place_and_says_what_is_left_out(monkeypatch):
+    monkeypatch.setattr(module, "HANDLES", 20)
+    mesh = bumpy(3)
+    handles = Handles(np.arange(50), mesh.V[:50] + [0, 0, 1], dynamic=np.arange(50) > 25)
+    views = []
+    for scale, place in ((1.0, 0.0), (2.0**-70, 2.0**-40), (2.0**90, 0.0)):
+        rest = Mesh(scale * mesh.V + place, mesh.F)
+        moved = replace_handles(handles, scale, place)
+        views.append(packed_view(rest, [Shape("rest", "", rest.V)], handles=moved, label="x"))
+    first = views[0]
+    assert first["note"] == "20 of 50 handles are shown."
+    assert len(first["handles"]) == len(first["dynamic"]) == len(first["targets"]) == 20
+    assert np.ptp(first["handles"]) == 49
+    for other in views[1:]:
+        assert other["handles"] == first["handles"]
+        np.testing.assert_allclose(other["targets"], first["targets"], atol=1e-5)
+        np.testing.assert_allclose(other["low"], first["low"], atol=1e-5)
+    assert np.linalg.norm(first["span"]) == pytest.approx(1)
+
+
+def test_colours_are_those_of_matplotlib():
+    matplotlib = pytest.importorskip("matplotlib")
+    expected = matplotlib.colormaps["magma_r"](np.arange(256), bytes=True)[:, :3].astype(int)
+    colours = np.frombuffer(base64.b64decode(ramp()), dtype=np.uint8).reshape(-1, 3)
+    assert np.abs(colours - expected).max() <= 3
+    ends = COLOURS.split(", ")
+    assert bytes(colours[0]).hex() == ends[0][1:] and bytes(colours[-1]).hex() == ends[-1][1:]
