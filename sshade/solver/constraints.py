@@ -222,6 +222,8 @@ class Constraints:
         #: Derivatives of each quantity along each direction, the multipliers, and their last change.
         self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
         self._violation, self._steps = 0.0, 0
+        #: Values at the end of the last :meth:`_newton`, None if it moved the shape without measuring it again.
+        self._reached: np.ndarray | None = None
         self.aim(1.0)
 
     def __len__(self) -> int:
@@ -240,12 +242,17 @@ class Constraints:
         self._lasting = self._weight = self._asked
         self._failures = 0
 
-    def penalty(self, P: np.ndarray) -> float:
-        """Return the energy of the weighted constraints."""
+    def penalty(self, P: np.ndarray, *, restored: bool = False) -> float:
+        """Return the energy of the weighted constraints.
+
+        If `restored`, P is the result of the last :meth:`restore`, which may have measured it.
+        """
         weight = np.where(np.isinf(self._weight), 0.0, self._weight)
         if not weight.any():
             return 0.0
-        error = self._scale * self._surface.measure(P, self._team)[self._kinds] - 1.0
+        known = self._reached if restored else None
+        value = self._surface.measure(P, self._team)[self._kinds] if known is None else known
+        error = self._scale * value - 1.0
         # The rest energy is 2 corners x area; with the penalty's 1/2 a factor of 1 remains.
         return float((weight * self._corners * self._area * error**2).sum())
 
@@ -314,7 +321,7 @@ class Constraints:
 
     def restore(self, P: np.ndarray) -> bool:
         """Move P until the exact constraints hold; False if their error is larger than after `project`."""
-        exact = np.isinf(self._weight)
+        exact, self._reached = np.isinf(self._weight), None
         if not exact.any():
             return True
         violation = self._newton(P, np.zeros_like(self._multiplier), active=exact)
@@ -345,7 +352,7 @@ class Constraints:
                 A = self._slope[np.ix_(active, active)] + np.diag(compliance[active])
                 step[active] = np.linalg.lstsq(A, -residual[active], rcond=1.0 / PARALLEL)[0]
                 full_step[:] = step
-            best = error
+            best, self._reached = error, value if action == STAY else None
             if action == STAY:
                 break
             multiplier += step

@@ -113,8 +113,9 @@ class Descent:
         self.value = self.initial_value = self._local_step()
         self.rejected = 0
 
-    def _local_step(self) -> float:
-        value = self.energy.local_step(self.u) + self._constraints.penalty(self.u)
+    def _local_step(self, *, restored: bool = False) -> float:
+        """Fit the rotations; return the energy. If `restored`, :meth:`restore` has just been called."""
+        value = self.energy.local_step(self.u) + self._constraints.penalty(self.u, restored=restored)
         return value + self.slides.penalty(self.u) if self.slides else value
 
     @cached_property
@@ -151,13 +152,14 @@ class Descent:
 
     def move(self, *, last: bool) -> None:
         before, accelerated = self.value + self._slack, self._advance(last)
-        fits = self.restore() if accelerated or self.slides else True
-        self.value = self._local_step()
+        restores = accelerated or self.slides is not None
+        fits = self.restore() if restores else True
+        self.value = self._local_step(restored=restores)
         if accelerated and self._quasi_newton and not (self.value <= before and fits):
             self.rejected += 1
             self._quasi_newton.move(self.u, 0.5)
             fits = self.restore()
-            self.value = self._local_step()
+            self.value = self._local_step(restored=True)
             if not (self.value <= before and fits):
                 self._quasi_newton.fall_back(self.u)
                 if self.slides:
