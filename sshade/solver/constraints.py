@@ -222,7 +222,7 @@ class Constraints:
         #: Derivatives of each quantity along each direction, the multipliers, and their last change.
         self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
         self._violation, self._steps = 0.0, 0
-        #: Values at the end of the last :meth:`_newton`, None if it moved the shape without measuring it again.
+        #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
         self.aim(1.0)
 
