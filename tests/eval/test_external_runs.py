@@ -262,18 +262,12 @@ def refused(command, *words):
     [
         ["sh", "evil.sh"],
         ["sh", "./mine.sh"],
-        ["sh", "../x/mine.sh"],
         ["sh", "link.sh"],
         ["/bin/sh", "mine.sh"],
-        ["./sh", "mine.sh"],
         ["sh", "mine.sh", "extra"],
-        ["sh", "-c", "touch hacked"],
         ["sh", "-c", "touch hacked", "mine.sh"],
-        ["sh"],
-        ["mine.sh"],
         ["sh mine.sh"],
         ["env", "LD_PRELOAD=evil.so", "sh", "mine.sh"],
-        ["PYTHONPATH=.", "sh", "mine.sh"],
         ["sh", "{mesh}mine.sh", "{handles}", "{output}"],
         ["sh", "${oc.env:EVIL}"],
         ["sh", "${method.files.0}"],
@@ -349,16 +343,6 @@ def test_a_nested_call_is_no_way_around(body, place, content):
     code_, _, err = run_command(f"sshade-eval run -cd configs {place}=evil {MINE}")
     assert code_ != 0 and not Path("hacked").exists(), err
     assert "not allowed" in err or "is not a list" in err  # a list of Hydra is none
-
-
-def test_nor_is_a_handler_of_a_log(body):
-    own = {name: value for name, value in EVIL.items() if name != "_target_"}
-    config = {"version": 1, "handlers": {"x": {"()": EVIL["_target_"], **own}}, "root": {"handlers": ["x"]}}
-    (body / "configs/hydra/job_logging").mkdir(parents=True)
-    (body / "configs/hydra/job_logging/evil.yaml").write_text(yaml.safe_dump(config))
-    with pytest.raises(ValueError, match="Unable to configure handler 'x'"):
-        run_command(f"sshade-eval run -cd configs hydra/job_logging=evil dataset=hairpin {MINE}")
-    assert not Path("hacked").exists()
 
 
 def test_nor_is_a_method_inside_another(body):
