@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from defaust.tasks import load_task
-from docs.blocks import fill, markdown
+from docs.blocks import circumstances, fill, markdown
 from eval.metrics.deformation import edge, handle, volume
 from eval.metrics.deformed import Deformed
 from eval.metrics.truth import truth_distance
@@ -153,12 +153,9 @@ def table_of_methods(rows: pd.DataFrame) -> str:
         ] + ["-" if pd.isna(means[name]) else f"{means[name]:.2g}" for name in ("truth", "handle")]
         failures = some["failure"].dropna().unique()
         lines.append([METHODS[method], f"{vertices:,}", *texts, "; ".join(failures) or "none"])
-    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
     note = "Times are the fastest of all poses, with up to 5 runs each. Memory is the largest peak. "
     note += "Other columns are means over the poses. "
-    note += f"Machine: {machine}. Code: version {code[:8]}. "
-    note += f"Other processes used {rows['others'].median():.0%} of the machine (median); the maximum was "
-    return f"{markdown(head, lines)}\n\n{note}{rows['others'].max():.0%}."
+    return f"{markdown(head, lines)}\n\n{note}{circumstances(rows)}"
 
 
 def table_of_live_mode(rows: pd.DataFrame) -> str:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.accelerated import accelerated_elastic
+from defaust.sources.generated.motions import Bend
 from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
 from eval.studies.goals import lathe
@@ -54,15 +55,8 @@ def ball() -> Mesh:
 
 def crease() -> Example:
     """A tube bent by 120 degrees: over an arc, and with the smallest change of lengths."""
-    mesh, angle, begin, end = tube(10.0), np.radians(120), 2.5, 7.5
-    x, y, z = mesh.V.T
-    bent, radius = np.clip((z - begin) / (end - begin), 0, 1), (end - begin) / angle
-    beyond = z - np.clip(z, begin, end)
-    sine, cosine = np.sin(angle * bent), np.cos(angle * bent)
-    arc = np.stack(
-        [radius - (radius - x) * cosine + beyond * sine, y, begin + (radius - x) * sine + beyond * cosine],
-        axis=1,
-    )
+    mesh = tube(10.0)
+    arc, z = Bend(2.5, 7.5, 120.0)(mesh.V), mesh.V[:, 2]
     ends = np.flatnonzero(np.abs(z - 5) > 3.8)
     task = DeformationTask("bend", mesh, Handles(ends, arc[ends], group=(z[ends] > 5).astype(int)), truth=arc)
     shapes = {"over an arc": arc, "least stretch (Elastic)": accelerated_elastic(task).vertices}
