@@ -124,10 +124,7 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["no.ply"], "no such file"),
-        (["pose.json"], "unknown format"),
         (["body.ply", "--port", "70000"], "port"),
-        (["body.ply", "--method", "sshade_fine"], "is now called 'fine'"),
         (["body.ply", "--recover", "pose.json"], "not a recovery file"),
         (["body.ply", "--recover", "no.npz"], "No such file"),
         (["body.ply", "--port", "{taken}"], "cannot be used"),
