@@ -14,6 +14,7 @@ from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
 from tests.gltf import with_arrays
+from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles, tube
 
 BODY = bumpy(2)
@@ -436,16 +437,11 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, capsys, name):
+def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, name):
     given, arguments, words = BAD[name]
     if given is not None:
         given()
-    before = sorted(path.name for path in folder.iterdir())
-    capsys.readouterr()
-    assert main(["deform", "body.ply", *arguments, *FAST]) == 2
-    error = capsys.readouterr().err
-    assert words in error and error.count("\n") == 1 and error.startswith("error: ")
-    assert sorted(path.name for path in folder.iterdir()) == before
+    assert_refused("sshade", ["deform", "body.ply", *arguments], words)
 
 
 def test_numbered_files_never_replace_the_mesh(here, capsys):
