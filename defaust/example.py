@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from defaust.build.handles import choose_handles, handle_records
 from defaust.build.options import BuildOptions
 from defaust.folder.layout import REST, dump, pose_file, write_text
 from defaust.sources.skinning import apply_motions
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
-from defaust.tasks.loop import loop_matrix
+from defaust.tasks.loop import loop_matrix, split
 from sshade import Mesh
 from sshade.io.files import make_folder
 from sshade.io.meshes import write_mesh
@@ -60,11 +58,3 @@ def write_example(folder: Path, *, subdivisions: int = 2) -> Mesh:
         write_text(folder / pose_file(number), text)
         write_mesh(folder / f"pose_{number}_true.ply", truth.V, truth.F)
     return rest
-
-
-def split(mesh: Mesh) -> Mesh:
-    """Split each triangle into four at the midpoints of its edges; new vertices come last."""
-    middles = mesh.n + mesh.face_edges  # of the sides 01, 12, 20
-    corners = np.stack([mesh.F, middles, np.roll(middles, 1, axis=1)], axis=2).reshape(-1, 3)
-    V = np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)])
-    return Mesh(V, np.concatenate([corners, middles]))

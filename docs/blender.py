@@ -2,7 +2,7 @@
 
 ``--measure PYTHON`` writes blender.csv first, where PYTHON has bpy and this package. It deforms bodies of
 three sizes in Blender, which takes half an hour. A combination that needs more than :data:`LIMIT` seconds is
-ended, and the table says so. ``--picture PYTHON`` renders docs/figures/blender.png.
+ended, and the table says so. ``--picture PYTHON`` draws docs/figures/blender.png.
 
 Both need the bodies ``data/blender/25000``, ``62500`` and ``100000``, built by
 ``defaust build source=synthetic out=data/blender/25000 subjects=[0] target_vertices=25000`` and so on.
@@ -14,6 +14,7 @@ import argparse
 import subprocess
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from defaust.tasks import load_task
-from docs.blocks import fill, markdown
+from docs.blocks import circumstances, fill, markdown
 from eval.metrics.deformation import edge, handle, volume
 from eval.metrics.deformed import Deformed
 from eval.metrics.truth import truth_distance
@@ -30,6 +31,7 @@ from eval.run.provenance import environment
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh
 from sshade.cli.console import say
+from sshade.figures import View, new_plotter, panel
 from sshade.mesh.rigid import rigid_motion
 
 ROOT = Path(__file__).parents[1]
@@ -151,12 +153,9 @@ def table_of_methods(rows: pd.DataFrame) -> str:
         ] + ["-" if pd.isna(means[name]) else f"{means[name]:.2g}" for name in ("truth", "handle")]
         failures = some["failure"].dropna().unique()
         lines.append([METHODS[method], f"{vertices:,}", *texts, "; ".join(failures) or "none"])
-    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
     note = "Times are the fastest of all poses, with up to 5 runs each. Memory is the largest peak. "
     note += "Other columns are means over the poses. "
-    note += f"Machine: {machine}. Code: version {code[:8]}. "
-    note += f"Other processes used {rows['others'].median():.0%} of the machine (median); the maximum was "
-    return f"{markdown(head, lines)}\n\n{note}{rows['others'].max():.0%}."
+    return f"{markdown(head, lines)}\n\n{note}{circumstances(rows)}"
 
 
 def table_of_live_mode(rows: pd.DataFrame) -> str:
@@ -177,16 +176,30 @@ def tables(rows: pd.DataFrame) -> dict[str, str]:
 
 
 def picture(python: str) -> None:
-    """Render the picture of the page in Blender."""
+    """Draw the picture of the page: the rest shape with its handles, and two shapes that Blender computes."""
     from PIL import Image
 
-    _, arrays = case_of(25_000, 0, 1)
+    task, arrays = case_of(25_000, 0, 1)
+    moves = (arrays["motions"] != np.eye(4)).any(axis=(1, 2))
+    handles = replace(task.handles, dynamic=moves[task.handles.group])
+    shapes = {"rest and handles": arrays["V"]}
     with tempfile.TemporaryDirectory() as folder:
         np.savez(case := Path(folder) / "case.npz", **arrays)
-        subprocess.run([python, "-m", "docs.blender_picture", case, FIGURE], check=True, cwd=ROOT)
-    small = Image.open(FIGURE).convert("RGB").resize(PICTURE)
+        for method, title in (("fast", "sshade, fast"), ("laplacian", "Laplacian Deform")):
+            if failure := run(python, method, case, output := Path(folder) / "out.npz"):
+                raise RuntimeError(f"{title}: {failure}")
+            with np.load(output) as found:
+                shapes[title] = found["U"]
+    view = View.of(shapes.values(), towards=(0, 0, 1)).with_foot(0.08)
+    plotter = new_plotter(shape=(1, len(shapes)), window_size=PICTURE)
+    for column, (title, V) in enumerate(shapes.items()):
+        plotter.subplot(0, column)
+        panel(plotter, task.mesh, V, view, handles=handles)
+        plotter.add_text(title, position="lower_edge", font_size=9, color="black")
     # Without k-means, the few pixels of handles lose their colours.
+    small = Image.fromarray(plotter.screenshot(return_img=True))
     small.quantize(COLOURS, kmeans=2, dither=Image.Dither.NONE).save(FIGURE, optimize=True)
+    plotter.close()
 
 
 if __name__ == "__main__":
@@ -194,7 +207,7 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--measure", metavar="PYTHON", help="make blender.csv first")
-    parser.add_argument("--picture", metavar="PYTHON", help="render the picture")
+    parser.add_argument("--picture", metavar="PYTHON", help="draw the picture")
     options = parser.parse_args()
     if options.measure:
         measure(options.measure)

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from eval.publish.markdown import markdown_lines
 
 
@@ -34,3 +36,11 @@ def fill(page: Path, blocks: dict[str, str]) -> None:
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; all columns but the first are aligned as numbers."""
     return "\n".join(markdown_lines(head, rows, left=head[:1]))
+
+
+def circumstances(rows: pd.DataFrame) -> str:
+    """Return the machine and the version of the code of rows of times, and how busy the machine was."""
+    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
+    usual, most = rows["others"].median(), rows["others"].max()
+    note = f"Machine: {machine}. Code: version {code[:8]}. "
+    return note + f"Other processes used {usual:.0%} of the machine (median); the maximum was {most:.0%}."

@@ -12,8 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.accelerated import accelerated_elastic
+from defaust.sources.generated.motions import Bend
 from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
+from eval.studies.goals import lathe
 from sshade import DeformationTask, Handles, Mesh
 from sshade.figures import View, edge_error, picture
 
@@ -36,26 +38,8 @@ class Example(NamedTuple):
 
 def revolved(radius: np.ndarray, height: np.ndarray, *, around: int = 24) -> Mesh:
     """Return a closed surface of revolution about the z axis, with radii (k,) at heights (k,)."""
-    turn = 2 * np.pi * np.arange(around) / around
-    rings = np.stack([np.outer(radius, np.cos(turn)), np.outer(radius, np.sin(turn))], axis=2)
-    V = np.concatenate([rings, np.broadcast_to(height[:, None, None], (*rings.shape[:2], 1))], axis=2)
-    poles = [[0, 0, height[0]], [0, 0, height[-1]]]
-    ring = np.arange(around)
-    following = (ring + 1) % around
-    quads = [
-        side
-        for start in around * np.arange(len(radius) - 1)
-        for side in (
-            np.stack([ring, following, following + around], axis=1) + start,
-            np.stack([ring, following + around, ring + around], axis=1) + start,
-        )
-    ]
-    bottom, last = around * len(radius), around * (len(radius) - 1)
-    caps = [
-        np.stack([following, ring, np.full(around, bottom)], axis=1),
-        np.stack([ring + last, following + last, np.full(around, bottom + 1)], axis=1),
-    ]
-    return Mesh(np.concatenate([V.reshape(-1, 3), poles]), np.concatenate(quads + caps))
+    ends = np.pad(radius, 1), np.pad(height, 1, mode="edge")
+    return lathe(np.stack(ends, axis=1), around=around)
 
 
 def tube(length: float) -> Mesh:
@@ -71,15 +55,8 @@ def ball() -> Mesh:
 
 def crease() -> Example:
     """A tube bent by 120 degrees: over an arc, and with the smallest change of lengths."""
-    mesh, angle, begin, end = tube(10.0), np.radians(120), 2.5, 7.5
-    x, y, z = mesh.V.T
-    bent, radius = np.clip((z - begin) / (end - begin), 0, 1), (end - begin) / angle
-    beyond = z - np.clip(z, begin, end)
-    sine, cosine = np.sin(angle * bent), np.cos(angle * bent)
-    arc = np.stack(
-        [radius - (radius - x) * cosine + beyond * sine, y, begin + (radius - x) * sine + beyond * cosine],
-        axis=1,
-    )
+    mesh = tube(10.0)
+    arc, z = Bend(2.5, 7.5, 120.0)(mesh.V), mesh.V[:, 2]
     ends = np.flatnonzero(np.abs(z - 5) > 3.8)
     task = DeformationTask("bend", mesh, Handles(ends, arc[ends], group=(z[ends] > 5).astype(int)), truth=arc)
     shapes = {"over an arc": arc, "least stretch (Elastic)": accelerated_elastic(task).vertices}

@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from defaust.tasks import load_task
-from docs.blocks import fill, markdown
+from docs.blocks import circumstances, fill, markdown
 from eval.rows.store import Row
 from eval.run.code import code_version
 from eval.run.provenance import environment, process_memory
@@ -160,11 +160,7 @@ def table_of_rows(rows: pd.DataFrame) -> str:
         + [f"{row.peak_mib * 2**20 / row.vertices:.0f}"]
         for row in rows.itertuples()
     ]
-    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
-    usual, most = rows["others"].median(), rows["others"].max()
-    note = f"Machine: {machine}. Code: version {code[:8]}. "
-    note += f"Other processes used {usual:.0%} of the machine (median); the maximum was {most:.0%}."
-    return f"{markdown(head, lines)}\n\n{note}"
+    return f"{markdown(head, lines)}\n\n{circumstances(rows)}"
 
 
 def table_of_models(rows: pd.DataFrame) -> str:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from docs.measures import revolved
+from eval.studies.goals import lathe
 from sshade import DeformationTask, Handles, Mesh, Slide, deform
 from sshade.figures import BODY, DYNAMIC, STATIC, View, new_plotter, panel
 
@@ -63,14 +64,8 @@ def capsule() -> Mesh:
 def dome() -> Mesh:
     """Return the upper part of a sphere of radius 2 that touches the upper end of the capsule."""
     angle = np.linspace(0.01, 0.78, 12)[::-1]
-    whole = revolved(2 * np.sin(angle), 2 * np.cos(angle), around=40)
-    bottom = whole.n - 2
-    return Mesh(np.delete(whole.V, bottom, axis=0), _without(whole.F, bottom))
-
-
-def _without(F: np.ndarray, vertex: int) -> np.ndarray:
-    kept = F[(vertex != F).all(axis=1)]
-    return kept - (kept > vertex)
+    profile = np.stack([2 * np.sin(angle), 2 * np.cos(angle)], axis=1)
+    return lathe(np.append(profile, [[0.0, profile[-1, 1]]], axis=0), around=40)
 
 
 def flat(normal: tuple[float, float, float]) -> Callable[[np.ndarray], Any]:

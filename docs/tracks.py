@@ -1,150 +1,84 @@
-"""Write the tables of tracks.md from tracks.csv, or measure a version of the package on the noisy bodies.
+"""Write the tables of tracks.md from tracks.csv: ``python -m docs.tracks``.
 
-Three steps, of which the second runs in the environment of any version, also of one before this dataset::
-
-    python -m docs.tracks write out/tracks --data data/noisy_25k_1mm data/noisy_25k_2mm data/noisy_25k_4mm
-    ENVIRONMENT/bin/python docs/tracks.py solve out/tracks
-    python -m docs.tracks table out/tracks
-
-The first step loads the tasks and writes them as arrays, with their ground truths. It measures the handles.
-The second step deforms them by ``paper`` and ``fast``. The third step joins both into tracks.csv and fills
-the page. Without arguments the page is filled from tracks.csv; ``picture`` draws the poses.
+``--measure FOLDER ...`` writes tracks.csv first, from the noisy bodies that ``defaust build source=noisy``
+builds. It measures the handles, and deforms the bodies by `paper` and `fast`. ``--picture`` draws the poses.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from defaust.folder.record import read_dataset
+from defaust.sources.noisy import NoisyBodies
+from defaust.tasks import list_tasks, load_task
+from docs.blocks import fill, markdown
+from sshade import DeformationTask, deform
+from sshade.cli.console import say
+from sshade.mesh.rigid import rigid_motion
 
 PAGE = Path(__file__).with_suffix(".md")
 ROWS = PAGE.with_suffix(".csv")
 PICTURE = PAGE.parent / "figures" / "tracks_poses.png"
 #: Subjects of the picture, one of each half.
 DRAWN = (1, 6)
-#: Methods: name in this version; function in old versions; vertices of the proxy; whether handles
-#: attach the surface around them.
-METHODS = {
-    "paper": ("paper", "sshade", 1500, True),
-    "fast": ("fast", "sshade_fast", 3000, True),
-    "fast_unattached": ("fast", "sshade_fast", 3000, False),
+#: Subjects that are measured.
+SUBJECTS = (0, 1, 5, 6)
+#: Columns of the distances to the ground truth, with the methods and their options.
+METHODS: dict[str, dict[str, Any]] = {
+    "paper": {"method": "paper", "vertices": 1500},
+    "fast": {"method": "fast", "vertices": 3000},
+    "fast_unattached": {"method": "fast", "vertices": 3000, "attachment": 0.0},
 }
 
 
-def write(folder: Path, *, data: list[Path], subjects: list[int]) -> None:
-    """Write the tasks of datasets as .npz files, with measures of their handles."""
-    from defaust.folder.record import read_dataset
-    from defaust.tasks import list_tasks, load_task
-
-    folder.mkdir(parents=True, exist_ok=True)
-    for root in data:
+def measure(folders: list[Path]) -> None:
+    """Write tracks.csv: a row for each case of the datasets."""
+    rows = []
+    for root in folders:
         poses = {
             (subject["subject"], pose["pose"]): pose
             for subject in read_dataset(root)["subjects"]
             for pose in subject["poses"]
         }
-        for case in list_tasks(root, subjects=subjects):
+        for case in list_tasks(root, subjects=SUBJECTS):
             task = load_task(root, subject=case.subject, pose=case.pose)
-            fits = _fits(task, {group["landmark"]: group for group in poses[case]["groups"]})
-            facts = {"task": task.name, "pose": task.meta["source_pose"], "groups": fits}
-            np.savez(
-                folder / f"{task.name.replace('/', '-')}.npz",
-                V=task.mesh.V,
-                F=task.mesh.F,
-                truth=task.truth,
-                **{name: getattr(task.handles, name) for name in ("index", "target", "dynamic", "group")},
-                facts=json.dumps(facts),
-            )
-
-
-def _fits(task: Any, measured: dict[str, Any]) -> list[dict[str, Any]]:
-    """Measures of each group that moves; ``off`` is the error in degrees of the rotation fitted to it."""
-    from scipy.spatial.transform import Rotation
-
-    from sshade.mesh.rigid import rigid_motion
-
-    found, names = [], list(measured)
-    for number, name in enumerate(names):
-        own = (task.handles.group == number) & task.handles.dynamic
-        if not own.any():  # static handles stay at rest, without noise
-            continue
-        rest, noisy = task.mesh.V[task.handles.index[own]], task.handles.target[own]
-        R, S = (rigid_motion(rest, P)[0] for P in (noisy, task.truth[task.handles.index[own]]))
-        off = np.degrees(Rotation.from_matrix(R @ S.T).magnitude())
-        found.append(measured[name] | {"off": float(off)})
-    return found
-
-
-def solve(folder: Path) -> None:
-    """Deform the tasks of a folder with the installed version, and write the mean distances to the truth."""
-    from sshade import DeformationTask, Handles, Mesh
-
-    found = {}
-    for path in sorted(folder.glob("*.npz")):
-        with np.load(path) as file:
-            arrays = dict(file)
-        handles = Handles(arrays["index"], arrays["target"], dynamic=arrays["dynamic"], group=arrays["group"])
-        task = DeformationTask(path.stem, Mesh(arrays["V"], arrays["F"]), handles)
-        found[path.stem] = {}
-        for method in METHODS:
-            moved = _deformed(task, method)
-            distance = np.linalg.norm(moved - arrays["truth"], axis=1).mean()
-            found[path.stem][method] = float(100 * distance / task.mesh.diagonal)
-            print(path.stem, method, f"{found[path.stem][method]:.3f}", flush=True)  # noqa: T201
-    (folder / "truth.json").write_text(json.dumps(found))
-
-
-def _deformed(task: Any, method: str) -> np.ndarray:
-    """Vertices deformed by a method, which has another name in old versions."""
-    import sshade
-
-    name, function, vertices, attached = METHODS[method]
-    old = getattr(sshade, function, None)
-    if old is not None:
-        return old(task, vertices=vertices, **({} if attached else {"parts": 0.0})).vertices
-    options = {} if attached else {"attachment": 0.0}
-    return sshade.deform(task, method=name, vertices=vertices, **options).vertices
-
-
-def table(folder: Path) -> None:
-    """Join the measures of a folder into tracks.csv: a line for each case."""
-    import pandas as pd
-
-    solved = json.loads((folder / "truth.json").read_text())
-    rows = []
-    for name, truth in solved.items():
-        with np.load(folder / f"{name}.npz") as arrays:
-            facts = json.loads(str(arrays["facts"]))
-        groups = facts["groups"]
-        hands = [group["turned"] for group in groups if group["landmark"].startswith("hand")]
-        rows.append(
-            {
-                "task": facts["task"],
-                "pose": facts["pose"],
-                "hands_turned": np.mean(hands),
-                **{f"off_{k}": f([group["off"] for group in groups]) for k, f in _SPREAD.items()},
-                **{
-                    f"residual_{k}": 100 * f([group["residual"] for group in groups])
-                    for k, f in _SPREAD.items()
-                },
-                **truth,
-            }
-        )
+            rows.append(row_of(task, {group["landmark"]: group for group in poses[case]["groups"]}))
+            say(f"{rows[-1]}")
     pd.DataFrame(rows).to_csv(ROWS, index=False, float_format="%.4f", lineterminator="\n")
 
 
-_SPREAD = {"mean": np.mean, "max": np.max}
+def row_of(task: DeformationTask, measured: dict[str, Any]) -> dict[str, Any]:
+    """Return the measures of the groups of handles that move, and the mean distances to the ground truth."""
+    assert task.truth is not None
+    found: dict[str, dict[str, float]] = {}
+    for number, (name, facts) in enumerate(measured.items()):
+        own = (task.handles.group == number) & task.handles.dynamic
+        if own.any():  # static handles stay at rest, without noise
+            index = task.handles.index[own]
+            R, S = (
+                rigid_motion(task.mesh.V[index], P)[0] for P in (task.handles.target[own], task.truth[index])
+            )
+            off = np.degrees(Rotation.from_matrix(R @ S.T).magnitude())
+            found[name] = {"off": off, "residual": 100 * facts["residual"], "turned": facts["turned"]}
+    row = {"task": task.name, "pose": task.meta["source_pose"]}
+    row["hands_turned"] = np.mean([one["turned"] for name, one in found.items() if name.startswith("hand")])
+    for name in ("off", "residual"):
+        values = [one[name] for one in found.values()]
+        row |= {f"{name}_mean": np.mean(values), f"{name}_max": np.max(values)}
+    for name, options in METHODS.items():
+        distance = np.linalg.norm(deform(task, **options).vertices - task.truth, axis=1).mean()
+        row[name] = 100 * distance / task.mesh.diagonal
+    return row
 
 
 def tables() -> dict[str, str]:
     """Return the tables of the page by the names of their blocks, from tracks.csv."""
-    import pandas as pd
-
-    from docs.blocks import markdown
-
     rows = pd.read_csv(ROWS)
     rows["noise"] = rows["task"].str.extract(r"noisy_(\w+)/")[0]
     found = {}
@@ -173,8 +107,6 @@ def picture() -> None:
     """Draw the poses of a tuning subject and of a held-out subject, without noise."""
     import pyvista
 
-    from defaust.sources.noisy import NoisyBodies
-
     source = NoisyBodies(noise=0.0)
     plotter = pyvista.Plotter(shape=(2, 5), off_screen=True, window_size=(1100, 700), border=False)
     for row, subject in enumerate(DRAWN):
@@ -191,31 +123,15 @@ def picture() -> None:
     plotter.close()
 
 
-def main() -> None:
-    """Parse the command line, and run a step."""
-    parser = argparse.ArgumentParser(prog="python -m docs.tracks", description=__doc__)
-    steps = parser.add_subparsers(dest="step")
-    steps.add_parser("picture")
-    for step in ("write", "solve", "table"):
-        command = steps.add_parser(step)
-        command.add_argument("folder", type=Path)
-        if step == "write":
-            command.add_argument("--data", type=Path, nargs="+", required=True)
-            command.add_argument("--subjects", type=int, nargs="+", default=[0, 1, 5, 6])
-    args = parser.parse_args()
-    if args.step == "write":
-        write(args.folder, data=args.data, subjects=args.subjects)
-    elif args.step == "solve":
-        solve(args.folder)
-    elif args.step == "picture":
-        picture()
-    else:
-        if args.step == "table":
-            table(args.folder)
-        from docs.blocks import fill
-
-        fill(PAGE, tables())
-
-
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--measure", type=Path, nargs="+", metavar="FOLDER", help="make tracks.csv first")
+    parser.add_argument("--picture", action="store_true", help="draw the poses")
+    options = parser.parse_args()
+    if options.measure:
+        measure(options.measure)
+    if options.picture:
+        picture()
+    fill(PAGE, tables())

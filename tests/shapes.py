@@ -30,24 +30,18 @@ def icosphere(level: int) -> Mesh:
 
 def subdivided(mesh: Mesh) -> Mesh:
     """Every triangle cut into four at its edges' midpoints."""
-    edges = mesh.edges
-    midpoint = {(int(i), int(j)): mesh.n + e for e, (i, j) in enumerate(edges)}
-    faces = []
-    for a, b, c in mesh.F.tolist():
-        ab, bc, ca = (midpoint[min(i, j), max(i, j)] for i, j in ((a, b), (b, c), (c, a)))
-        faces += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
-    return Mesh(np.concatenate([mesh.V, mesh.V[edges].mean(axis=1)]), np.array(faces))
+    a, b, c = mesh.F.T
+    ab, bc, ca = mesh.n + mesh.face_edges.T
+    F = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
+    return Mesh(np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)]), F)
 
 
 def quads(nu: int, nv: int, *, wrap_u: bool = False, wrap_v: bool = False) -> np.ndarray:
     """Faces of a lattice of nu x nv vertices, each square cut along the same diagonal."""
-    faces = []
-    for i in range(nu if wrap_u else nu - 1):
-        for j in range(nv if wrap_v else nv - 1):
-            a, b = i * nv + j, (i + 1) % nu * nv + j
-            c, d = (i + 1) % nu * nv + (j + 1) % nv, i * nv + (j + 1) % nv
-            faces += [(a, b, c), (a, c, d)]
-    return np.array(faces)
+    i, j = (k.ravel() for k in np.indices((nu if wrap_u else nu - 1, nv if wrap_v else nv - 1)))
+    a, b = i * nv + j, (i + 1) % nu * nv + j
+    c, d = (i + 1) % nu * nv + (j + 1) % nv, i * nv + (j + 1) % nv
+    return np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
 
 
 def strip(length: int, width: int) -> Mesh:

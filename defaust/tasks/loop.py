@@ -1,4 +1,4 @@
-"""Loop subdivision of vertex values, on a mesh that another program subdivided."""
+"""Loop subdivision of vertex values, on a mesh that another program subdivided or :func:`split` split."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from scipy.sparse import coo_array, csr_array, eye_array
 
 from defaust.sources.winding import same_triangles
 from sshade import InputError, Mesh
+
+
+def split(mesh: Mesh) -> Mesh:
+    """Split each triangle into four at the midpoints of its edges; new vertices come last."""
+    middles = mesh.n + mesh.face_edges  # of the sides 01, 12, 20
+    corners = np.stack([mesh.F, middles, np.roll(middles, 1, axis=1)], axis=2).reshape(-1, 3)
+    V = np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)])
+    return Mesh(V, np.concatenate([corners, middles]))
 
 
 def loop_matrix(coarse: Mesh, fine: Mesh, *, steps: int) -> csr_array:

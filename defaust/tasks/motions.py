@@ -13,6 +13,7 @@ import numpy as np
 from defaust.sources.animals import arrays_of, load_animal
 from defaust.sources.choices import require_choice
 from defaust.sources.synthetic import Bodies, SyntheticBodies, load_bodies
+from defaust.tasks.loop import split
 from sshade import DeformationTask, Handles, Mesh
 
 #: Number of handles near each landmark, as in the datasets.
@@ -128,14 +129,8 @@ def body_motion(*, pose: str, count: int, level: int = 0, subject: int = 0) -> M
 
 def divided(F: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Divide each triangle of F (m, 3) into four, in all shapes (k, n, 3), at the midpoints of edges."""
-    n = shapes.shape[1]
-    edges = np.sort(F[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edge, number = np.unique(edges, axis=0, return_inverse=True)
-    a, b, c = (n + number.reshape(-1, 3)).T
-    x, y, z = F.T
-    parts = [(x, a, c), (a, y, b), (c, b, z), (a, b, c)]
-    finer = np.concatenate([np.stack(part, axis=1) for part in parts])
-    return finer, np.concatenate([shapes, shapes[:, edge].mean(axis=2)], axis=1)
+    mesh = Mesh(shapes[0], F)
+    return split(mesh).F, np.concatenate([shapes, shapes[:, mesh.edges].mean(axis=2)], axis=1)
 
 
 def drives(names: tuple[tuple[str | int, str | int], ...] = PAIRS) -> list[Drive]:

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from eval.rows.files import PUBLISHED
-from eval.rows.old_names import with_new_names
 from eval.rows.store import Row, is_text, row_problem, schema_problem
 from sshade.errors import InputError
 
-#: Column with the number of rows in the file; files of older versions have no such column.
+#: Column with the number of rows in the file.
 COUNT = "rows_in_file"
 
 
@@ -55,7 +54,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
             raise InputError(f"{path}: line {number} {problem}")
         if problem := row_problem(row):
             raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
-        rows.append(with_new_names(row))
+        rows.append(row)
     return rows
 
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from eval.rows.old_names import with_new_names
 from sshade.errors import InputError
 from sshade.io.files import make_folder, replacing
 
@@ -120,8 +119,7 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
         raise InputError(f"{path} {problem}")
     if problem := row_problem(row, here=STATUSES):
         raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
-    row = {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
-    return with_new_names(row)
+    return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
 
 
 def schema_problem(row: Row) -> str:

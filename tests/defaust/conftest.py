@@ -1,14 +1,15 @@
 """A small dataset, and a check of refused commands."""
 
+import shlex
 import shutil
 
 import pytest
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
-from defaust.cli import main
 from defaust.sources.synthetic import SyntheticBodies
 from tests.defaust.toy import OPTIONS, Balls
+from tests.robustness.case import check_refusal, run
 
 
 @pytest.fixture(scope="session")
@@ -35,13 +36,8 @@ def dataset(finished, tmp_path):
 
 
 @pytest.fixture
-def refused(capsys):
+def refused():
     """Assert that `defaust build` refuses arguments in one sentence that contains a message."""
-
-    def check(arguments, message):
-        capsys.readouterr()
-        assert main(["build", *arguments]) == 2
-        error = capsys.readouterr().err
-        assert message in error and error.startswith("error: ") and error.count("\n") == 1
-
-    return check
+    return lambda arguments, message: check_refusal(
+        run(shlex.join(["defaust", "build", *arguments])), message
+    )

@@ -5,14 +5,12 @@ import sys
 
 import pytest
 
-from defaust.cli import main
+from tests.robustness.case import assert_refused
 
 
 @pytest.mark.parametrize("arguments", [["bild"], [], ["verify"], ["--fast"]])
-def test_a_mistake_in_the_arguments_is_one_sentence(arguments, capsys):
-    assert main(arguments) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ") and error.count("\n") == 1 and "`defaust" in error
+def test_a_mistake_in_the_arguments_is_one_sentence(arguments, here):
+    assert_refused("defaust", arguments, "`defaust")
 
 
 def test_module_runs_and_starts_light():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import sshade
-from defaust.cli import main
 from defaust.example import POSES
 from sshade import DeformationTask, Mesh
 from sshade.io.handles import read_handles
+from tests.robustness.case import assert_refused
 
 BENCHMARK = ["hydra", "igl", "omegaconf", "pandas", "pymeshlab", "trimesh"]
 
@@ -43,10 +43,7 @@ def test_a_deformed_example_is_near_its_true_pose(example, pose, farthest):
     assert distance < farthest < 100 * np.linalg.norm(rest.V - truth, axis=1).mean() / rest.diagonal
 
 
-def test_mistakes_are_one_sentence(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    for arguments in ([str(tmp_path / "file" / "sub")], [str(tmp_path), "--subdivisions", "9"]):
-        assert main(["example", *arguments]) == 2
-        error = capsys.readouterr().err
-        assert error.startswith("error: ") and error.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+def test_mistakes_are_one_sentence(here):
+    (here / "file").write_text("")
+    assert_refused("defaust", ["example", "file/sub"], "the folder cannot be created")
+    assert_refused("defaust", ["example", ".", "--subdivisions", "9"], "9")

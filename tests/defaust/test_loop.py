@@ -6,8 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from defaust.build.upsample import subdivide
-from defaust.example import split
-from defaust.tasks.loop import loop_matrix
+from defaust.tasks.loop import loop_matrix, split
 from sshade import InputError, Mesh
 from tests.shapes import double_torus, icosphere, tetrahedron, torus
 

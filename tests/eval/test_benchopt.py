@@ -14,6 +14,7 @@ from eval.run.attempt import attempt
 from eval.run.targets import instantiate
 from eval.timing.cases import read_cases, read_methods
 from sshade.io.meshes import write_mesh
+from tests.robustness.case import assert_refused
 from tests.shapes import icosphere
 
 METHODS = ["paper samplings=2 vertices=150", "fast vertices=150", "accelerated_elastic"]
@@ -48,17 +49,16 @@ def test_what_is_written(case, capsys):
         (["nothing"], 1, "nothing"),
     ],
 )
-def test_refused_in_one_sentence(case, methods, repeated, message, capsys):
-    assert main(["benchopt", "new", "--methods", *methods, "--cases", *[case] * repeated]) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1 and not Path("new").exists()
+def test_refused_in_one_sentence(case, methods, repeated, message):
+    arguments = ["benchopt", "new", "--methods", *methods, "--cases", *[case] * repeated]
+    assert_refused("sshade-eval", arguments, message)
 
 
-def test_a_folder_in_use_is_refused(case, capsys):
+def test_a_folder_in_use_is_refused(case):
     Path("full").mkdir()
     Path("full/file").touch()
-    assert main(["benchopt", "full", "--methods", "fast", "--cases", case]) == 2
-    assert "full exists; give a new or an empty folder" in capsys.readouterr().err
+    arguments = ["benchopt", "full", "--methods", "fast", "--cases", case]
+    assert_refused("sshade-eval", arguments, "full exists; give a new or an empty folder")
 
 
 def test_benchopt_finds_the_same_figures(case):

@@ -8,7 +8,7 @@ import yaml
 from eval.run.allowed import VARIABLE, allow_from, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
-from tests.robustness.case import Case, attempt, run
+from tests.robustness.case import assert_refused, run
 
 
 @pytest.fixture(autouse=True)
@@ -92,7 +92,7 @@ def theirs(here, monkeypatch):
 
 
 def refused(command, *words):
-    attempt(Case(command, f"sshade-eval run {command}", says=words))
+    assert_refused("sshade-eval", ["run", *command.split()], *words)
 
 
 def test_a_folder_of_configurations_calls_nothing_without_leave(theirs):

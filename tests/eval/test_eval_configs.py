@@ -39,22 +39,16 @@ def method_of(config):
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_method_composes_and_is_a_method(name):
+def test_method_composes_and_names_every_parameter_of_its_function(name):
+    """A row then tells all that the method was given, and a command line can change each."""
     config = composed(f"method={name}")
     assert config.label == name
     plain = method_of(config)
-    call = instantiate(plain)
-    assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(parameter_hints(call.func))
-    warm_up = {key: plain[key] for key in ("method",) if key in plain} | (plain.get("warm_up") or {})
-    check_parameters(call.func, warm_up, target=name)
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_yaml_names_every_parameter_of_its_method(name):
-    """A row then tells all that the method was given, and a command line can change each."""
-    plain = method_of(composed(f"method={name}"))
-    function = locate(plain["_target_"])
+    function = instantiate(plain).func
     hints = parameter_hints(function)
+    assert set(inspect.signature(Method.__call__).parameters) - {"self"} <= set(hints)
+    warm_up = {key: plain[key] for key in ("method",) if key in plain} | (plain.get("warm_up") or {})
+    check_parameters(function, warm_up, target=name)
     taken = {key for key, hint in hints.items() if get_origin(hint) is not Callable} - {"options"}
     if function is deform:
         taken = {"method", *(option for names in GROUPS.values() for option in names)}

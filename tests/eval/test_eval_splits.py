@@ -53,16 +53,12 @@ def swept(name, values, known):
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_an_experiment_states_the_halves_that_its_cases_are_of(name):
+def test_an_experiment_states_the_halves_of_its_cases_and_the_papers_tables_start_at_rest(name):
     config = composed(f"experiment={name}")
     halves = {split_of(case) for case in cases(config)}
     assert halves == ({TUNING, HELD_OUT} if config.run.split == BOTH else {config.run.split})
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_the_papers_tables_start_at_rest_and_the_others_from_the_best_rigid_motion(name):
     rest = ("paper", "table1", "table1_lowres", "ci")  # ci: its bands are of that start
-    assert composed(f"experiment={name}").solver.start == ("rest" if name in rest else "rigid")
+    assert config.solver.start == ("rest" if name in rest else "rigid")
 
 
 def test_a_case_of_the_other_half_is_not_run(tmp_path):

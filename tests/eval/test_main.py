@@ -3,6 +3,7 @@
 import pytest
 
 from eval.main import COMMANDS, call, main
+from tests.robustness.case import assert_refused
 
 
 def test_help_names_every_command(capsys):
@@ -12,19 +13,15 @@ def test_help_names_every_command(capsys):
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
-def test_each_command_tells_its_arguments_and_refuses_others_in_one_sentence(name, capsys):
+def test_each_command_tells_its_arguments_and_refuses_others_in_one_sentence(name, here, capsys):
     with pytest.raises(SystemExit) as left:
         call(name, ["--help"])
     assert left.value.code == 0 and f"usage: sshade-eval {name}" in capsys.readouterr().out
-    assert main([name, "--nonsense"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("error: ") and told.count("\n") == 1
+    assert_refused("sshade-eval", [name, "--nonsense"], "--help")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"), [([], "a command is missing"), (["tabels"], "'tabels' is no command")]
 )
-def test_no_such_command(arguments, words, capsys):
-    assert main(arguments) == 2
-    told = capsys.readouterr().err
-    assert words in told and "tables" in told and told.count("\n") == 1
+def test_no_such_command(arguments, words, here):
+    assert_refused("sshade-eval", arguments, words, "tables")

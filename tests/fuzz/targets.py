@@ -20,9 +20,10 @@ from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.defaust.test_animations import packed
+from tests.gltf import glb
 from tests.shapes import bumpy, icosphere, tetrahedron
 from tests.sshade.io.test_formats import OBJ, OFF, STL
-from tests.sshade.io.test_gltf import glb, instanced
+from tests.sshade.io.test_gltf import instanced
 from tests.sshade.io.test_ply import OLD_MESHLAB, ply
 
 #: A sound mesh for handles and maps.

@@ -10,7 +10,7 @@ import shlex
 import signal
 import struct
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,12 @@ def attempt(case: Case) -> None:
     assert not stray, f"left behind: {sorted(stray)}"
     missing = [name for name in case.leaves if not Path(name).exists()]
     assert not missing, f"not made: {missing}"
+
+
+def assert_refused(program: str, arguments: Iterable[str], *words: str) -> None:
+    """A command is refused in one sentence with these words, and leaves the working folder as it was."""
+    call = shlex.join([program, *map(str, arguments)])
+    attempt(Case(call, call, says=words))
 
 
 def check_refusal(ended: tuple[int, str, str], *words: str) -> None:

@@ -11,6 +11,7 @@ from tests.robustness.case import Case, nothing, on_a_full_disk, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, garbage, mesh
 
 DEFORM = "sshade deform body.ply pose.json -o {}"
+POSES = "sshade deform body.ply pose.json pose.json -o out.{} --vertices 60"
 REMESH = "sshade remesh body.ply -o n.ply --map {}"
 CARRY = "sshade carry body.ply map.npz proxy.ply -o out.ply"
 
@@ -93,7 +94,6 @@ def _taken(name: str, path: str, given: Given = nothing, *, call: str = DEFORM) 
 SCRIPTS = both(_copy("body.ply", "Körper 体/模型 ü.ply"), _copy("pose.json", "поза 1.json"))
 
 WITH = "sshade deform body.ply pose.json -o out.ply --with extra.ply"
-SPLATS = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
 FAR = mesh(BODY.V + 100, BODY.F, "extra.ply")
 COMPANIONS = {
     "a missing file": (nothing, "extra.ply: no such file"),
@@ -103,20 +103,6 @@ COMPANIONS = {
         "extra.ply: point 0 has a NaN",
     ),
     "garbage": (garbage("extra.ply"), "extra.ply: not a readable PLY file"),
-    "compressed splats": (
-        data("extra.ply", SPLATS + b"property uint packed_position\nend_header\n" + bytes(4)),
-        "extra.ply: holds compressed splats",
-    ),
-    "splats without rotations": (
-        data(
-            "extra.ply",
-            SPLATS
-            + b"".join(b"property float %s\n" % n for n in (b"x", b"y", b"z", b"f_dc_0"))
-            + b"end_header\n"
-            + bytes(16),
-        ),
-        "splats need scale_0, scale_1, scale_2",
-    ),
 }
 
 CASES = [
@@ -131,6 +117,7 @@ CASES = [
     _taken("the output takes the input's place if asked", "body.ply", call=f"{DEFORM} --overwrite"),
     Case("an output among processes", DEFORM.format("/proc/out.ply"), says=("/proc/out.ply",)),
     *(on_a_full_disk(DEFORM.format(f"out.{suffix}")) for suffix in ("ply", "obj", "off", "stl")),
+    *(on_a_full_disk(POSES.format(suffix)) for suffix in ("glb", "pc2", "mdd")),
     on_a_full_disk(REMESH.format("map.npz")),
     on_a_full_disk(CARRY, remeshed),
     on_a_full_disk("sshade reconstruct body.ply body.ply -o out.ply"),

@@ -2,11 +2,11 @@
 
 import pytest
 
-from tests.robustness import datasets, evaluation, outputs, places, sequences, surfaces
+from tests.robustness import datasets, evaluation, outputs, places, surfaces
 from tests.robustness.case import attempt
 from tests.robustness.inputs import write_sound
 
-PARTS = (surfaces, outputs, places, datasets, evaluation, sequences)
+PARTS = (surfaces, outputs, places, datasets, evaluation)
 CASES = [
     pytest.param(case, id=case.name, marks=[pytest.mark.full] if case.slow else [])
     for part in PARTS

@@ -9,6 +9,7 @@ from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
+from tests.robustness.case import assert_refused
 from tests.shapes import end_handles, rotation
 
 
@@ -95,24 +96,21 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
 
 
-def test_a_view_along_the_upward_direction_is_refused(files, tmp_path, monkeypatch, capsys):
+def test_a_view_along_the_upward_direction_is_refused(files, here):
     pytest.importorskip("pyvista")
-    monkeypatch.chdir(tmp_path)
-    assert main(["show", str(files[0]), "-o", "shape.png", "--towards", "0", "2", "0"]) == 2
-    assert "looks along the upward direction" in capsys.readouterr().err
-    assert not (tmp_path / "shape.png").exists()
+    arguments = ["show", files[0], "-o", "shape.png", "--towards", "0", "2", "0"]
+    assert_refused("sshade", arguments, "looks along the upward direction")
 
 
-def test_without_a_display_a_picture_is_asked_for(files, monkeypatch, capsys):
+def test_without_a_display_a_picture_is_asked_for(files, here, monkeypatch):
     pytest.importorskip("pyvista")
     monkeypatch.setattr("sys.platform", "linux")
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
-    assert main(["show", str(files[0])]) == 2
-    assert "no display" in capsys.readouterr().err
+    assert_refused("sshade", ["show", files[0]], "no display")
 
 
-def test_with_nothing_to_draw_with_the_libraries_are_told(files, tmp_path, monkeypatch, capsys):
+def test_with_nothing_to_draw_with_the_libraries_are_told(files, here, monkeypatch):
     pytest.importorskip("pyvista")
 
     class Last:
@@ -131,6 +129,4 @@ def test_with_nothing_to_draw_with_the_libraries_are_told(files, tmp_path, monke
     _require_renderer()
     found.clear()
     _require_renderer.cache_clear()
-    assert main(["show", str(files[0]), "-o", str(tmp_path / "shape.png")]) == 2
-    assert "apt install libegl1 libgl1-mesa-dri" in capsys.readouterr().err
-    assert not (tmp_path / "shape.png").exists()
+    assert_refused("sshade", ["show", files[0], "-o", "a.png"], "apt install libegl1 libgl1-mesa-dri")

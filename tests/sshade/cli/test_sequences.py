@@ -13,6 +13,8 @@ from sshade.io import gltf_morph, meshes, point_cache
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
+from tests.gltf import with_arrays
+from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles, tube
 
 BODY = bumpy(2)
@@ -20,6 +22,12 @@ ENDS = end_handles(BODY.V, share=0.1)
 UP = np.flatnonzero(ENDS.dynamic)
 STEPS = (0.1, 0.15, 0.2, 0.25)
 FAST = ["--vertices", "60"]
+#: Place of the second node of a mesh.
+PLACE = {
+    "rotation": Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist(),
+    "scale": [2, 2, 2],
+    "translation": [9, 0, 0],
+}
 
 
 def targets(step: float) -> np.ndarray:
@@ -222,44 +230,16 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose(folder):
 
 def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
     """Two nodes show a mesh with normals and texture coordinates; one of them turns and scales it."""
-    P, N = BODY.V.astype("<f4"), (BODY.V / np.linalg.norm(BODY.V, axis=1, keepdims=True)).astype("<f4")
-    T, F = BODY.V[:, :2].astype("<f4"), BODY.F.astype("<u4")
-    blob = P.tobytes() + N.tobytes() + T.tobytes() + F.tobytes()
-    ends = np.cumsum([0, P.nbytes, N.nbytes, T.nbytes, F.nbytes]).tolist()
-    bounds = {"min": P.min(0).astype(float).tolist(), "max": P.max(0).astype(float).tolist()}
-    accessors = [
-        {"bufferView": 0, "componentType": 5126, "count": len(P), "type": "VEC3", **bounds},
-        {"bufferView": 1, "componentType": 5126, "count": len(P), "type": "VEC3"},
-        {"bufferView": 2, "componentType": 5126, "count": len(P), "type": "VEC2"},
-        {"bufferView": 3, "componentType": 5125, "count": F.size, "type": "SCALAR"},
-    ]
-    quaternion = Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist()
+    attributes = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}
     tree = {
-        "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0, 1]}],
-        "nodes": [
-            {"mesh": 0, "name": "body"},
-            {"mesh": 0, "rotation": quaternion, "scale": [2, 2, 2], "translation": [9, 0, 0]},
-        ],
-        "meshes": [
-            {
-                "primitives": [
-                    {"attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}, "indices": 3, "material": 0}
-                ]
-            }
-        ],
+        "nodes": [{"mesh": 0, "name": "body"}, {"mesh": 0, **PLACE}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [{"name": "skin"}],
-        "accessors": accessors,
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": a, "byteLength": b - a} for a, b in zip(ends, ends[1:], strict=False)
-        ],
-        "buffers": [{"byteLength": len(blob)}],
     }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    blob += bytes(-len(blob) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
-    Path("two.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    normals = BODY.V / np.linalg.norm(BODY.V, axis=1, keepdims=True)
+    indices = BODY.F.reshape(-1, 1).astype(np.uint32)
+    Path("two.glb").write_bytes(with_arrays(tree, BODY.V, normals, BODY.V[:, :2], indices))
     V = read_arrays("two.glb")[0]
     second = ENDS.index + BODY.n
     for number, step in enumerate(STEPS[:2]):
@@ -325,62 +305,33 @@ def test_frames_move_groups_rigidly_too(folder):
     np.testing.assert_allclose(second, turned, atol=1e-12)
 
 
-def write_rig(
-    path: str, *, names=("root", "high"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)
-) -> None:
+def rig_with(*, names=("root", "high"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)) -> None:
     """A root that turns about y, and a child above it that rises; the child is at rest at (0, 0, 1)."""
-    keys = np.array(times, dtype="<f4")
-    angles = np.linspace(0, 0.4, len(keys))
-    turns = np.array([Rotation.from_rotvec([0, angle, 0]).as_quat() for angle in angles], "<f4")
-    shifts = np.array([[0, 0, 1 + 0.2 * angle] for angle in angles], "<f4")
+    angles = np.linspace(0, 0.4, len(times))
+    turns = Rotation.from_rotvec(angles[:, None] * [0, 1, 0]).as_quat()
+    shifts = [0, 0, 1] + 0.2 * angles[:, None] * [0, 0, 1]
     if interpolation == "CUBICSPLINE":
-        turns, shifts = (np.stack([0 * one, one, 0 * one], axis=1) for one in (turns, shifts))
-    blob = keys.tobytes() + turns.tobytes() + shifts.tobytes()
-    sizes = [keys.nbytes, turns.nbytes, shifts.nbytes]
-    begin = np.cumsum([0, *sizes]).tolist()
-    count = len(keys) * (3 if interpolation == "CUBICSPLINE" else 1)
-    path_of = [("rotation", 0, 1), ("translation", 1, 2)] if channels else []
+        turns, shifts = (
+            np.stack([0 * one, one, 0 * one], axis=1).reshape(-1, one.shape[1]) for one in (turns, shifts)
+        )
+    moved = [("rotation", 0), ("translation", 1)] if channels else []
     tree = {
-        "asset": {"version": "2.0"},
-        "nodes": [
-            {"name": names[0], "children": [1]},
-            {"name": names[1], "translation": [0, 0, 1]},
-        ],
+        "nodes": [{"name": names[0], "children": [1]}, {"name": names[1], "translation": [0, 0, 1]}],
         "scenes": [{"nodes": [0]}],
         "animations": [
             {
                 "name": "move",
                 "channels": [
-                    {"sampler": s, "target": {"node": node, "path": name}}
-                    for s, (name, node, _) in enumerate(path_of)
+                    {"sampler": node, "target": {"node": node, "path": path}} for path, node in moved
                 ],
                 "samplers": [
-                    {"input": 0, "output": output, "interpolation": interpolation} for _, _, output in path_of
+                    {"input": 0, "output": 1 + node, "interpolation": interpolation} for _, node in moved
                 ],
             }
         ],
-        "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "count": len(keys),
-                "type": "SCALAR",
-                "min": [0],
-                "max": [1],
-            },
-            {"bufferView": 1, "componentType": 5126, "count": count, "type": "VEC4"},
-            {"bufferView": 2, "componentType": 5126, "count": count, "type": "VEC3"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": a, "byteLength": size} for a, size in zip(begin, sizes, strict=False)
-        ],
-        "buffers": [{"byteLength": len(blob)}],
     }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    blob += bytes(-len(blob) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
-    Path(path).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    Path("rig.glb").write_bytes(with_arrays(tree, np.array(times)[:, None], turns, shifts))
+    Path("groups.json").write_text(json.dumps({"handles": animation([])["handles"]}))
 
 
 def rig_motion(t: float, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
@@ -396,8 +347,7 @@ def rig_motion(t: float, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
 def test_nodes_of_a_gltf_move_the_groups_of_their_names(folder, interpolation, capsys):
-    write_rig("rig.glb", interpolation=interpolation)
-    Path("groups.json").write_text(json.dumps({"handles": animation([])["handles"]}))
+    rig_with(interpolation=interpolation)
     command = ["deform", "body.ply", "groups.json", "--animation", "rig.glb", "--fps", "4", *FAST]
     assert main([*command, "-o", "out_%d.ply"]) == 0
     assert "no node of rig.glb moves the groups low" in capsys.readouterr().err
@@ -414,11 +364,6 @@ def test_nodes_of_a_gltf_move_the_groups_of_their_names(folder, interpolation, c
 
 def frames_with(*frames) -> None:
     Path("moves.json").write_text(json.dumps(animation(list(frames))))
-
-
-def rig_with(**changes) -> None:
-    write_rig("rig.glb", **changes)
-    Path("groups.json").write_text(json.dumps({"handles": animation([])["handles"]}))
 
 
 def other_mesh() -> None:
@@ -460,16 +405,12 @@ BAD = {
     "missing pose": (None, ["pose_0.json", "pose_9.json", "-o", "out_%d.ply"], "pose_9.json: no such file"),
     "times": (lambda: frames_with({"time": 0.5}, {"time": 0.5}), MOVES, "its time 0.5 is not larger than"),
     "no time": (lambda: frames_with({"handles": []}), MOVES, 'frame 0: it needs a "time" in seconds'),
+    "time without a number": (lambda: frames_with({"time": float("nan")}), MOVES, '"time" in seconds'),
     "no frames": (lambda: frames_with(), MOVES, '"frames" must be a list of frames, at least one'),
     "unknown group": (
         lambda: frames_with({"time": 0, "handles": [{"landmark": "tail", "translation": [0, 0, 1]}]}),
         MOVES,
         'there is no group "tail"; the groups are low, high',
-    ),
-    "fewer targets": (
-        lambda: frames_with({"time": 0, "handles": [{"landmark": "high", "target": [[0, 0, 1]]}]}),
-        MOVES,
-        "handles have 1 targets; each needs one",
     ),
     "unknown key": (lambda: frames_with({"time": 0, "speed": 1}), MOVES, 'there is no key "speed"'),
     "two animations": (
@@ -496,16 +437,11 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, capsys, name):
+def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, name):
     given, arguments, words = BAD[name]
     if given is not None:
         given()
-    before = sorted(path.name for path in folder.iterdir())
-    capsys.readouterr()
-    assert main(["deform", "body.ply", *arguments, *FAST]) == 2
-    error = capsys.readouterr().err
-    assert words in error and error.count("\n") == 1 and error.startswith("error: ")
-    assert sorted(path.name for path in folder.iterdir()) == before
+    assert_refused("sshade", ["deform", "body.ply", *arguments], words)
 
 
 def test_numbered_files_never_replace_the_mesh(here, capsys):

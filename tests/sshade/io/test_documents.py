@@ -10,7 +10,8 @@ from sshade.cli.main import main
 from sshade.edit.document import Document
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
-from tests.shapes import bumpy, end_handles, icosphere
+from tests.shapes import end_handles, icosphere
+from tests.sshade.io.test_colours import BALL, as_ply
 from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
 
@@ -300,13 +301,8 @@ def test_what_another_format_loses_is_named(tmp_path):
 
 def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
     """Each line of a vertex has a value more than the header declares."""
-    body, note = bumpy(1), "further values than the header declares stay as they are: {} lines, from line 10"
-    lines = ["ply", "format ascii 1.0", f"element vertex {body.n}"]
-    lines += [f"property double {c}" for c in "xyz"]
-    lines += [f"element face {body.m}", "property list uchar int vertex_indices", "end_header"]
-    lines += [f"{x!r} {y!r} {z!r} 1" for x, y, z in body.V.tolist()]
-    lines += [f"3 {a} {b} {c}" for a, b, c in body.F.tolist()]
-    (here / "a.ply").write_text("\n".join(lines))
+    body, note = BALL, "further values than the header declares stay as they are: {} lines, from line 10"
+    (here / "a.ply").write_text(as_ply("", "", np.ones((body.n, 1), dtype=int)))
     write_handles("a.json", end_handles(body.V))
     for command in (
         ["deform", "a.ply", "a.json", "-o", "b.ply", "--vertices", "30"],

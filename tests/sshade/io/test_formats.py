@@ -14,15 +14,6 @@ from tests.shapes import icosphere
 SPHERE = icosphere(1)
 
 
-def test_they_agree_with_another_reader(tmp_path):
-    shape = trimesh.Trimesh(SPHERE.V / 3, SPHERE.F, process=False)
-    for name, options in {"a.off": {"digits": 17}, "a.stl": {}, "b.stl": {"file_type": "stl_ascii"}}.items():
-        shape.export(tmp_path / name, **options)
-        V, F = read_arrays(tmp_path / name)
-        other = trimesh.load(tmp_path / name, process=False, maintain_order=True)
-        assert np.array_equal(V, other.vertices) and np.array_equal(F, other.faces), name
-
-
 def test_another_reader_agrees_with_what_is_written_as_stl(tmp_path):
     V = np.concatenate([SPHERE.V / 3, [[0.5, 0, 0]]])
     F = np.concatenate([SPHERE.F, [[0, 0, SPHERE.n]]])  # a face without area

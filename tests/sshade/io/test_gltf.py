@@ -9,6 +9,7 @@ import trimesh
 
 from sshade import InputError
 from sshade.io.meshes import read_arrays, read_file, write_file
+from tests.gltf import glb, taken_apart
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
@@ -84,20 +85,6 @@ def change(tree: dict, path: str, value) -> None:
         tree[last : last + 1] = [value]
     else:
         tree[last] = value
-
-
-def glb(tree: dict, buffer: bytes, further: bytes = b"") -> bytes:
-    text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
-    text += b" " * (-len(text) % 4)
-    buffer += bytes(-len(buffer) % 4)
-    body = len(text).to_bytes(4, "little") + b"JSON" + text
-    body += len(buffer).to_bytes(4, "little") + b"BIN\0" + buffer + further
-    return b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
-
-
-def taken_apart(data: bytes) -> tuple[dict, bytes]:
-    length = int.from_bytes(data[12:16], "little")
-    return json.loads(data[20 : 20 + length]), data[28 + length :]
 
 
 def table(buffer: bytes) -> np.ndarray:

@@ -8,8 +8,9 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.io.meshes import read_file, write_file
 from tests.full import few
+from tests.gltf import glb, taken_apart
 from tests.shapes import bent
-from tests.sshade.io.test_gltf import SPHERE, exported, glb, taken_apart
+from tests.sshade.io.test_gltf import SPHERE, exported
 
 #: What stands in for a number of the JSON.
 NUMBERS = (-1, 0, 1, 2, 3, 4, 5, 6, 12, 16, 24, 36, 40, 44, 52, 100, 162, 480, 5121, 5123, 5125, 5126)

@@ -5,7 +5,7 @@ import pytest
 
 from sshade import InputError, Mesh
 from sshade.io import meshes as meshio
-from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, read_surface, write_mesh
+from sshade.io.meshes import SUFFIXES, read_arrays, read_mesh, write_mesh
 from sshade.mesh.surface import surface
 from tests.shapes import icosphere
 
@@ -48,22 +48,6 @@ def test_a_folder_that_cannot_take_the_output_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="is not writable"):
         write_mesh(tmp_path / "a.ply", np.eye(3), [[0, 1, 2]])
     assert not os.listdir(tmp_path)
-
-
-def _repaired(path):
-    return read_surface(path, repair=True)[1]
-
-
-def test_repair_welds_a_soup_into_the_surface_and_keeps_maps(tmp_path):
-    mesh = icosphere(2)
-    write_mesh(tmp_path / "soup.stl", mesh.V, mesh.F)
-    (V, F), (repaired, vertex, facts) = (read(tmp_path / "soup.stl") for read in (read_arrays, _repaired))
-    assert facts["doubled"] == len(V) - mesh.n and facts["near"] == 0
-    repaired.require_manifold()
-    assert repaired.n == mesh.n and repaired.m == mesh.m and repaired.topology == mesh.topology
-    assert vertex.shape == (len(V),) and vertex.min() == 0
-    assert np.array_equal(repaired.V[vertex], V)
-    assert np.array_equal(vertex[F], repaired.F)
 
 
 def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():

@@ -19,16 +19,23 @@ def split(mesh: Mesh, first: np.ndarray) -> Mesh:
     return Mesh(np.concatenate([mesh.V, mesh.V])[used], F.reshape(-1, 3))
 
 
-SOUP = Mesh(SPHERE.V[SPHERE.F].reshape(-1, 3), np.arange(3 * SPHERE.m).reshape(-1, 3))
+def soup(mesh: Mesh) -> Mesh:
+    """The mesh with vertices of its own for each face."""
+    return Mesh(mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3))
+
+
 HALF = SPHERE.V[SPHERE.F].mean(axis=1)[:, 0] > 0
+SOME = np.random.default_rng(1).random(SPHERE.m) < 0.3
 
 
 @pytest.mark.parametrize(
-    "parts", [SOUP, split(SPHERE, HALF), split(SPHERE, np.random.default_rng(1).random(SPHERE.m) < 0.3)]
+    "parts",
+    [soup(SPHERE), split(SPHERE, HALF), split(SPHERE, np.random.default_rng(1).random(SPHERE.m) < 0.3)],
 )
 def test_a_surface_cut_anywhere_becomes_whole_again(parts):
-    joined, vertex, _ = surface(parts.V, parts.F)
+    joined, vertex, facts = surface(parts.V, parts.F)
     assert parts.n > SPHERE.n == joined.n and joined.m == SPHERE.m
+    assert facts["doubled"] == parts.n - SPHERE.n and facts["near"] == 0
     assert np.array_equal(joined.V[vertex], parts.V) and np.array_equal(joined.F, vertex[parts.F])
     assert joined.topology == SPHERE.topology
 
@@ -76,13 +83,9 @@ def test_equal_rows_have_equal_ids():
     assert set(ids) == set(range(ids.max() + 1))
 
 
-def soup(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    return mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3)
-
-
 @pytest.mark.parametrize("mesh", [SPHERE, moebius(20)])
 def test_a_soup_whose_triangles_disagree_about_their_direction_becomes_whole(mesh):
-    V, F = soup(mesh)
+    V, F = soup(mesh).V, soup(mesh).F
     turned = np.random.default_rng(0).random(len(F)) < 0.3
     joined, vertex, _ = surface(V, np.where(turned[:, None], F[:, ::-1], F))
     assert joined.n == mesh.n and joined.topology == mesh.topology and np.array_equal(joined.V[vertex], V)
