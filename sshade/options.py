@@ -238,15 +238,14 @@ PRESETS: Mapping[str, Options] = {
     "fine_free": replace(_FINE, volume=0.0, area=0.0),
 }
 # Strain and folds gather at the edges of handle regions. A region that moves away stretches the surface
-# between regions; with an exact area the rest of the surface would pay for it. The polish has a third of the
-# proxy's bending: creases are as sharp as Elastic's, and edges change a quarter more.
+# between regions; with an exact area the rest of the surface would pay for it. The polish has a strain limit
+# against folds and no bending, which costs time and more stretch.
 _REGIONS: Mapping[str, Any] = {"area": 0.1, "stiffness": 0.08}
-_FINE_REGIONS: Mapping[str, Any] = {**_REGIONS, "bending": 0.001, "proxy_bending": 0.003}
 #: Differences of the methods where handles are regions.
 REGIONS: Mapping[str, Mapping[str, Any]] = {
     "fast": {**_REGIONS, "bending": 0.003},
-    "fine": _FINE_REGIONS,
-    "fine_free": {**_FINE_REGIONS, "area": 0.0},
+    "fine": {**_REGIONS, "proxy_bending": 0.003},
+    "fine_free": {**_REGIONS, "area": 0.0, "proxy_bending": 0.003},
 }
 
 #: Names of options and methods before they were renamed.
