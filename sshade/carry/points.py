@@ -13,7 +13,7 @@ Properties:
 
 - A point on a triangle keeps its place on it.
 - x' is continuous in x, also halfway between two limbs. Where the limbs are a gap g apart and their motions
-  differ by d, the blend between them stretches space by 3 to 5.5 d / g at most.
+  differ by d, the blend between them stretches space by 3 to 5 d / g at most.
 - A is continuous off the surface. Across an edge on the surface it jumps as the affine maps of triangles do.
 
 Weights are those of a partition of unity as in H. Whitney, "Analytic extensions of differentiable functions
@@ -135,7 +135,9 @@ class PointBinder:
         self._require_near(X, self._box_distances(X), "box")
         if not len(X):
             none = np.empty(0, dtype=np.int64)
-            return BoundPoints(self, X, none, np.zeros(1, np.int64), none.astype(np.int32), np.empty(0))
+            return BoundPoints(
+                self, X, none, np.zeros(1, np.int64), none.astype(np.uint32), np.empty(0, np.float32)
+            )
         order = curve_order(X)
         X = np.ascontiguousarray(X[order])
         squared, found = np.empty(len(X)), self._samples
@@ -143,8 +145,8 @@ class PointBinder:
             lambda first, end: squared_distances(first, end, X, self._corners, self._tree, squared), len(X)
         )
         self._require_near(X, np.sqrt(squared), "surface", order)
-        triangles = self._corners, self._tree, found.cell
-        samples = found.spacing, found.levels, found.places, found.areas, found.boxes, found.owner
+        triangles = self._corners, self._tree
+        samples = found.spacing, found.levels, found.boxes, found.begin, found.parts
         parts = in_ranges(lambda first, end: weigh(first, end, X, squared, *triangles, *samples), len(X))
         count, element, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
         start = np.concatenate([[0], np.cumsum(count)])
@@ -202,8 +204,8 @@ class BoundPoints:
         Number of each of them as it was bound.
     start : (m + 1,) int64
         The elements of point i are the entries from ``start[i]`` to ``start[i + 1]``.
-    element : (k,) int32
-    weight : (k,) float64
+    element : (k,) uint32
+    weight : (k,) float32
         In proportion to w; divided by their sum at each call.
     """
 
@@ -337,8 +339,8 @@ def _blend(first, end, X, order, start, element, weight, M, near, positions, map
     for i in range(first, end):
         a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = a10 = a11 = 0.0
         amount = 0.0
-        for j in range(start[i], start[i + 1]):
-            w, k = weight[j], element[j]
+        for j in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            w, k = np.float64(weight[j]), np.uint64(element[j])
             amount += w
             a0, a1, a2 = a0 + w * M[k, 0], a1 + w * M[k, 1], a2 + w * M[k, 2]
             a3, a4, a5 = a3 + w * M[k, 3], a4 + w * M[k, 4], a5 + w * M[k, 5]

@@ -7,16 +7,16 @@ The weight of an element at the distance r from the point is
 
     (d / r)^2  times the integral of  (1 - |y - x|^2 / R^2)^2  over the element.
 
-The integral over a triangle is exact. A sample has its area times the value of the
-integrand; samples two levels finer than the elements stand for the elements. Weights of a level lose a small
-portion of the largest one, and are divided by their sum. Two levels are blended over four fifths of an octave
-of d. d, R and r are continuous functions of the point. Weights vanish at R, so all weights are continuous.
-On the surface only the triangles at the point remain. Because R is a multiple of d, the blend between two
-walls extends over a fixed portion of the gap between them. Because weights are integrals, it hardly depends
-on the triangles.
+The integral over a triangle is exact. The integral over a sample is a sum over its parts, which are samples
+of the level before, or points on triangles. Each part has its area times the value of the integrand, and its
+own r. Weights of a level lose a small portion of the largest one, and are divided by their sum. Two levels
+are blended over four fifths of an octave of d. d, R and r are continuous functions of the point. Weights
+vanish at R, so all weights are continuous. On the surface only the triangles at the point remain. Because R
+is a multiple of d, the blend between two walls extends over a fixed portion of the gap between them. Because
+weights are integrals, it hardly depends on the triangles.
 
-If more than :data:`MOST` elements are within R, the distance of the next element replaces R. This distance is
-continuous, too.
+If more than :data:`MOST` triangles are within R, the distance of the next triangle replaces R. This distance
+is continuous, too.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FIRST = 0.5
 BLEND = 1.25
 #: Weight that is subtracted from all weights of a level, as a fraction of the largest.
 LEAST = 0.02
-#: Largest number of elements of one level that a point blends.
+#: Largest number of triangles that a point blends.
 MOST = 1000
 #: Bits of a coordinate in the order of points along a space-filling curve.
 BITS = 16
@@ -119,7 +119,7 @@ def squared_distances(first, end, X, corners, boxes, out):
 
 
 @kernel(fastmath={"contract"}, error_model="numpy")
-def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples, areas, sample_boxes, owner):
+def weigh(first, end, X, squared, corners, boxes, spacing, levels, sample_boxes, begin, parts):
     """Return the elements and weights of the points `first` to `end`.
 
     Parameters
@@ -129,33 +129,27 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
         Squared distances from the surface.
     corners, boxes
         Corners (t, 9) of triangles, and their tree.
-    cell : (t,) int64
-        Element that stands for each triangle on the first level of samples.
     spacing : float
         Of the first level of samples.
     levels : (l + 1, 2) int64
-        Where the samples and the boxes of each set begin; at last, where they end.
-    samples, areas : (s, 3) and (s,) float64
-        Samples of all sets, and their areas.
+        Where the samples and the boxes of each level begin; at last, where they end.
     sample_boxes : (b, 6) float64
-        Boxes of all sets.
-    owner : (s,) int64
-        Element that stands for each sample two levels on.
+        Boxes of all levels.
+    begin : (s + 1,) int64
+        Where the parts of each sample begin.
+    parts : (4, p) float64
+        Coordinates and areas of the parts.
 
     Returns
     -------
     count : (end - first,) int64
-    element : (k,) int32
-    weight : (k,) float64
+    element : (k,) uint32
+    weight : (k,) float32
     """
     count = np.empty(end - first, dtype=np.int64)
-    element, weight = (
-        np.empty(12 * (end - first) + 64, np.int32),
-        np.empty(12 * (end - first) + 64),
-    )
-    stack, found, gap = np.empty(128, np.int64), np.empty(1024, np.int64), np.empty(1024)
-    slot = np.full(len(corners) + len(samples), -1, dtype=np.int32)
-    total, top, least_d = 0, len(levels), ON_SURFACE * spacing
+    element, weight = np.empty(16 * (end - first) + 64, np.uint32), np.empty(16 * (end - first) + 64)
+    stack, leaf = np.empty(128, np.int64), np.empty(256, np.int64)
+    total, top, least_d = 0, len(levels) - 1, ON_SURFACE * spacing
     for i in range(first, end):
         x, y, z = X[i, 0], X[i, 1], X[i, 2]
         d = max(np.sqrt(squared[i]), least_d)
@@ -163,46 +157,45 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
         lower = np.int64(level)
         rise = min(max(BLEND * (level - lower - 0.5) + 0.5, 0.0), 1.0)
         rise = rise * rise * (3.0 - 2.0 * rise)
-        begin = total
+        began = total
         for k in range(2):
             part, at = (1.0 - rise, lower) if k == 0 else (rise, lower + 1)
             if part == 0.0:
                 continue
-            radius, s = REACH * d, 0
-            if at < 2:
-                size, found, gap = _within(x, y, z, radius, corners, boxes, stack, found, gap)
+            before, radius = total, REACH * d
+            if at == 0:
+                size, leaf = _leaves_within(x, y, z, radius, boxes, stack, leaf)
+                total, element, weight = _weigh_triangles(
+                    x, y, z, d, radius, least_d, leaf, size, corners, total, element, weight
+                )
             else:
-                s, t = levels[at - 2, 0], levels[at - 1, 0]
-                tree = sample_boxes[levels[at - 2, 1] : levels[at - 1, 1]]
-                size, radius = 0, 0.5 * radius
-                while size == 0:  # once, unless the samples leave a hole
+                s, t = levels[at - 1, 0], levels[at, 0]
+                tree = sample_boxes[levels[at - 1, 1] : levels[at, 1]]
+                while total == before:  # once, unless the samples leave a hole
+                    size, leaf = _leaves_within(x, y, z, radius, tree, stack, leaf)
+                    total, element, weight = _weigh_samples(
+                        x,
+                        y,
+                        z,
+                        d,
+                        radius,
+                        leaf,
+                        size,
+                        s,
+                        t,
+                        begin,
+                        parts,
+                        len(corners),
+                        total,
+                        element,
+                        weight,
+                    )
                     radius *= 2.0
-                    size, found, gap = _within(x, y, z, radius, samples[s:t], tree, stack, found, gap)
-            if size > MOST:
-                radius = np.sqrt(np.sort(gap[:size])[MOST]) + least_d
-            while total + size > len(element):
-                element, weight = _doubled(element), _doubled(weight)
-            before, largest = total, 0.0
-            for j in range(size):
-                u = gap[j] / (radius * radius)
-                if u >= 1.0:
-                    continue
-                w = (1.0 - u) * (1.0 - u)
-                if at < 2:
-                    w = SLIVER * w + _disc_integral(x, y, z, radius, corners, found[j])
-                    own = cell[found[j]] if at == 1 else found[j]
-                else:
-                    w *= areas[s + found[j]] / (radius * radius)
-                    own = owner[s + found[j]]
-                w *= d * d / max(gap[j], d * d)
-                if slot[own] < 0:
-                    slot[own], element[total], weight[total] = total, own, 0.0
-                    total += 1
-                weight[slot[own]] += w
-                largest = max(largest, weight[slot[own]])
+            largest = 0.0
+            for j in range(before, total):
+                largest = max(largest, weight[j])
             after, amount = before, 0.0
             for j in range(before, total):
-                slot[element[j]] = -1
                 w = weight[j] - LEAST * largest
                 if w > 0.0:
                     element[after], weight[after] = element[j], w
@@ -211,11 +204,59 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
             total = after
             for j in range(before, total):
                 weight[j] *= part / amount
-        count[i - first] = total - begin
-    return count, element[:total].copy(), weight[:total].copy()
+        count[i - first] = total - began
+    return count, element[:total].copy(), weight[:total].astype(np.float32)
 
 
 # Helpers are inlined, because each call would count references to the arrays.
+
+
+@subroutine(fastmath={"contract"}, error_model="numpy")
+def _weigh_triangles(x, y, z, d, radius, least_d, leaf, leaves, corners, total, element, weight):
+    """Append the triangles in leaves, within a radius, with their weights."""
+    while total + LEAF * leaves > len(element):
+        element, weight = _doubled(element), _doubled(weight)
+    end, squared = total, radius * radius
+    for number in range(leaves):
+        one = leaf[number]
+        for j in range(one, min(one + LEAF, len(corners))):
+            gap = _triangle_distance(x, y, z, corners, j)
+            if gap <= squared:
+                element[end], weight[end] = j, gap
+                end += 1
+    if end - total > MOST:
+        radius = np.sqrt(np.sort(weight[total:end])[MOST]) + least_d
+    begin, inverse = total, 1.0 / (radius * radius)
+    for j in range(begin, end):
+        gap = weight[j]
+        u = 1.0 - gap * inverse
+        if u > 0.0:
+            w = SLIVER * u * u + _disc_integral(x, y, z, radius, corners, element[j])
+            element[total], weight[total] = element[j], w * d * d / max(gap, d * d)
+            total += 1
+    return total, element, weight
+
+
+@subroutine(fastmath={"contract", "reassoc", "nnan", "nsz"}, error_model="numpy")
+def _weigh_samples(x, y, z, d, radius, leaf, leaves, s, t, begin, parts, triangles, total, element, weight):
+    """Append the samples s to t of a level in leaves, within a radius, with their weights."""
+    while total + LEAF * leaves > len(element):
+        element, weight = _doubled(element), _doubled(weight)
+    inverse, closest = 1.0 / (radius * radius), d * d
+    for number in range(leaves):
+        one = s + leaf[number]
+        for sample in range(one, min(one + LEAF, t)):
+            w = 0.0
+            for j in range(np.uint64(begin[sample]), np.uint64(begin[sample + 1])):
+                dx, dy, dz = parts[0, j] - x, parts[1, j] - y, parts[2, j] - z
+                r = dx * dx + dy * dy + dz * dz
+                u = 1.0 - r * inverse
+                u = u if u > 0.0 else 0.0
+                w += u * u * parts[3, j] / (r if r > closest else closest)
+            if w > 0.0:
+                element[total], weight[total] = triangles + sample, w
+                total += 1
+    return total, element, weight
 
 
 @subroutine
@@ -267,38 +308,24 @@ def _nearest(x, y, z, corners, boxes, guess, stack, far):
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
-def _within(x, y, z, radius, items, boxes, stack, found, gap):
-    """Collect the triangles (k, 9) or points (k, 3) within a radius, with squared distances.
-
-    Return their number and the arrays.
-    """
+def _leaves_within(x, y, z, radius, boxes, stack, found):
+    """Find the leaves of a tree within a radius; return their number, and the first item of each."""
     count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
     stack[0] = 1
     while size > 0:
         size -= 1
         node = stack[size]
-        if node < leaves:
-            for child in (2 * node, 2 * node + 1):
-                if _box_distance(x, y, z, boxes, child) <= squared:
-                    stack[size] = child
-                    size += 1
+        if node >= leaves:
+            if count == len(found):
+                found = _doubled(found)
+            found[count] = (node - leaves) * LEAF
+            count += 1
             continue
-        begin = (node - leaves) * LEAF
-        if count + LEAF > len(found):
-            found, gap = _doubled(found), _doubled(gap)
-        for j in range(begin, min(begin + LEAF, len(items))):
-            points = items.shape[1] == 3
-            d = _point_distance(x, y, z, items, j) if points else _triangle_distance(x, y, z, items, j)
-            if d <= squared:
-                found[count], gap[count] = j, d
-                count += 1
-    return count, found, gap
-
-
-@subroutine(inline="always")
-def _point_distance(x, y, z, samples, j):
-    dx, dy, dz = samples[j, 0] - x, samples[j, 1] - y, samples[j, 2] - z
-    return dx * dx + dy * dy + dz * dz
+        for child in (2 * node, 2 * node + 1):
+            if _box_distance(x, y, z, boxes, child) <= squared:
+                stack[size] = child
+                size += 1
+    return count, found
 
 
 @subroutine(inline="always")

@@ -91,7 +91,7 @@ def test_walls_that_slide_on_each_other_stretch_space_by_the_bound_at_most(cells
             moved = bind_points(mesh, X.reshape(-1, 3))(posed).reshape(X.shape) - X
             assert abs(moved[:, :, 1:]).max() < 1e-9
             slope = abs(np.diff(moved[:, :, 0], axis=1)).max() / (path[1] - path[0])
-            assert slope <= 5.5 * 0.5 / gap
+            assert slope <= 5 * 0.5 / gap
         assert moved.max() <= 0.5 + 1e-9 and moved.min() >= -1e-9
 
 
