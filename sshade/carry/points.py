@@ -13,7 +13,8 @@ Properties:
 
 - A point on a triangle keeps its place on it.
 - x' is continuous in x, also halfway between two limbs. Where the limbs are a gap g apart and their motions
-  differ by d, the blend between them stretches space by 3 to 5 d / g at most.
+  differ by d, the blend between them stretches space by 4 d / g at most, or by up to 6 d / g where g is as
+  large as the radii of curvature.
 - A is continuous off the surface. Across an edge on the surface it jumps as the affine maps of triangles do.
 
 Weights are those of a partition of unity as in H. Whitney, "Analytic extensions of differentiable functions
@@ -29,7 +30,7 @@ import numpy as np
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.surface_samples import SurfaceSamples, sample_surface
-from sshade.carry.trees import Tree, curve_order, squared_distances, weigh
+from sshade.carry.trees import LEAF, Tree, curve_order, squared_distances, triangles_of_leaves, weigh
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh, bounds
@@ -118,8 +119,8 @@ class PointBinder:
         order = curve_order(corners.mean(axis=1))
         faces, corners = faces[order], corners[order]
         self._F, self._areas = np.ascontiguousarray(mesh.F[faces]), mesh.face_areas[faces]
-        self._tree = Tree.of(corners.min(axis=1), corners.max(axis=1)).boxes
-        self._corners = corners.reshape(-1, 9)
+        self._tree = Tree.of(corners.min(axis=1), corners.max(axis=1), leaf=LEAF).boxes
+        self._triangles, self._corners = triangles_of_leaves(corners), corners.reshape(-1, 9)
         self._inverse = np.empty((len(faces), 9))
         in_ranges(lambda first, end: _invert(first, end, self._corners, self._inverse), len(faces))
         self._samples: SurfaceSamples = sample_surface(corners, self._areas, mesh.face_normals[faces])
@@ -142,10 +143,10 @@ class PointBinder:
         X = np.ascontiguousarray(X[order])
         squared, found = np.empty(len(X)), self._samples
         in_ranges(
-            lambda first, end: squared_distances(first, end, X, self._corners, self._tree, squared), len(X)
+            lambda first, end: squared_distances(first, end, X, self._triangles, self._tree, squared), len(X)
         )
         self._require_near(X, np.sqrt(squared), "surface", order)
-        triangles = self._corners, self._tree
+        triangles = self._corners, self._triangles, self._tree
         samples = found.spacing, found.levels, found.boxes, found.begin, found.parts
         parts = in_ranges(lambda first, end: weigh(first, end, X, squared, *triangles, *samples), len(X))
         count, element, weight = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -2,8 +2,9 @@
 
 The first level thins points that are spread over the triangles; each further level thins the samples of the
 level before, at twice the spacing. A sample suppresses samples within the spacing whose normals point to its
-side, so that both walls of a thin sheet keep samples. Suppressed samples belong to the nearest remaining one,
-which takes the mean of their maps, weighted by area.
+side, so that both walls of a thin sheet keep samples. Distances along the normals count more, so that layers
+keep samples of their own while the spacing is smaller than 3/2 of the gap. Suppressed samples belong to the
+nearest remaining one, which takes the mean of their maps, weighted by area.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ SPACING = 1.5
 SMALLER = 0.1
 #: Least number of points per spacing squared, number of points for each triangle, and least number of points.
 DENSE, POINTS, LEAST_POINTS = 6.75, 4, 20_000
-#: Distance of points on a triangle, and longest side of a triangle with three points, in spacings.
-APART, SMALL = 0.4, 1.5
+#: Distance of points on a triangle, and longest side of a triangle with one point, in spacings.
+APART, SMALL = 0.7, 1.5
+#: Squared distances along normals count 1 + FLAT times, so that layers with a gap of 2/3 spacings stay apart.
+FLAT = 1.25
 #: Number of samples below which no further level follows.
 LEAST = 12
 #: The number of parts of a sample is a multiple of this number, for loops over vectors of the processor.
@@ -93,13 +96,11 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
         centre = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
         sets.append(_Set(last.points[kept], centre / area[:, None], area, last.normals[kept]))
         h *= 2
-    sets[0], fine = _refined(sets[0], corners, row, (count == 1)[row])
-    parents[0] = parents[0][fine]
     trees, begin, parts = [], [np.zeros(1, dtype=np.int64)], []
     for k in range(1, len(sets)):
         finer = sets[k - 1]
         low, high, end, of_level = _parts(finer.centres, finer.areas, parents[k - 1], len(sets[k].points))
-        trees.append(Tree.of(low, high).boxes)
+        trees.append(Tree.of(low, high, leaf=1).boxes)
         begin.append(begin[-1][-1] + end)
         parts.append(of_level)
     sizes = [len(one.points) for one in sets[1:]]
@@ -223,13 +224,13 @@ def _nearest_kept(i, points, normals, low, spacing, head, after, kept):
                         points[k, 1] - points[i, 1],
                         points[k, 2] - points[i, 2],
                     )
+                    u, v = normals[i], normals[k]
+                    side = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+                    across = x * (u[0] + v[0]) + y * (u[1] + v[1]) + z * (u[2] + v[2])
                     d = x * x + y * y + z * z
-                    side = normals[k, 0] * normals[i, 0] + normals[k, 1] * normals[i, 1]
-                    side += normals[k, 2] * normals[i, 2]
-                    if k == i:
-                        d = 0.0
-                        side = 1.0
-                    if d < best and side > 0.0:
+                    if side > 0.0:
+                        d += FLAT * across * across / (2.0 + 2.0 * side)
+                    if (side > 0.0 or k == i) and d < best:
                         best, found = d, j
                     j = after[j]
     return found
