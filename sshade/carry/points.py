@@ -13,7 +13,7 @@ Properties:
 
 - A point on a triangle keeps its place on it.
 - x' is continuous in x, also halfway between two limbs. Where the limbs are a gap g apart and their motions
-  differ by d, the blend between them stretches space by 4 d / g at most, or by up to 6 d / g where g is as
+  differ by d, the blend between them stretches space by 4 d / g at most, or by up to 6.3 d / g where g is as
   large as the radii of curvature.
 - A is continuous off the surface. Across an edge on the surface it jumps as the affine maps of triangles do.
 

@@ -93,8 +93,12 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
         weight = (last.areas / area[parent])[sequence]
         means.append(Means(start, row[sequence] if len(sets) == 1 else sequence, weight))
         parents.append(parent)
-        centre = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
-        sets.append(_Set(last.points[kept], centre / area[:, None], area, last.normals[kept]))
+        points, n = last.points[kept], last.normals[kept]
+        total = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
+        centre = total / area[:, None]
+        # A mean of places lies inside of a curved surface; it moves to the height of the sample's point.
+        centre = centre + ((points - centre) * n).sum(axis=1, keepdims=True) * n
+        sets.append(_Set(points, centre, area, n))
         h *= 2
     trees, begin, parts = [], [np.zeros(1, dtype=np.int64)], []
     for k in range(1, len(sets)):

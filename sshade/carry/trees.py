@@ -40,7 +40,7 @@ FIRST = 0.5
 #: Slope of the blend of two levels, per octave.
 BLEND = 1.25
 #: Weight that is subtracted from all weights of a level, as a fraction of the largest.
-LEAST = 0.02
+LEAST = 0.015
 #: Largest number of triangles that a point blends.
 MOST = 1000
 #: Most bits of a coordinate in the order of points along a space-filling curve.
