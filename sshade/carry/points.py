@@ -140,7 +140,7 @@ class PointBinder:
                 self, X, none, np.zeros(1, np.int64), none.astype(np.uint32), np.empty(0, np.float32)
             )
         order = curve_order(X)
-        X = np.ascontiguousarray(X[order])
+        X = X.take(order, axis=0)
         squared, found = np.empty(len(X)), self._samples
         in_ranges(
             lambda first, end: squared_distances(first, end, X, self._triangles, self._tree, squared), len(X)

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.kernels import kernel, subroutine
+from sshade.mesh.mesh import bounds
 
 #: Triangles in a leaf of their tree. A leaf of samples has one sample.
 LEAF = 4
@@ -70,7 +71,8 @@ class Tree(NamedTuple):
 
 def curve_order(points: np.ndarray) -> np.ndarray:
     """Return the order (k,) int64 of points (k, 3) along a space-filling curve."""
-    low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    low, high = bounds(points)
+    extent = float((high - low).max())
     shift = (len(points) - 1).bit_length()
     bits = min(BITS, (63 - shift) // 3)
     scale = (1 << bits) / (extent * (1 + 1e-9)) if extent else 0.0
