@@ -4,21 +4,31 @@ Smooth maps of space (:mod:`eval.timing.warps`) move the vertices of a mesh. Ran
 within two percent of the diagonal go with it. The map and its derivative are the ground truth. Two baselines
 get the same vertices: the rigid motion of the nearest of 200 handles, and a linear blend of the displacements
 of the four nearest vertices of a proxy, which keeps covariances.
+
+With ``--posed``, true poses of a mesh replace the maps of space. The ground truth then keeps the place of a
+splat on the surface and its distance along the interpolated normal.
+
+example:
+  sshade-eval carried --points 0 --mesh data/defaust_20k/subject_00/rest_low.ply \\
+    --posed data/defaust_20k/subject_00/pose_1_low.ply
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import NamedTuple
 
+import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
 from eval.publish.markdown import markdown_lines
 from eval.timing.warps import MAPS, QUICK_LEVEL, ellipsoid
 from sshade.carry.points import PointBinder, PosedPoints, bind_points
+from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
 from sshade.io.splats import moved_shapes, turned_harmonics
 from sshade.mesh.mesh import Mesh
@@ -27,18 +37,34 @@ from sshade.sampling.proxy import proxy_mesh, sample_proxy
 
 #: Standard deviation of the distance of splats from the surface, as a fraction of the diagonal. Their number.
 OFF, SPLATS = 0.01, 20_000
+#: The same distance on bodies, whose fingers are thin: about 4 mm of 2 m.
+OFF_BODY = 0.002
 #: Number of handles of the first baseline with the neighbours of each, and of vertices of the proxy.
 HANDLES, NEIGHBOURS, PROXY = 200, 30, 2000
 #: Step of the derivative of a map.
 STEP = 1e-6
 
 
-def cloud(mesh: Mesh, count: int, off: float, seed: int) -> np.ndarray:
-    """Return random points (count, 3) near a surface."""
+class Place(NamedTuple):
+    """Faces (k,), barycentric coordinates (k, 3), and heights (k,) above the surface."""
+
+    face: np.ndarray
+    barycentric: np.ndarray
+    height: np.ndarray
+
+
+def places(mesh: Mesh, count: int, off: float, seed: int) -> Place:
+    """Return random places near a surface."""
     rng = np.random.default_rng(seed)
     face = rng.choice(mesh.m, count, p=mesh.face_areas / mesh.area)
-    on = np.einsum("ij,ijk->ik", rng.dirichlet([1, 1, 1], count), mesh.V[mesh.F[face]])
-    return on + mesh.face_normals[face] * rng.normal(0, off * mesh.diagonal, (count, 1))
+    return Place(face, rng.dirichlet([1, 1, 1], count), rng.normal(0, off * mesh.diagonal, count))
+
+
+def cloud(mesh: Mesh, count: int, off: float, seed: int) -> np.ndarray:
+    """Return random points (count, 3) near a surface."""
+    face, barycentric, height = places(mesh, count, off, seed)
+    on = np.einsum("ij,ijk->ik", barycentric, mesh.V[mesh.F[face]])
+    return on + mesh.face_normals[face] * height[:, None]
 
 
 def truth(function: Callable[[np.ndarray], np.ndarray], X: np.ndarray) -> PosedPoints:
@@ -46,6 +72,28 @@ def truth(function: Callable[[np.ndarray], np.ndarray], X: np.ndarray) -> PosedP
     sides = [(function(X + e) - function(X - e)) / (2 * STEP) for e in STEP * np.eye(3)]
     J = np.stack(sides, axis=2)
     return PosedPoints(function(X), _rotations(J), J)
+
+
+def truth_along_normals(mesh: Mesh, posed: np.ndarray, place: Place) -> PosedPoints:
+    """Return points at their places in a pose, with the derivative of the map from their places at rest."""
+    rest, other = (_along_normals(V, mesh.F, place) for V in (mesh.V, posed))
+    J = other[1] @ np.linalg.inv(rest[1])
+    return PosedPoints(other[0], _rotations(J), J)
+
+
+def _along_normals(V: np.ndarray, F: np.ndarray, place: Place) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (k, 3), and their derivatives (k, 3, 3) by two barycentric coordinates and the height."""
+    corners, normals = V[F[place.face]], igl.per_vertex_normals(V, np.array(F))[F[place.face]]
+    N = np.einsum("ni,nij->nj", place.barycentric, normals)
+    length = np.linalg.norm(N, axis=1)[:, None]
+    n = N / length
+    columns = []
+    for k in (1, 2):
+        turn = (normals[:, k] - normals[:, 0]) / length
+        turn -= (turn * n).sum(axis=1, keepdims=True) * n
+        columns.append(corners[:, k] - corners[:, 0] + place.height[:, None] * turn)
+    X = np.einsum("ni,nij->nj", place.barycentric, corners) + place.height[:, None] * n
+    return X, np.stack([*columns, n], axis=2)
 
 
 def _rotations(J: np.ndarray) -> np.ndarray:
@@ -93,22 +141,36 @@ def _covariances(shapes: np.ndarray) -> np.ndarray:
 
 
 def compare(mesh: Mesh, maps: list[str]) -> str:
-    """Return the table of errors in Markdown."""
+    """Return the table of errors on maps of space, in Markdown."""
     X = cloud(mesh, SPLATS, OFF, seed=0)
-    shapes = np.random.default_rng(2).normal(size=(SPLATS, 7))
+    return _compared("map", mesh, X, ((name, MAPS[name](mesh.V), truth(MAPS[name], X)) for name in maps))
+
+
+def compare_poses(mesh: Mesh, poses: dict[str, np.ndarray]) -> str:
+    """Return the table of errors on true poses, vertices (n, 3), in Markdown."""
+    place = places(mesh, SPLATS, OFF_BODY, seed=0)
+    X, _ = _along_normals(mesh.V, mesh.F, place)
+    of_pose = ((name, V, truth_along_normals(mesh, V, place)) for name, V in poses.items())
+    return _compared("pose", mesh, X, of_pose)
+
+
+def _compared(
+    kind: str, mesh: Mesh, X: np.ndarray, cases: Iterable[tuple[str, np.ndarray, PosedPoints]]
+) -> str:
+    """Return the table of errors of splats X, for the name, posed vertices and true points of each case."""
+    shapes, bound = np.random.default_rng(2).normal(size=(len(X), 7)), bind_points(mesh, X)
     body = []
-    for name in maps:
-        posed, true = MAPS[name](mesh.V), truth(MAPS[name], X)
+    for name, posed, true in cases:
         found = {
-            "sshade": bind_points(mesh, X).with_maps(posed),
+            "sshade": bound.with_maps(posed),
             "nearest handle": nearest_handle(mesh, posed, X),
             "linear blend": linear_blend(mesh, posed, X),
         }
         body += [
             [name, label, *errors(points, true, shapes, mesh.diagonal)] for label, points in found.items()
         ]
-    labels = ["map", "method", "position (%)", "rotation (deg)", "covariance (%)"]
-    return "\n".join(markdown_lines(labels, body, left=("map", "method")))
+    labels = [kind, "method", "position (%)", "rotation (deg)", "covariance (%)"]
+    return "\n".join(markdown_lines(labels, body, left=(kind, "method")))
 
 
 def times(mesh: Mesh, points: int) -> str:
@@ -141,6 +203,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
     parser.add_argument("--maps", nargs="+", choices=MAPS, default=["bend", "twist", "shear"], metavar="MAP")
+    parser.add_argument(
+        "--posed", type=Path, nargs="+", metavar="FILE", help="true poses of the mesh, instead of maps"
+    )
     parser.add_argument("--points", type=int, default=1_000_000, metavar="N", help="of the times; 0 for none")
 
 
@@ -148,8 +213,16 @@ def command(options: argparse.Namespace) -> int:
     """Print the tables; return the exit code."""
     mesh = read_mesh(options.mesh) if options.mesh else ellipsoid(QUICK_LEVEL)
     low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
-    mesh = Mesh((mesh.V - 0.5 * (low + high)) / np.linalg.norm(high - low), mesh.F)
-    print(compare(mesh, options.maps))  # noqa: T201
+    middle, diagonal = 0.5 * (low + high), np.linalg.norm(high - low)
+    rest = Mesh((mesh.V - middle) / diagonal, mesh.F)
+    if options.posed:
+        poses = {path.stem: read_mesh(path) for path in options.posed}
+        for path, pose in zip(options.posed, poses.values(), strict=True):
+            if not np.array_equal(pose.F, mesh.F):
+                raise InputError(f"{path} has other faces than the mesh at rest; give poses of the same mesh")
+        print(compare_poses(rest, {name: (pose.V - middle) / diagonal for name, pose in poses.items()}))  # noqa: T201
+    else:
+        print(compare(rest, options.maps))  # noqa: T201
     if options.points:
-        print(f"\n{times(mesh, options.points)}")  # noqa: T201
+        print(f"\n{times(rest, options.points)}")  # noqa: T201
     return 0

@@ -13,7 +13,8 @@ Properties:
 
 - A point on a triangle keeps its place on it.
 - x' is continuous in x, also halfway between two limbs. Where the limbs are a gap g apart and their motions
-  differ by d, the blend between them stretches space by 3 to 5.5 d / g at most.
+  differ by d, the blend between them stretches space by 4 d / g at most, or by up to 6.3 d / g where g is as
+  large as the radii of curvature.
 - A is continuous off the surface. Across an edge on the surface it jumps as the affine maps of triangles do.
 
 Weights are those of a partition of unity as in H. Whitney, "Analytic extensions of differentiable functions
@@ -29,7 +30,7 @@ import numpy as np
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.surface_samples import SurfaceSamples, sample_surface
-from sshade.carry.trees import Tree, curve_order, squared_distances, weigh
+from sshade.carry.trees import LEAF, Tree, curve_order, squared_distances, triangles_of_leaves, weigh
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh, bounds
@@ -118,8 +119,8 @@ class PointBinder:
         order = curve_order(corners.mean(axis=1))
         faces, corners = faces[order], corners[order]
         self._F, self._areas = np.ascontiguousarray(mesh.F[faces]), mesh.face_areas[faces]
-        self._tree = Tree.of(corners.min(axis=1), corners.max(axis=1)).boxes
-        self._corners = corners.reshape(-1, 9)
+        self._tree = Tree.of(corners.min(axis=1), corners.max(axis=1), leaf=LEAF).boxes
+        self._triangles, self._corners = triangles_of_leaves(corners), corners.reshape(-1, 9)
         self._inverse = np.empty((len(faces), 9))
         in_ranges(lambda first, end: _invert(first, end, self._corners, self._inverse), len(faces))
         self._samples: SurfaceSamples = sample_surface(corners, self._areas, mesh.face_normals[faces])
@@ -135,16 +136,18 @@ class PointBinder:
         self._require_near(X, self._box_distances(X), "box")
         if not len(X):
             none = np.empty(0, dtype=np.int64)
-            return BoundPoints(self, X, none, np.zeros(1, np.int64), none.astype(np.int32), np.empty(0))
+            return BoundPoints(
+                self, X, none, np.zeros(1, np.int64), none.astype(np.uint32), np.empty(0, np.float32)
+            )
         order = curve_order(X)
-        X = np.ascontiguousarray(X[order])
+        X = X.take(order, axis=0)
         squared, found = np.empty(len(X)), self._samples
         in_ranges(
-            lambda first, end: squared_distances(first, end, X, self._corners, self._tree, squared), len(X)
+            lambda first, end: squared_distances(first, end, X, self._triangles, self._tree, squared), len(X)
         )
         self._require_near(X, np.sqrt(squared), "surface", order)
-        triangles = self._corners, self._tree, found.cell
-        samples = found.spacing, found.levels, found.places, found.areas, found.boxes, found.owner
+        triangles = self._corners, self._triangles, self._tree
+        samples = found.spacing, found.levels, found.boxes, found.begin, found.parts
         parts = in_ranges(lambda first, end: weigh(first, end, X, squared, *triangles, *samples), len(X))
         count, element, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
         start = np.concatenate([[0], np.cumsum(count)])
@@ -202,8 +205,8 @@ class BoundPoints:
         Number of each of them as it was bound.
     start : (m + 1,) int64
         The elements of point i are the entries from ``start[i]`` to ``start[i + 1]``.
-    element : (k,) int32
-    weight : (k,) float64
+    element : (k,) uint32
+    weight : (k,) float32
         In proportion to w; divided by their sum at each call.
     """
 
@@ -337,8 +340,8 @@ def _blend(first, end, X, order, start, element, weight, M, near, positions, map
     for i in range(first, end):
         a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = a10 = a11 = 0.0
         amount = 0.0
-        for j in range(start[i], start[i + 1]):
-            w, k = weight[j], element[j]
+        for j in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            w, k = np.float64(weight[j]), np.uint64(element[j])
             amount += w
             a0, a1, a2 = a0 + w * M[k, 0], a1 + w * M[k, 1], a2 + w * M[k, 2]
             a3, a4, a5 = a3 + w * M[k, 3], a4 + w * M[k, 4], a5 + w * M[k, 5]

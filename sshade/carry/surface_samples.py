@@ -2,8 +2,9 @@
 
 The first level thins points that are spread over the triangles; each further level thins the samples of the
 level before, at twice the spacing. A sample suppresses samples within the spacing whose normals point to its
-side, so that both walls of a thin sheet keep samples. Suppressed samples belong to the nearest remaining one,
-which takes the mean of their maps, weighted by area.
+side, so that both walls of a thin sheet keep samples. Distances along the normals count more, so that layers
+keep samples of their own while the spacing is smaller than 3/2 of the gap. Suppressed samples belong to the
+nearest remaining one, which takes the mean of their maps, weighted by area.
 """
 
 from __future__ import annotations
@@ -20,9 +21,15 @@ SPACING = 1.5
 #: Portion of the surface with smaller triangles.
 SMALLER = 0.1
 #: Least number of points per spacing squared, number of points for each triangle, and least number of points.
-DENSE, POINTS, LEAST_POINTS = 2.0, 4, 20_000
+DENSE, POINTS, LEAST_POINTS = 6.75, 4, 20_000
+#: Distance of points on a triangle, and longest side of a triangle with one point, in spacings.
+APART, SMALL = 0.7, 1.5
+#: Squared distances along normals count 1 + FLAT times, so that layers with a gap of 2/3 spacings stay apart.
+FLAT = 1.25
 #: Number of samples below which no further level follows.
 LEAST = 12
+#: The number of parts of a sample is a multiple of this number, for loops over vectors of the processor.
+GROUP = 4
 
 
 class Means(NamedTuple):
@@ -40,29 +47,24 @@ class SurfaceSamples(NamedTuple):
     ----------
     spacing : float
         Of the first level; it doubles from level to level.
-    places, areas : (s, 3) and (s,) float64
-        The points, then the centroids around the samples of each level, in the order of their trees, and
-        their areas.
     levels : (l + 1, 2) int64
-        Where places and boxes of each set begin; at last, where they end.
+        Where samples and boxes of each level begin; at last, where they end.
     boxes : (b, 6) float64
-        Trees of all sets; see :class:`sshade.carry.trees.Tree`.
-    cell : (t,) int64
-        For each triangle the sample of the first level that has all its points, counted from t on. A
-        triangle with several points stands for itself.
-    owner : (s,) int64
-        For each point or sample the sample two levels on that it belongs to, counted from t on.
+        Trees of all levels; see :class:`sshade.carry.trees.Tree`.
+    begin : (s + 1,) int64
+        Where the parts of each sample begin. Parts of the first level are points on triangles, and parts of
+        each further level are samples of the level before.
+    parts : (4, p) float64
+        Coordinates and areas of the parts. The area is zero where a group is filled up.
     means : tuple of Means
         For each level, the rows of the level before. Rows of the first level are triangles.
     """
 
     spacing: float
-    places: np.ndarray
-    areas: np.ndarray
     levels: np.ndarray
     boxes: np.ndarray
-    cell: np.ndarray
-    owner: np.ndarray
+    begin: np.ndarray
+    parts: np.ndarray
     means: tuple[Means, ...]
 
 
@@ -91,32 +93,50 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
         weight = (last.areas / area[parent])[sequence]
         means.append(Means(start, row[sequence] if len(sets) == 1 else sequence, weight))
         parents.append(parent)
-        centre = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
-        sets.append(_Set(last.points[kept], centre / area[:, None], area, last.normals[kept]))
+        points, n = last.points[kept], last.normals[kept]
+        total = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
+        centre = total / area[:, None]
+        # A mean of places lies inside of a curved surface; it moves to the height of the sample's point.
+        centre = centre + ((points - centre) * n).sum(axis=1, keepdims=True) * n
+        sets.append(_Set(points, centre, area, n))
         h *= 2
-    single = (count == 1)[row]
-    cell = np.arange(len(areas))
-    sets[0], fine = _refined(sets[0], corners, row, single)
-    first_parent, parents[0] = parents[0], parents[0][fine]
-    sizes = [len(one.points) for one in sets]
-    first = np.cumsum(
-        [len(areas) - sizes[0], *sizes]
-    )  # numbers of the elements of each set; points have none
-    trees = [Tree.of(one.centres, one.centres).boxes for one in sets]
-    top = np.arange(sizes[-1])
-    parents += [top, top]
-    owner = [parents[k + 1][parents[k]] + first[min(k + 2, len(sets) - 1)] for k in range(len(sets))]
-    cell[row[single]] = first[1] + first_parent[single]
+    trees, begin, parts = [], [np.zeros(1, dtype=np.int64)], []
+    for k in range(1, len(sets)):
+        finer = sets[k - 1]
+        low, high, end, of_level = _parts(finer.centres, finer.areas, parents[k - 1], len(sets[k].points))
+        trees.append(Tree.of(low, high, leaf=1).boxes)
+        begin.append(begin[-1][-1] + end)
+        parts.append(of_level)
+    sizes = [len(one.points) for one in sets[1:]]
     return SurfaceSamples(
         float(spacing),
-        np.concatenate([one.centres for one in sets]),
-        np.concatenate([one.areas for one in sets]),
         np.stack([np.cumsum([0, *sizes]), np.cumsum([0, *map(len, trees)])], axis=1),
         np.concatenate(trees),
-        cell,
-        np.concatenate(owner),
+        np.concatenate(begin),
+        np.concatenate(parts, axis=1),
         tuple(means),
     )
+
+
+def _parts(
+    places: np.ndarray, areas: np.ndarray, own: np.ndarray, samples: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sort places by the sample that each belongs to, in groups filled up to :data:`GROUP` by zero areas.
+
+    Returns the boxes of the groups (two arrays), where each ends, and coordinates and areas (4, p).
+    """
+    order = np.argsort(own, kind="stable")
+    count = np.bincount(own, minlength=samples)
+    start = np.cumsum(count) - count
+    places, areas, own = places[order], areas[order], own[order]
+    low, high = np.minimum.reduceat(places, start), np.maximum.reduceat(places, start)
+    full = -(-count // GROUP) * GROUP
+    end = np.cumsum(full)
+    parts = np.zeros((4, end[-1]))
+    parts[:3] = np.repeat(low, full, axis=0).T
+    place = np.arange(len(own)) + (end - full - start)[own]
+    parts[:3, place], parts[3, place] = places.T, areas
+    return low, high, end, parts
 
 
 class _Set(NamedTuple):
@@ -148,9 +168,10 @@ def _points(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray
     a, u, v = turned[:, 0], turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0]
     longest = sides.max(axis=1)
     height = np.linalg.norm(np.cross(u, v), axis=1) / longest
-    along = np.ceil(longest / spacing).astype(np.int64)
-    across = np.ceil(height / spacing).astype(np.int64)
-    along[longest <= 2 * spacing] = across[longest <= 2 * spacing] = 1
+    small = longest <= SMALL * spacing
+    along, across = (
+        np.where(small, 1, np.ceil(x / (APART * spacing))).astype(np.int64) for x in (longest, height)
+    )
     count = along * across
     row = np.repeat(np.arange(len(corners)), count)
     number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
@@ -207,13 +228,13 @@ def _nearest_kept(i, points, normals, low, spacing, head, after, kept):
                         points[k, 1] - points[i, 1],
                         points[k, 2] - points[i, 2],
                     )
+                    u, v = normals[i], normals[k]
+                    side = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+                    across = x * (u[0] + v[0]) + y * (u[1] + v[1]) + z * (u[2] + v[2])
                     d = x * x + y * y + z * z
-                    side = normals[k, 0] * normals[i, 0] + normals[k, 1] * normals[i, 1]
-                    side += normals[k, 2] * normals[i, 2]
-                    if k == i:
-                        d = 0.0
-                        side = 1.0
-                    if d < best and side > 0.0:
+                    if side > 0.0:
+                        d += FLAT * across * across / (2.0 + 2.0 * side)
+                    if (side > 0.0 or k == i) and d < best:
                         best, found = d, j
                     j = after[j]
     return found

@@ -7,16 +7,16 @@ The weight of an element at the distance r from the point is
 
     (d / r)^2  times the integral of  (1 - |y - x|^2 / R^2)^2  over the element.
 
-The integral over a triangle is exact. A sample has its area times the value of the
-integrand; samples two levels finer than the elements stand for the elements. Weights of a level lose a small
-portion of the largest one, and are divided by their sum. Two levels are blended over four fifths of an octave
-of d. d, R and r are continuous functions of the point. Weights vanish at R, so all weights are continuous.
-On the surface only the triangles at the point remain. Because R is a multiple of d, the blend between two
-walls extends over a fixed portion of the gap between them. Because weights are integrals, it hardly depends
-on the triangles.
+The integral over a triangle is exact. The integral over a sample is a sum over its parts, which are samples
+of the level before, or points on triangles. Each part has its area times the value of the integrand, and its
+own r. Weights of a level lose a small portion of the largest one, and are divided by their sum. Two levels
+are blended over four fifths of an octave of d. d, R and r are continuous functions of the point. Weights
+vanish at R, so all weights are continuous. On the surface only the triangles at the point remain. Because R
+is a multiple of d, the blend between two walls extends over a fixed portion of the gap between them. Because
+weights are integrals, it hardly depends on the triangles.
 
-If more than :data:`MOST` elements are within R, the distance of the next element replaces R. This distance is
-continuous, too.
+If more than :data:`MOST` triangles are within R, the distance of the next triangle replaces R. This distance
+is continuous, too.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.kernels import kernel, subroutine
+from sshade.mesh.mesh import bounds
 
-#: Items in a leaf of a tree.
+#: Triangles in a leaf of their tree. A leaf of samples has one sample.
 LEAF = 4
 #: Radius of the ball, in distances to the surface.
-REACH = 3.0
+REACH = 3.5
 #: Least distance to the surface in this radius, in spacings of the first level.
 ON_SURFACE = 1e-7
 #: Part of the weight of a triangle that does not depend on its area, so that a sliver alone has a weight.
@@ -40,10 +41,10 @@ FIRST = 0.5
 #: Slope of the blend of two levels, per octave.
 BLEND = 1.25
 #: Weight that is subtracted from all weights of a level, as a fraction of the largest.
-LEAST = 0.02
-#: Largest number of elements of one level that a point blends.
+LEAST = 0.015
+#: Largest number of triangles that a point blends.
 MOST = 1000
-#: Bits of a coordinate in the order of points along a space-filling curve.
+#: Most bits of a coordinate in the order of points along a space-filling curve.
 BITS = 16
 
 
@@ -54,25 +55,30 @@ class Tree(NamedTuple):
     ----------
     boxes : (2 p, 6) float64
         Lowest and highest corners of node i, whose children are 2 i and 2 i + 1. Node 1 is the root, and the
-        last p nodes are leaves of :data:`LEAF` items.
+        last p nodes are leaves of as many items as :meth:`of` is told.
     """
 
     boxes: np.ndarray
 
     @classmethod
-    def of(cls, low: np.ndarray, high: np.ndarray) -> Tree:
-        """Build the tree of items with lowest and highest corners (k, 3)."""
-        leaves = 1 << max(0, int(np.ceil(np.log2(max(1, -(-len(low) // LEAF))))))
+    def of(cls, low: np.ndarray, high: np.ndarray, *, leaf: int) -> Tree:
+        """Build the tree of items with lowest and highest corners (k, 3), with `leaf` items in each leaf."""
+        leaves = 1 << (-(-len(low) // leaf) - 1).bit_length()
         boxes = np.empty((2 * leaves, 6))
-        _build(low, high, leaves, boxes)
+        _build(low, high, leaf, boxes)
         return cls(boxes)
 
 
 def curve_order(points: np.ndarray) -> np.ndarray:
     """Return the order (k,) int64 of points (k, 3) along a space-filling curve."""
-    low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
-    scale = (1 << BITS) / (extent * (1 + 1e-9)) if extent else 0.0
-    return np.argsort(_codes(points, low, scale), kind="stable")
+    low, high = bounds(points)
+    extent = float((high - low).max())
+    shift = (len(points) - 1).bit_length()
+    bits = min(BITS, (63 - shift) // 3)
+    scale = (1 << bits) / (extent * (1 + 1e-9)) if extent else 0.0
+    # Numbers of points fill the low bits, because NumPy sorts numbers faster than it finds their order.
+    codes = np.sort((_codes(points, low, scale) << shift) | np.arange(len(points)))
+    return codes & ((1 << shift) - 1)
 
 
 @kernel
@@ -94,12 +100,13 @@ def _codes(points, low, scale):
 
 
 @kernel
-def _build(low, high, leaves, boxes):
+def _build(low, high, leaf, boxes):
+    leaves = len(boxes) // 2
     for node in range(2 * leaves):
         for axis in range(3):
             boxes[node, axis], boxes[node, 3 + axis] = np.inf, -np.inf
     for item in range(len(low)):
-        node = leaves + item // LEAF
+        node = leaves + item // leaf
         for axis in range(3):
             boxes[node, axis] = min(boxes[node, axis], low[item, axis])
             boxes[node, 3 + axis] = max(boxes[node, 3 + axis], high[item, axis])
@@ -109,17 +116,33 @@ def _build(low, high, leaves, boxes):
             boxes[node, 3 + axis] = max(boxes[2 * node, 3 + axis], boxes[2 * node + 1, 3 + axis])
 
 
+def triangles_of_leaves(corners: np.ndarray) -> np.ndarray:
+    """Return rows (l, 16, LEAF) of triangles with corners (t, 3, 3), for distances from a leaf.
+
+    The rows are a corner, the sides u and v from there, u u, u v, v v, and the inverses of u u v v - (u v)^2
+    and of the squared lengths of u, v and v - u. Inverses of zero are zero. Copies of the last triangle fill
+    the last leaf.
+    """
+    corners = np.concatenate([corners, np.repeat(corners[-1:], -len(corners) % LEAF, axis=0)])
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    uu, uv, vv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (u, v), (v, v)))
+    divisors = np.stack([uu * vv - uv * uv, uu, vv, ((v - u) ** 2).sum(axis=1)])
+    inverses = np.divide(1.0, divisors, out=np.zeros_like(divisors), where=divisors > 0)
+    rows = np.concatenate([a.T, u.T, v.T, [uu, uv, vv], inverses])
+    return np.ascontiguousarray(rows.reshape(16, -1, LEAF).transpose(1, 0, 2))
+
+
 @kernel(fastmath={"contract"}, error_model="numpy")
-def squared_distances(first, end, X, corners, boxes, out):
-    """Write the squared distances of points X (m, 3) from triangles, corners (t, 9) in the tree's order."""
-    stack, far = np.empty(128, dtype=np.int64), np.empty(128)
-    guess = np.int64(0)
+def squared_distances(first, end, X, triangles, boxes, out):
+    """Write the squared distances of points X (m, 3) from :func:`triangles_of_leaves`."""
+    stack, far, gap = np.empty(128, np.int64), np.empty(128), np.empty(LEAF)
+    leaf = np.int64(0)
     for i in range(first, end):
-        out[i], guess = _nearest(X[i, 0], X[i, 1], X[i, 2], corners, boxes, guess, stack, far)
+        out[i], leaf = _nearest(X[i, 0], X[i, 1], X[i, 2], triangles, boxes, leaf, stack, far, gap)
 
 
 @kernel(fastmath={"contract"}, error_model="numpy")
-def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples, areas, sample_boxes, owner):
+def weigh(first, end, X, squared, corners, triangles, boxes, spacing, levels, sample_boxes, begin, parts):
     """Return the elements and weights of the points `first` to `end`.
 
     Parameters
@@ -127,35 +150,30 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
     X : (m, 3) float64
     squared : (m,) float64
         Squared distances from the surface.
-    corners, boxes
-        Corners (t, 9) of triangles, and their tree.
-    cell : (t,) int64
-        Element that stands for each triangle on the first level of samples.
+    corners, triangles, boxes
+        Corners (t, 9) of triangles, :func:`triangles_of_leaves`, and their tree.
     spacing : float
         Of the first level of samples.
     levels : (l + 1, 2) int64
-        Where the samples and the boxes of each set begin; at last, where they end.
-    samples, areas : (s, 3) and (s,) float64
-        Samples of all sets, and their areas.
+        Where the samples and the boxes of each level begin; at last, where they end.
     sample_boxes : (b, 6) float64
-        Boxes of all sets.
-    owner : (s,) int64
-        Element that stands for each sample two levels on.
+        Boxes of all levels.
+    begin : (s + 1,) int64
+        Where the parts of each sample begin.
+    parts : (4, p) float64
+        Coordinates and areas of the parts.
 
     Returns
     -------
     count : (end - first,) int64
-    element : (k,) int32
-    weight : (k,) float64
+    element : (k,) uint32
+    weight : (k,) float32
     """
     count = np.empty(end - first, dtype=np.int64)
-    element, weight = (
-        np.empty(12 * (end - first) + 64, np.int32),
-        np.empty(12 * (end - first) + 64),
-    )
-    stack, found, gap = np.empty(128, np.int64), np.empty(1024, np.int64), np.empty(1024)
-    slot = np.full(len(corners) + len(samples), -1, dtype=np.int32)
-    total, top, least_d = 0, len(levels), ON_SURFACE * spacing
+    element, weight = np.empty(16 * (end - first) + 64, np.uint32), np.empty(16 * (end - first) + 64)
+    stack, leaf = np.empty(128, np.int64), np.empty(8, np.int64)
+    gap = np.empty(LEAF)
+    total, top, least_d = 0, len(levels) - 1, ON_SURFACE * spacing
     for i in range(first, end):
         x, y, z = X[i, 0], X[i, 1], X[i, 2]
         d = max(np.sqrt(squared[i]), least_d)
@@ -163,46 +181,31 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
         lower = np.int64(level)
         rise = min(max(BLEND * (level - lower - 0.5) + 0.5, 0.0), 1.0)
         rise = rise * rise * (3.0 - 2.0 * rise)
-        begin = total
+        began = total
         for k in range(2):
             part, at = (1.0 - rise, lower) if k == 0 else (rise, lower + 1)
             if part == 0.0:
                 continue
-            radius, s = REACH * d, 0
-            if at < 2:
-                size, found, gap = _within(x, y, z, radius, corners, boxes, stack, found, gap)
+            before, radius = total, REACH * d
+            if at == 0:
+                size, leaf = _leaves_within(x, y, z, radius, boxes, stack, leaf)
+                total, element, weight = _weigh_triangles(
+                    x, y, z, d, radius, least_d, leaf, size, triangles, corners, gap, total, element, weight
+                )
             else:
-                s, t = levels[at - 2, 0], levels[at - 1, 0]
-                tree = sample_boxes[levels[at - 2, 1] : levels[at - 1, 1]]
-                size, radius = 0, 0.5 * radius
-                while size == 0:  # once, unless the samples leave a hole
+                s = levels[at - 1, 0]
+                tree = sample_boxes[levels[at - 1, 1] : levels[at, 1]]
+                while total == before:  # once, unless the samples leave a hole
+                    size, leaf = _leaves_within(x, y, z, radius, tree, stack, leaf)
+                    total, element, weight = _weigh_samples(
+                        x, y, z, d, radius, leaf, size, s, begin, parts, len(corners), total, element, weight
+                    )
                     radius *= 2.0
-                    size, found, gap = _within(x, y, z, radius, samples[s:t], tree, stack, found, gap)
-            if size > MOST:
-                radius = np.sqrt(np.sort(gap[:size])[MOST]) + least_d
-            while total + size > len(element):
-                element, weight = _doubled(element), _doubled(weight)
-            before, largest = total, 0.0
-            for j in range(size):
-                u = gap[j] / (radius * radius)
-                if u >= 1.0:
-                    continue
-                w = (1.0 - u) * (1.0 - u)
-                if at < 2:
-                    w = SLIVER * w + _disc_integral(x, y, z, radius, corners, found[j])
-                    own = cell[found[j]] if at == 1 else found[j]
-                else:
-                    w *= areas[s + found[j]] / (radius * radius)
-                    own = owner[s + found[j]]
-                w *= d * d / max(gap[j], d * d)
-                if slot[own] < 0:
-                    slot[own], element[total], weight[total] = total, own, 0.0
-                    total += 1
-                weight[slot[own]] += w
-                largest = max(largest, weight[slot[own]])
+            largest = 0.0
+            for j in range(before, total):
+                largest = max(largest, weight[j])
             after, amount = before, 0.0
             for j in range(before, total):
-                slot[element[j]] = -1
                 w = weight[j] - LEAST * largest
                 if w > 0.0:
                     element[after], weight[after] = element[j], w
@@ -211,11 +214,59 @@ def weigh(first, end, X, squared, corners, boxes, cell, spacing, levels, samples
             total = after
             for j in range(before, total):
                 weight[j] *= part / amount
-        count[i - first] = total - begin
-    return count, element[:total].copy(), weight[:total].copy()
+        count[i - first] = total - began
+    return count, element[:total].copy(), weight[:total].astype(np.float32)
 
 
 # Helpers are inlined, because each call would count references to the arrays.
+
+
+@subroutine(fastmath={"contract"}, error_model="numpy")
+def _weigh_triangles(
+    x, y, z, d, radius, least_d, leaf, leaves, triangles, corners, gap, total, element, weight
+):
+    """Append the triangles in leaves, within a radius, with their weights."""
+    while total + LEAF * leaves > len(element):
+        element, weight = _doubled(element), _doubled(weight)
+    end, squared = total, radius * radius
+    for number in range(leaves):
+        one = LEAF * leaf[number]
+        _leaf_distances(x, y, z, triangles, leaf[number], gap)
+        for k in range(min(LEAF, len(corners) - one)):
+            if gap[k] <= squared:
+                element[end], weight[end] = one + k, gap[k]
+                end += 1
+    if end - total > MOST:
+        radius = np.sqrt(np.sort(weight[total:end])[MOST]) + least_d
+    begin, inverse = total, 1.0 / (radius * radius)
+    for j in range(begin, end):
+        r = weight[j]
+        u = 1.0 - r * inverse
+        if u > 0.0:
+            w = SLIVER * u * u + _disc_integral(x, y, z, radius, corners, element[j])
+            element[total], weight[total] = element[j], w * d * d / max(r, d * d)
+            total += 1
+    return total, element, weight
+
+
+@subroutine(fastmath={"contract", "reassoc", "nnan", "nsz"}, error_model="numpy")
+def _weigh_samples(x, y, z, d, radius, leaf, leaves, s, begin, parts, triangles, total, element, weight):
+    """Append samples of a level, which begins with sample s, within a radius, with their weights."""
+    while total + leaves > len(element):
+        element, weight = _doubled(element), _doubled(weight)
+    inverse, closest = 1.0 / (radius * radius), d * d
+    for number in range(leaves):
+        sample, w = s + leaf[number], 0.0
+        for j in range(np.uint64(begin[sample]), np.uint64(begin[sample + 1])):
+            dx, dy, dz = parts[0, j] - x, parts[1, j] - y, parts[2, j] - z
+            r = dx * dx + dy * dy + dz * dz
+            u = 1.0 - r * inverse
+            u = u if u > 0.0 else 0.0
+            w += u * u * parts[3, j] / (r if r > closest else closest)
+        if w > 0.0:
+            element[total], weight[total] = triangles + sample, w
+            total += 1
+    return total, element, weight
 
 
 @subroutine
@@ -236,11 +287,19 @@ def _box_distance(x, y, z, boxes, node):
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
-def _nearest(x, y, z, corners, boxes, guess, stack, far):
-    """Return the least squared distance from a triangle, and the triangle; a near `guess` saves time."""
-    best, item = _triangle_distance(x, y, z, corners, guess), guess
-    leaves, size = len(boxes) // 2, 1
-    stack[0], far[0] = 1, 0.0
+def _nearest(x, y, z, triangles, boxes, leaf, stack, far, gap):
+    """Return the least squared distance from a triangle, and the leaf of the triangle.
+
+    The search begins at a leaf that is a guess, and goes on beside the way from there to the root.
+    """
+    leaves, size, level, best, item = len(boxes) // 2, 0, len(boxes) // 2, np.inf, leaf
+    while level > 1:
+        level //= 2
+        stack[size] = ((leaves + leaf) // level) ^ 1
+        far[size] = _box_distance(x, y, z, boxes, stack[size])
+        size += 1
+    stack[size], far[size] = leaves + leaf, 0.0
+    size += 1
     while size > 0:
         size -= 1
         node = stack[size]
@@ -252,84 +311,67 @@ def _nearest(x, y, z, corners, boxes, guess, stack, far):
             if one > other:
                 node, one, other = node + 1, other, one
             if other < best:
-                stack[size], far[size] = node + 1 if node % 2 == 0 else node - 1, other
+                stack[size], far[size] = node ^ 1, other
                 size += 1
             if one >= best:
                 node = 0
                 break
         if node > 0:
-            begin = (node - leaves) * LEAF
-            for j in range(begin, min(begin + LEAF, len(corners))):
-                d = _triangle_distance(x, y, z, corners, j)
-                if d < best:
-                    best, item = d, j
+            _leaf_distances(x, y, z, triangles, node - leaves, gap)
+            for k in range(LEAF):
+                if gap[k] < best:
+                    best, item = gap[k], node - leaves
     return best, item
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
-def _within(x, y, z, radius, items, boxes, stack, found, gap):
-    """Collect the triangles (k, 9) or points (k, 3) within a radius, with squared distances.
-
-    Return their number and the arrays.
-    """
+def _leaves_within(x, y, z, radius, boxes, stack, found):
+    """Find the leaves of a tree within a radius; return their number, and the array of leaves."""
     count, leaves, size, squared = 0, len(boxes) // 2, 1, radius * radius
     stack[0] = 1
     while size > 0:
         size -= 1
         node = stack[size]
-        if node < leaves:
-            for child in (2 * node, 2 * node + 1):
-                if _box_distance(x, y, z, boxes, child) <= squared:
-                    stack[size] = child
-                    size += 1
+        if node >= leaves:
+            if count == len(found):
+                found = _doubled(found)
+            found[count] = node - leaves
+            count += 1
             continue
-        begin = (node - leaves) * LEAF
-        if count + LEAF > len(found):
-            found, gap = _doubled(found), _doubled(gap)
-        for j in range(begin, min(begin + LEAF, len(items))):
-            points = items.shape[1] == 3
-            d = _point_distance(x, y, z, items, j) if points else _triangle_distance(x, y, z, items, j)
-            if d <= squared:
-                found[count], gap[count] = j, d
-                count += 1
-    return count, found, gap
+        for child in (2 * node, 2 * node + 1):
+            if _box_distance(x, y, z, boxes, child) <= squared:
+                stack[size] = child
+                size += 1
+    return count, found
 
 
-@subroutine(inline="always")
-def _point_distance(x, y, z, samples, j):
-    dx, dy, dz = samples[j, 0] - x, samples[j, 1] - y, samples[j, 2] - z
-    return dx * dx + dy * dy + dz * dz
+@subroutine(fastmath={"contract", "nnan", "nsz"}, error_model="numpy")
+def _leaf_distances(x, y, z, triangles, leaf, gap):
+    """Write the squared distances from the triangles of a leaf.
 
-
-@subroutine(inline="always")
-def _triangle_distance(x, y, z, corners, j):
-    """Return the squared distance from triangle j (C. Ericson, "Real-time collision detection", 5.1.5)."""
-    ax, ay, az = x - corners[j, 0], y - corners[j, 1], z - corners[j, 2]
-    ux, uy, uz = corners[j, 3] - corners[j, 0], corners[j, 4] - corners[j, 1], corners[j, 5] - corners[j, 2]
-    vx, vy, vz = corners[j, 6] - corners[j, 0], corners[j, 7] - corners[j, 1], corners[j, 8] - corners[j, 2]
-    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
-    d1, d2 = ux * ax + uy * ay + uz * az, vx * ax + vy * ay + vz * az
-    d3, d4, d5, d6 = d1 - uu, d2 - uv, d1 - uv, d2 - vv
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0.0 and d2 <= 0.0:
-        s, t = 0.0, 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        s, t = 1.0, 0.0
-    elif d6 >= 0.0 and d5 <= d6:
-        s, t = 0.0, 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
-        s, t = d1 / (d1 - d3), 0.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
-        s, t = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0 and d4 - d3 + d5 - d6 > 0.0:
-        t = (d4 - d3) / (d4 - d3 + d5 - d6)
+    The nearest point of a triangle is on a side, or the foot of the point. A foot outside is moved into the
+    triangle, where it is not nearer than the nearest point.
+    """
+    T = triangles[leaf]
+    for k in range(LEAF):
+        ax, ay, az = x - T[0, k], y - T[1, k], z - T[2, k]
+        ux, uy, uz, vx, vy, vz = T[3, k], T[4, k], T[5, k], T[6, k], T[7, k], T[8, k]
+        uu, uv, vv = T[9, k], T[10, k], T[11, k]
+        au, av = ax * ux + ay * uy + az * uz, ax * vx + ay * vy + az * vz
+        s = min(max(T[12, k] * (vv * au - uv * av), 0.0), 1.0)
+        t = min(max(T[12, k] * (uu * av - uv * au), 0.0), 1.0 - s)
+        dx, dy, dz = ax - s * ux - t * vx, ay - s * uy - t * vy, az - s * uz - t * vz
+        best = dx * dx + dy * dy + dz * dz
+        s = min(max(T[13, k] * au, 0.0), 1.0)
+        dx, dy, dz = ax - s * ux, ay - s * uy, az - s * uz
+        best = min(best, dx * dx + dy * dy + dz * dz)
+        t = min(max(T[14, k] * av, 0.0), 1.0)
+        dx, dy, dz = ax - t * vx, ay - t * vy, az - t * vz
+        best = min(best, dx * dx + dy * dy + dz * dz)
+        t = min(max(T[15, k] * (av - au - uv + uu), 0.0), 1.0)
         s = 1.0 - t
-    elif va + vb + vc > 0.0:
-        s, t = vb / (va + vb + vc), vc / (va + vb + vc)
-    else:
-        s, t = 0.0, 0.0
-    ax, ay, az = ax - s * ux - t * vx, ay - s * uy - t * vy, az - s * uz - t * vz
-    return ax * ax + ay * ay + az * az
+        dx, dy, dz = ax - s * ux - t * vx, ay - s * uy - t * vy, az - s * uz - t * vz
+        gap[k] = min(best, dx * dx + dy * dy + dz * dz)
 
 
 @subroutine(fastmath={"contract"}, error_model="numpy")
@@ -353,11 +395,15 @@ def _disc_integral(x, y, z, radius, corners, j):
     squared = 1.0 - height * height
     if squared <= 0.0:
         return 0.0
-    p, q = ax * ux + ay * uy + az * uz, ax * wx + ay * wy + az * wz
-    side = (vx * ux + vy * uy + vz * uz) / radius, (vx * wx + vy * wy + vz * wz) / radius
-    total = _side_integral(p, q, p + length / radius, q, squared)
-    total += _side_integral(p + length / radius, q, p + side[0], q + side[1], squared)
-    total += _side_integral(p + side[0], q + side[1], p, q, squared)
+    a = ax * ux + ay * uy + az * uz, ax * wx + ay * wy + az * wz
+    # Each corner for itself, because sums would round off the place of a point near the second or third one.
+    ax, ay, az = (c[3] - x) / radius, (c[4] - y) / radius, (c[5] - z) / radius
+    b = ax * ux + ay * uy + az * uz, ax * wx + ay * wy + az * wz
+    ax, ay, az = (c[6] - x) / radius, (c[7] - y) / radius, (c[8] - z) / radius
+    e = ax * ux + ay * uy + az * uz, ax * wx + ay * wy + az * wz
+    total = _side_integral(a[0], a[1], b[0], b[1], squared)
+    total += _side_integral(b[0], b[1], e[0], e[1], squared)
+    total += _side_integral(e[0], e[1], a[0], a[1], squared)
     return max(total, 0.0)
 
 
@@ -373,7 +419,8 @@ def _side_integral(px, py, qx, qy, s):
     if length == 0.0:
         return 0.0
     dx, dy = dx / length, dy / length
-    h, a, b = px * dy - py * dx, px * dx + py * dy, qx * dx + qy * dy
+    a, b = px * dx + py * dy, qx * dx + qy * dy
+    h = px * dy - py * dx if abs(a) < abs(b) else qx * dy - qy * dx
     sign, h = 1.0 if h >= 0.0 else -1.0, abs(h)
     outside, inside, rest = 0.0, 0.0, s - h * h
     if rest <= 0.0:
