@@ -30,8 +30,8 @@ from docs.blocks import fill, markdown
 from eval.run.code import code_version
 from eval.run.provenance import environment
 from sshade.cli.console import say
+from sshade.edit.groups import Motion
 from sshade.edit.session import Session
-from sshade.edit.state import Motion
 from sshade.io.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")

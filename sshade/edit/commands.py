@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, Preview, preview
 from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
-from sshade.edit.state import METHODS, Motion, Settings
+from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
 from sshade.io.entries import REST
@@ -66,7 +67,7 @@ class Commands:
             On an unknown command, an argument that is missing or of a wrong type, or when the session refuses
             the command.
         Superseded
-            See :meth:`sshade.edit.session.Session.settle`.
+            See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
         if command is None and name not in REVERTING:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.edit.state import Group, State, groups_of
+from sshade.edit.groups import Group, groups_of
+from sshade.edit.state import State
 from sshade.errors import InputError
 from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming

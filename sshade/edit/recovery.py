@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.edit.state import Group, Settings, State
+from sshade.edit.groups import Group
+from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
 from sshade.io.files import reason, replacing

@@ -30,7 +30,8 @@ import numpy as np
 from sshade import threejs
 from sshade.edit.commands import Commands
 from sshade.edit.document import FileExists
-from sshade.edit.session import Session, Superseded
+from sshade.edit.session import Session
+from sshade.edit.work import Superseded
 from sshade.errors import InputError
 
 log = logging.getLogger(__name__)

@@ -1,0 +1,92 @@
+"""Ways to pick vertices: by set operations, connection and distance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+
+#: Ways to change a selection. The first three take vertices.
+WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
+
+
+def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
+    """Change a selection.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    before : (j,) int64
+        Selected vertices.
+    vertices : (k,) int
+        Vertices for "replace", "add" and "remove".
+    how : str
+        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
+        vertices with a neighbour that is not selected; "linked" adds all vertices of their components.
+
+    Returns
+    -------
+    (j',) int64
+        Selected vertices, ascending.
+
+    Raises
+    ------
+    InputError
+        When `how` is another word, or a vertex is out of range.
+    """
+    if how not in WAYS:
+        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
+    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
+        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
+    chosen = np.zeros(mesh.n, dtype=bool)
+    chosen[before] = how not in ("replace", "none")
+    if how in ("replace", "add", "remove"):
+        chosen[vertices] = how != "remove"
+    elif how == "all":
+        chosen[:] = True
+    elif how == "invert":
+        chosen = ~chosen
+    elif how in ("grow", "shrink"):
+        ends = chosen[mesh.edges]
+        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
+    elif how == "linked":
+        chosen = np.isin(mesh.component, mesh.component[before])
+    return np.flatnonzero(chosen)
+
+
+def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
+    """Find the vertices within a distance of other vertices, measured along the edges of the rest shape.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    vertices : (k,) int64
+    distance : float
+        In the unit of the mesh.
+
+    Returns
+    -------
+    (n,) bool
+
+    Raises
+    ------
+    InputError
+        When there are no vertices, or the distance is not above 0.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    if len(vertices) == 0:
+        raise InputError("no vertex is picked from which a distance could be measured")
+    if not distance > 0:
+        raise InputError(f"a distance is a number above 0, not {distance:g}")
+    found, (i, j) = np.zeros(mesh.n, dtype=bool), mesh.edges.T
+    found[vertices] = True
+    border = np.unique(mesh.edges[found[i] != found[j]])  # paths from the vertices begin there
+    border = border[found[border]]
+    if len(border) == 0:
+        return found
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
+    return found | np.isfinite(dijkstra(graph, directed=False, indices=border, min_only=True, limit=distance))
