@@ -13,10 +13,12 @@ from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, Preview, preview
 from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
+from sshade.edit.skin import Skin
 from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
 from sshade.io.entries import REST
+from sshade.io.files import reason
 from sshade.options import require_method
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
@@ -49,6 +51,7 @@ class Commands:
     ) -> None:
         self._session, self._progress = session, progress
         self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
+        self._opened["skin"] = session.document.has_skin
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Preview | None] = {}
@@ -101,6 +104,37 @@ class Commands:
         if colours is None:
             raise InputError(f"{self._session.document.name}: the file has no colours of vertices")
         return packet({}, {"colours": colours.ravel()})
+
+    def skin(self) -> bytes:
+        """Return the materials of the file, and copies of vertices with texture coordinates."""
+        skin = self._skin()
+        materials = [
+            {"colour": one.colour.tolist(), "image": one.texture is not None} for one in skin.materials
+        ]
+        arrays = {"vertex": skin.vertex.astype(np.uint32), "faces": skin.faces.ravel().astype(np.uint32)}
+        arrays["uv"] = skin.uv.ravel().astype(np.float32)
+        return packet({"materials": materials, "runs": skin.runs}, arrays)
+
+    def image(self, arguments: Mapping[str, Any]) -> bytes:
+        """Return the image file of a material."""
+        name, number = self._session.document.name, arguments.get("material", "")
+        materials = self._skin().materials
+        if not number.isdecimal() or not int(number) < len(materials):
+            raise InputError(f"{name}: the file has no material {number}")
+        texture = materials[int(number)].texture
+        if texture is None:
+            raise InputError(f"{name}: its material {number} has no image")
+        try:
+            return texture()
+        except (OSError, ValueError, LookupError) as error:
+            why = reason(error) if isinstance(error, OSError) else error
+            raise InputError(f"{name}: a texture cannot be shown ({why})") from error
+
+    def _skin(self) -> Skin:
+        skin = self._session.document.skin()
+        if skin is None:
+            raise InputError(f"{self._session.document.name}: the file has no materials")
+        return skin
 
     def surface(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the surface on which a group slides."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sshade.edit.groups import Group, groups_of
+from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.errors import InputError
 from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
@@ -84,6 +85,7 @@ class Document:
                 self._propose(content, given)
         self._carry, self._file = carry, read_file(path)
         self.notes = self._file.notes
+        self._skin: Skin | None = None
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
@@ -198,6 +200,26 @@ class Document:
     def is_coloured(self) -> bool:
         """Whether the file has colours of vertices."""
         return self._file.colours is not None
+
+    @property
+    def has_skin(self) -> bool:
+        """Whether the file has materials."""
+        return self._file.skin is not None
+
+    def skin(self) -> Skin | None:
+        """Return the materials of the mesh, ready to be drawn; None if the file has none.
+
+        Raises
+        ------
+        InputError
+            When materials or texture coordinates of the file cannot be read.
+        """
+        if self._skin is None and self._file.skin is not None:
+            try:
+                self._skin = drawn(self._file.skin(), self._surface.vertex[self._file.F])
+            except (ValueError, LookupError, TypeError) as error:
+                raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
+        return self._skin
 
     @property
     def neighbours(self) -> list[str]:

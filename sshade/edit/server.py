@@ -206,6 +206,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(self.server.commands.rest())
         elif name == "colours":
             self._send(self.server.commands.colours())
+        elif name == "skin":
+            self._send(self.server.commands.skin())
+        elif name == "image":
+            self._send(self.server.commands.image(self._query))
         elif name == "surface":
             self._send(self.server.commands.surface(self._query))
         elif name == "alive":

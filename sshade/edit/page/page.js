@@ -269,14 +269,16 @@ function colour() {
     toColour = false;
     const { labels, selection, change } = arrays, { found, how } = painted ?? {};
     const shows = byId("errors").checked && change;
-    const base = byId("colours").checked && arrays.colours;
+    const base = byId("colours").checked && arrays.colours, skinned = byId("colours").checked && view.skin && !shows;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
     byId("legend").hidden = !shows;
     byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
+    const marked = skinned && new Uint8Array(labels.length);
     view.setColours((colours) => {
       for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
         let picked = selection[v] && !(found && how === "replace");
         if (found && found[v]) picked = how !== "remove";
+        if (marked) marked[v] = picked || labels[v];
         if (!picked && !labels[v] && !shows && base) {
           colours[i] = LINEAR[base[i]];
           colours[i + 1] = LINEAR[base[i + 1]];
@@ -288,7 +290,7 @@ function colour() {
         colours[i + 1] = own[1];
         colours[i + 2] = own[2];
       }
-    });
+    }, marked);
   });
 }
 
@@ -520,6 +522,51 @@ async function stayConnected() {
   ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 
+// Load the materials of the file. The preview of a large mesh gets the colours of the vertices.
+async function loadSkin() {
+  const { materials, runs, sent } = await request("skin");
+  const images = await Promise.all(materials.map(async ({ image }, i) => {
+    if (!image) return null;
+    const response = await fetch(`image?material=${i}`);
+    if (response.ok) return createImageBitmap(await response.blob()).catch(() => null);
+    complain(new Error((await response.json()).error));
+    return null;
+  }));
+  const looks = materials.map(({ colour: own }, i) => {
+    if (!images[i]) return { colour: own };
+    const texture = new THREE.Texture(images[i]);
+    Object.assign(texture, { wrapS: THREE.RepeatWrapping, wrapT: THREE.RepeatWrapping, colorSpace: THREE.SRGBColorSpace });
+    Object.assign(texture, { flipY: false, needsUpdate: true });
+    return { colour: own, texture };
+  });
+  arrays.colours ??= sampled(sent, runs, materials, images);
+  view.setSkin({ ...sent, runs }, looks);
+  stage.dataset.skin = "shown";
+  colour();
+}
+
+// Return a colour of three bytes for each vertex: of its material and its place in the texture.
+function sampled({ vertex, uv, faces }, runs, materials, images) {
+  const colours = new Uint8Array(3 * arrays.labels.length);
+  for (const [first, count, number] of runs) {
+    const { colour: own } = materials[number], image = images[number];
+    let pixels = null, width = 1, height = 1;
+    if (image) {
+      [width, height] = [image.width, image.height].map((side) => Math.min(side, 1024));
+      const canvas = Object.assign(document.createElement("canvas"), { width, height });
+      const context = canvas.getContext("2d");
+      context.drawImage(image, 0, 0, width, height);
+      pixels = context.getImageData(0, 0, width, height).data;
+    }
+    const at = (x, size) => Math.min(Math.floor((x - Math.floor(x)) * size), size - 1);
+    for (let corner = 3 * first; corner < 3 * (first + count); corner += 1) {
+      const k = faces[corner], pixel = 4 * (at(uv[2 * k], width) + width * at(uv[2 * k + 1], height));
+      for (let c = 0; c < 3; c += 1) colours[3 * vertex[k] + c] = own[c] * (pixels ? pixels[pixel + c] : 255);
+    }
+  }
+  return colours;
+}
+
 picking.use("view");
 byId("hint").textContent = HINTS.view;
 request(`whole?drawn=${view.drawn}`)
@@ -532,13 +579,14 @@ request(`whole?drawn=${view.drawn}`)
     byId("up").value = said.up;
     view.setUp(said.up);
     view.home();
-    byId("coloured").hidden = !said.coloured;
+    byId("coloured").hidden = !said.coloured && !said.skin;
     if (said.coloured) {
       request("colours").then(({ sent }) => {
         arrays.colours = sent.colours;
         colour();
       }).catch(complain);
     }
+    if (said.skin) loadSkin().catch(complain);
     take(said);
   })
   .catch(complain);
