@@ -25,8 +25,11 @@ from sshade.slides import Slide
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
-#: Commands that are methods of the session. The last two take the number of a group.
-REVERTING = ("undo", "redo", "recover", "discard", "remove", "restore")
+#: Commands that are methods of the session, without an argument and with the number of a group.
+PLAIN = ("undo", "redo", "recover", "discard")
+OF_GROUPS = ("remove", "restore", "unlink")
+#: Commands that take the number of a group and a distance.
+WITHIN = ("limit", "fade")
 
 
 class Commands:
@@ -73,14 +76,16 @@ class Commands:
             See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
-        if command is None and name not in REVERTING:
+        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN):
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
         if command is not None:
             return command(arguments)
-        number = [_given(arguments, "group", int)] if name in ("remove", "restore") else []
-        getattr(self._session, name)(*number)
+        given = [] if name in PLAIN else [_given(arguments, "group", int)]
+        if name in WITHIN:
+            given.append(_numbers(arguments, "distance", ()))
+        getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
     def whole(self, arguments: Mapping[str, Any]) -> bytes:
@@ -180,16 +185,13 @@ class Commands:
         self._session.reach(_numbers(arguments, "distance", ()))
         return self._answer("selection")
 
-    def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.mirror(_given(arguments, "group", int), _axis(arguments))
         return self._answer(*CHANGED)
 
-    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
-        axis = _given(arguments, "axis", str)
-        if axis not in ("x", "y", "z"):
-            raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
-        self._session.mirror(_given(arguments, "group", int), "xyz".index(axis))
-        return self._answer(*CHANGED)
+    def do_symmetry(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.mirror_picks(None if arguments.get("axis") is None else _axis(arguments))
+        return self._answer()
 
     def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
         from scipy.spatial.transform import Rotation
@@ -276,8 +278,12 @@ class Commands:
                 arrays[name] = mesh.F.astype(np.uint32)
             elif name == "labels":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint32)
+                parts = np.full(mesh.n, 255, dtype=np.uint8)
                 for number, group in enumerate(state.groups, start=1):
                     arrays[name][group.vertices] = number
+                    if group.link and group.link.influence is not None:
+                        parts[group.vertices] = 255 * group.link.influence
+                arrays |= {"parts": parts} if (parts < 255).any() else {}
             elif name == "selection":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint8)
                 arrays[name][state.selection] = 1
@@ -293,6 +299,8 @@ class Commands:
                 "vertices": len(group.vertices),
                 "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
+                "follows": group.link and group.link.leader,
+                "fades": group.link.distance if group.link and group.fades else None,
                 "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups
@@ -303,6 +311,7 @@ class Commands:
             "version": session.version,
             "files": session.document.neighbours,
             "picked": len(state.selection),
+            "symmetry": None if session.symmetry is None else "xyz"[session.symmetry],
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
@@ -345,6 +354,13 @@ def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:
     if type(value) is not kind:
         raise InputError(f'the command needs a {"text" if kind is str else "whole number"} "{name}"')
     return value
+
+
+def _axis(arguments: Mapping[str, Any]) -> int:
+    axis = _given(arguments, "axis", str)
+    if axis not in ("x", "y", "z"):
+        raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
+    return "xyz".index(axis)
 
 
 def _numbers(arguments: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:

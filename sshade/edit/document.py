@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from sshade.edit.groups import Group, groups_of
+from sshade.edit.links import linked, recorded
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.errors import InputError
-from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
+from sshade.io.entries import LINKS, HandleFile, parsed_handle_file, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
@@ -129,7 +130,7 @@ class Document:
             raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
         names = {entry.number: entry.name for entry in file.entries}
-        return groups_of(handles, names, first=first)
+        return linked(self.mesh, groups_of(handles, names, first=first), file.links)
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.
@@ -177,7 +178,10 @@ class Document:
         handles = replace(handles, index=self._id[handles.index])
         names = {number: group.name for number, group in enumerate(state.groups)}
         made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
-        write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
+        about: dict[str, Any] = {"made": made}
+        if any(group.link for group in state.groups):
+            about[LINKS] = recorded(state.groups)
+        write_handles(path, handles, names=names, about=about, static_at_rest=True)
         self._propose("handles", path)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from sshade.edit.links import Link, reflection
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
@@ -50,6 +51,12 @@ class Motion(NamedTuple):
         R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
         return cls(R, pivot - R @ pivot + move)
 
+    def mirrored(self, axis: int, centre: np.ndarray) -> Motion:
+        """Return the mirror image of the motion across a coordinate, in a plane through `centre` (3,)."""
+        S = reflection(axis)
+        R = S @ self.R @ S
+        return Motion(R, S @ (self.R @ centre + self.t - centre) + centre - R @ centre)
+
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Move points (k, 3)."""
         if np.array_equal(self.R, np.eye(3)) and not self.t.any():
@@ -78,6 +85,8 @@ class Group:
         Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
     slide : Slide, optional
         Set on which the vertices slide; None keeps them at their targets.
+    link : Link, optional
+        How the group follows another group.
 
     Raises
     ------
@@ -94,6 +103,7 @@ class Group:
     turn: np.ndarray | None = None
     is_prescribed: bool = False
     slide: Slide | None = None
+    link: Link | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("static", "moving"):
@@ -104,6 +114,16 @@ class Group:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
         if self.is_free and self.weight < inf:
             raise InputError("a group with a rotation only has no weight; leave it empty")
+
+    @property
+    def fades(self) -> bool:
+        """Whether the group surrounds another group, whose motion it makes in part."""
+        return self.link is not None and self.link.influence is not None
+
+    def kept(self, keep: np.ndarray) -> Group:
+        """Return the group with some of its vertices, keep (k,) bool."""
+        link = self.link and self.link.kept(keep)
+        return replace(self, vertices=self.vertices[keep], target=self.target[keep], link=link)
 
     @property
     def is_free(self) -> bool:

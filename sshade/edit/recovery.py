@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.edit.groups import Group
+from sshade.edit.links import Link, recorded
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
@@ -94,13 +95,16 @@ class Recovery:
         for i, group in enumerate(state.groups):
             arrays |= {f"vertices_{i}": group.vertices, f"target_{i}": group.target}
             arrays |= {} if group.turn is None else {f"turn_{i}": group.turn}
+            if group.link and group.link.influence is not None:
+                arrays[f"influence_{i}"] = group.link.influence
         groups = [
             {
                 **{name: getattr(group, name) for name in FIELDS},
                 "weight": group.weight if isfinite(group.weight) else None,
                 "slide": group.slide and dict(group.slide.record),
+                "link": link,
             }
-            for group in state.groups
+            for group, link in zip(state.groups, recorded(state.groups), strict=True)
         ]
         facts = {"mesh": self._of_mesh(), "process": _process(), "settings": state.settings, "groups": groups}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
@@ -120,12 +124,15 @@ class Recovery:
             if facts["mesh"] != self._of_mesh():
                 other = "another mesh, or of this mesh with another --weld or --repair"
                 raise InputError(f"{path}: is a recovery file of {other}")
-            groups = []
+            groups: list[Group] = []
             for i, entry in enumerate(facts["groups"]):
                 fields: dict[str, Any] = {name: entry[name] for name in FIELDS}
                 fields["weight"] = inf if entry["weight"] is None else entry["weight"]
                 fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
+                if (link := entry["link"]) is not None:
+                    leader, slide = groups[link[0]], groups[link[0]].slide if link[1] is not None else None
+                    fields["link"] = Link(leader.number, link[1], link[2], arrays.get(f"influence_{i}"), slide)
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )

@@ -7,8 +7,15 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 
-#: Ways to change a selection. The first three take vertices.
-WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
+#: Ways to change a selection that take vertices, and all ways.
+TAKING = ("replace", "add", "remove")
+WAYS = (*TAKING, "all", "none", "invert", "grow", "shrink", "linked")
+
+
+def require_vertices(mesh: Mesh, vertices: np.ndarray) -> None:
+    """Raise InputError unless an array holds ids (k,) of vertices."""
+    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
+        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
 
 
 def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
@@ -37,8 +44,7 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     """
     if how not in WAYS:
         raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
-    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
-        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
+    require_vertices(mesh, vertices)
     chosen = np.zeros(mesh.n, dtype=bool)
     chosen[before] = how not in ("replace", "none")
     if how in ("replace", "add", "remove"):
@@ -55,38 +61,39 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     return np.flatnonzero(chosen)
 
 
-def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
-    """Find the vertices within a distance of other vertices, measured along the edges of the rest shape.
+def distances(mesh: Mesh, vertices: np.ndarray, limit: float) -> np.ndarray:
+    """Return the distances (n,) from the nearest of some vertices, along the edges of the rest shape.
 
     Parameters
     ----------
     mesh : Mesh
     vertices : (k,) int64
-    distance : float
-        In the unit of the mesh.
-
-    Returns
-    -------
-    (n,) bool
+    limit : float
+        In the unit of the mesh; distances above are inf.
 
     Raises
     ------
     InputError
-        When there are no vertices, or the distance is not above 0.
+        When there are no vertices, or the limit is not above 0.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     if len(vertices) == 0:
         raise InputError("no vertex is picked from which a distance could be measured")
-    if not distance > 0:
-        raise InputError(f"a distance is a number above 0, not {distance:g}")
-    found, (i, j) = np.zeros(mesh.n, dtype=bool), mesh.edges.T
-    found[vertices] = True
-    border = np.unique(mesh.edges[found[i] != found[j]])  # paths from the vertices begin there
-    border = border[found[border]]
+    if not limit > 0:
+        raise InputError(f"a distance is a number above 0, not {limit:g}")
+    found, (i, j) = np.full(mesh.n, np.inf), mesh.edges.T
+    found[vertices] = 0
+    border = np.unique(mesh.edges[(found[i] == 0) != (found[j] == 0)])  # paths from the vertices begin there
+    border = border[found[border] == 0]
     if len(border) == 0:
         return found
     length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
     graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return found | np.isfinite(dijkstra(graph, directed=False, indices=border, min_only=True, limit=distance))
+    return np.minimum(found, dijkstra(graph, directed=False, indices=border, min_only=True, limit=limit))
+
+
+def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
+    """Return (n,) bool: the vertices within a distance of some vertices; see :func:`distances`."""
+    return np.isfinite(distances(mesh, vertices, distance))

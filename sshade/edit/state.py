@@ -61,8 +61,10 @@ class State:
     shape: np.ndarray | None = None
 
     def same_shape(self, other: State) -> bool:
-        """Whether both states have the same settings and groups, except for names of groups."""
-        own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
+        """Whether both states have the same settings and groups, except for names and links of groups."""
+        own, others = (
+            [{**vars(group), "name": "", "link": None} for group in state.groups] for state in (self, other)
+        )
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
         return same and len(own) == len(others) and self.settings == other.settings
 
@@ -93,8 +95,24 @@ class State:
         old = self.group(number)
         return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
+    def led(self, number: int) -> tuple[Group, int | None]:
+        """Return the group that takes along a group: itself or its leader, and the axis of the mirror if any.
+
+        Raises
+        ------
+        InputError
+            When there is no such group, or it only makes a part of the motion of its leader.
+        """
+        group = self.group(number)
+        if group.link is None:
+            return group, None
+        leader = self.group(group.link.leader)
+        if group.fades:
+            raise InputError(f"{group.name} follows {leader.name}; move {leader.name}")
+        return leader, group.link.axis
+
     def moved(self, number: int, motion: Motion) -> State:
-        """Return a state with a group moved from its current place.
+        """Return a state with a group moved from its current place. Its followers stay.
 
         Raises
         ------
@@ -118,7 +136,7 @@ class State:
             if keep.all():
                 groups.append(group)
             elif keep.any():
-                groups.append(replace(group, vertices=group.vertices[keep], target=group.target[keep]))
+                groups.append(group.kept(keep))
         return replace(self, selection=new.vertices[:0], groups=(*groups, new))
 
     def handles(self, mesh: Mesh) -> Handles:

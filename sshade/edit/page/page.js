@@ -113,6 +113,7 @@ function take(said) {
   facts = { ...facts, ...said };
   const { sent } = said;
   Object.assign(arrays, sent);
+  if (sent.labels) arrays.parts = sent.parts ?? null; // how far groups follow others
   if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
   if (sent.positions && !view.gizmo.dragging) placed();
   if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
@@ -132,7 +133,7 @@ function placed() {
 const chosen = () => facts.groups.find(({ number }) => number === active);
 
 function refresh() {
-  const group = chosen(), moves = group?.kind === "moving" && !resting;
+  const group = chosen(), moves = group?.kind === "moving" && group.fades === null && !resting;
   if (!group) active = null;
   if (!moves) view.detach();
   else if (!view.gizmo.dragging) attach(group);
@@ -267,7 +268,7 @@ function colour() {
   toColour = true;
   requestAnimationFrame(() => {
     toColour = false;
-    const { labels, selection, change } = arrays, { found, how } = painted ?? {};
+    const { labels, selection, change, parts } = arrays, { found, how } = painted ?? {};
     const shows = byId("errors").checked && change;
     const base = byId("colours").checked && arrays.colours, skinned = byId("colours").checked && view.skin && !shows;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
@@ -283,6 +284,11 @@ function colour() {
           colours[i] = LINEAR[base[i]];
           colours[i + 1] = LINEAR[base[i + 1]];
           colours[i + 2] = LINEAR[base[i + 2]];
+          continue;
+        }
+        if (!picked && parts && parts[v] < 255) {
+          const part = parts[v] / 255;
+          for (let c = 0; c < 3; c += 1) colours[i + c] = part * kinds[labels[v]][c] + (1 - part) * (skinned ? 1 : BODY[c]);
           continue;
         }
         const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
@@ -406,7 +412,7 @@ byId("change").addEventListener("change", async ({ target }) => {
   byId("stage-text").textContent = `reading ${name}`;
   await fetch(`change?name=${encodeURIComponent(name)}`, { method: "POST", body: "" }).then(async (response) => {
     if (!response.ok) throw new Error((await response.json()).error);
-    location.reload();
+    reopen();
   }).catch(complain).finally(() => {
     byId("busy").hidden = true;
   });
@@ -492,6 +498,13 @@ function ended(sentence) {
   say(sentence);
 }
 
+// A second reload would abort the first.
+let reopening = false;
+function reopen() {
+  if (!reopening) location.reload();
+  reopening = true;
+}
+
 // This request is answered until the editor ends, with the progress of computations.
 async function listen() {
   const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
@@ -501,7 +514,7 @@ async function listen() {
     text = lines.pop();
     for (const line of lines.filter(Boolean)) {
       const { stage: at, version, number } = JSON.parse(line);
-      if (facts && number !== facts.number) location.reload(); // another page opened another mesh
+      if (facts && number !== facts.number) reopen(); // another page opened another mesh
       if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
       heard = version;
       behind ||= view.gizmo.dragging && version > facts?.version;
