@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sshade.edit.following import linked, recorded
 from sshade.edit.groups import Group, groups_of
-from sshade.edit.links import linked, recorded
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.errors import InputError

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.edit.following import recorded
 from sshade.edit.groups import Group
-from sshade.edit.links import Link, recorded
+from sshade.edit.links import Link
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
@@ -131,8 +132,10 @@ class Recovery:
                 fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
                 if (link := entry["link"]) is not None:
-                    leader, slide = groups[link[0]], groups[link[0]].slide if link[1] is not None else None
-                    fields["link"] = Link(leader.number, link[1], link[2], arrays.get(f"influence_{i}"), slide)
+                    leader, (_, axis, distance) = groups[link[0]], link
+                    slide = None if axis is None else leader.slide
+                    influence = arrays.get(f"influence_{i}")
+                    fields["link"] = Link(leader.number, axis, distance, influence, slide)
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )

@@ -9,8 +9,9 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
+from sshade.edit.following import followed
 from sshade.edit.groups import Group, Motion
-from sshade.edit.links import followed, middle
+from sshade.edit.links import middle
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import History, Settings, State
 from sshade.errors import InputError
