@@ -30,6 +30,8 @@ PLAIN = ("undo", "redo", "recover", "discard")
 OF_GROUPS = ("remove", "restore", "unlink")
 #: Commands that take the number of a group and a distance.
 WITHIN = ("limit", "fade")
+#: Commands that take a time.
+AT = ("key", "unkey", "pose")
 
 
 class Commands:
@@ -76,15 +78,15 @@ class Commands:
             See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
-        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN):
+        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN, *AT):
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
         if command is not None:
             return command(arguments)
-        given = [] if name in PLAIN else [_given(arguments, "group", int)]
-        if name in WITHIN:
-            given.append(_numbers(arguments, "distance", ()))
+        given: list[Any] = [_given(arguments, "group", int)] if name in (*OF_GROUPS, *WITHIN) else []
+        given += [_numbers(arguments, "distance", ())] if name in WITHIN else []
+        given += [_numbers(arguments, "time", ())] if name in AT else []
         getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
@@ -210,6 +212,11 @@ class Commands:
         few = self._preview(arguments)
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
+    def do_seek(self, arguments: Mapping[str, Any]) -> bytes:
+        V = self._session.seek(_numbers(arguments, "time", ()))
+        few = self._preview(arguments)
+        return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
+
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.release(_given(arguments, "group", int), self._motion(arguments))
         return self._answer() if self._preview(arguments) is None else self._answer("positions")
@@ -221,7 +228,8 @@ class Commands:
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
         content, name = _given(arguments, "what", str), _given(arguments, "name", str)
         over = arguments.get("over") is True
-        path, lost = self._session.save(content, name, over=over, progress=self._progress)
+        rate = _numbers(arguments, "rate", ()) if "rate" in arguments else 0.0
+        path, lost = self._session.save(content, name, over=over, rate=rate, progress=self._progress)
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
     def _preview(self, arguments: Mapping[str, Any]) -> Preview | None:
@@ -319,6 +327,8 @@ class Commands:
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
+            "animation_command": session.document.animation_command,
+            "keys": [key.time for key in state.keys],
             "trouble": session.trouble,
             "recovery": [
                 {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers

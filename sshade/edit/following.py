@@ -64,13 +64,19 @@ def followed(mesh: Mesh, groups: tuple[Group, ...]) -> tuple[Group, ...]:
     return groups if same else tuple(found.values())
 
 
+def rotation_of(mesh: Mesh, group: Group) -> np.ndarray:
+    """Return the rotation (3, 3) by which a group turned from rest."""
+    rotation = None if group.is_prescribed else group.rotation
+    if rotation is not None:
+        return rotation
+    rest = mesh.V[group.vertices]
+    return np.eye(3) if np.array_equal(group.target, rest) else rigid_motion(rest, group.target)[0]
+
+
 def _follow(mesh: Mesh, group: Group, link: Link, leader: Group) -> Group:
     """Move a group as its leader moved."""
     rest, centre = mesh.V[group.vertices], mesh.V[leader.vertices].mean(axis=0)
-    still = np.array_equal(leader.target, mesh.V[leader.vertices])
-    R = None if leader.is_prescribed else leader.rotation
-    if R is None:
-        R = np.eye(3) if still else rigid_motion(mesh.V[leader.vertices], leader.target)[0]
+    still, R = np.array_equal(leader.target, mesh.V[leader.vertices]), rotation_of(mesh, leader)
     move = leader.target.mean(axis=0) - centre
     if link.axis is None:
         target = rest if still else _partly(rest, link.influence, R, centre, move)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from sshade.edit.animating import Animating
 from sshade.edit.document import Document
-from sshade.edit.grouping import Grouping
 from sshade.edit.groups import Group
+from sshade.edit.keys import Key
 from sshade.edit.links import mirrored_vertices
 from sshade.edit.selection import TAKING, near, require_vertices, selected
 from sshade.edit.state import History, Settings
@@ -18,7 +19,7 @@ from sshade.errors import InputError
 from sshade.progress import Progress, silent
 
 
-class Session(Grouping):
+class Session(Animating):
     """A mesh, a selection of vertices, handle groups, and their history.
 
     See :class:`sshade.edit.work.Work` for undo, drags and shapes.
@@ -57,7 +58,7 @@ class Session(Grouping):
         welding["carry"] = carry_unconstrained
         super().__init__(Document(path, output=output, handles=handles_output, **welding), settings)
         if handles is not None:
-            self._take(self.document.read_groups(handles, first=1))
+            self._take(*self.document.read_groups(handles, first=1))
             self.history = History(self.state)
 
     # Actions that can be undone.
@@ -123,7 +124,7 @@ class Session(Grouping):
             See :func:`sshade.io.handles.read_handles`.
         """
         with self._lock:
-            self._take(self.document.received_groups(content, name, first=self._number))
+            self._take(*self.document.received_groups(content, name, first=self._number))
 
     def recover(self, path: Path | None = None) -> None:
         """Restore groups, settings and selection from a recovery file, by default from the first offer.
@@ -159,15 +160,23 @@ class Session(Grouping):
     # Files.
 
     def save(
-        self, content: str, name: str, *, over: bool = False, progress: Progress = silent
+        self,
+        content: str,
+        name: str,
+        *,
+        over: bool = False,
+        rate: float = 0.0,
+        progress: Progress = silent,
     ) -> tuple[Path, tuple[str, ...]]:
-        """Write the groups as a handle file, or the deformed mesh.
+        """Write the groups as a handle file, the deformed mesh, or the keys as an animation of handles.
 
         Parameters
         ----------
-        content : {"handles", "mesh"}
+        content : {"handles", "mesh", "animation"}
         name, over
             See :meth:`sshade.edit.document.Document.choose`.
+        rate : float
+            Frames per second of an animation between keys; 0 writes the keys alone.
         progress : Progress
 
         Returns
@@ -179,8 +188,8 @@ class Session(Grouping):
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.document.Document.choose`; also when there are no groups to write, or the
-            method refuses them.
+            See :meth:`sshade.edit.document.Document.choose`; also when there are no groups or keys to write,
+            or the method refuses the groups.
         Superseded
             When the handles changed during the computation.
         """
@@ -189,18 +198,22 @@ class Session(Grouping):
             self.settle(progress)
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
-            self.document.write_handles(self.state, path)
-            self._saved = self.state.groups, self.state.settings
+            if content == "animation":
+                self.document.write_animation(self.state, path, rate)
+            else:
+                self.document.write_handles(self.state, path)
+            saved = self.state.keys if content == "animation" else self._saved[2]
+            self._saved = self.state.groups, self.state.settings, saved
             self._saved_selection = self.state.selection
             self._keep()
         return path, ()
 
     # Helpers.
 
-    def _take(self, groups: tuple[Group, ...]) -> None:
-        """Replace all groups by the groups of a file."""
-        state = replace(self.state, groups=groups)
+    def _take(self, groups: tuple[Group, ...], keys: tuple[Key, ...]) -> None:
+        """Replace all groups and keys by those of a file."""
+        state = replace(self.state, groups=groups, keys=keys)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
-        self._saved, self._jumped = (groups, state.settings), True
+        self._saved, self._jumped = (groups, state.settings, keys), True
         self._push(state)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.edit.groups import Group, Motion
+from sshade.edit.keys import Key
 from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES
 from sshade.handles import Handles
@@ -53,12 +54,15 @@ class State:
     settings : Settings
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
+    keys : tuple of Key
+        Poses of an animation, by ascending time.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     groups: tuple[Group, ...] = ()
     settings: Settings = Settings()
     shape: np.ndarray | None = None
+    keys: tuple[Key, ...] = ()
 
     def same_shape(self, other: State) -> bool:
         """Whether both states have the same settings and groups, except for names and links of groups."""

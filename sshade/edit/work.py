@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import RLock
 
@@ -11,6 +12,7 @@ from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.following import followed
 from sshade.edit.groups import Group, Motion
+from sshade.edit.keys import Key
 from sshade.edit.links import middle
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import History, Settings, State
@@ -58,7 +60,7 @@ class Work:
         self.shown = self.mesh.V
         self.history = History(State(settings=settings, shape=self.mesh.V))
         self._revision = 0
-        self._saved: tuple[tuple[Group, ...], Settings] = (), settings
+        self._saved: tuple[tuple[Group, ...], Settings, tuple[Key, ...]] = (), settings, ()
         self._saved_selection = self.state.selection
         self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(self.mesh)
@@ -79,11 +81,11 @@ class Work:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved, or not with the current settings."""
-        groups, settings = self._saved
-        return bool(self.state.groups) and (
-            self.state.groups is not groups or self.state.settings != settings
-        )
+        """Whether there are groups that were not saved, or not with the current settings and keys."""
+        groups, settings, keys = self._saved
+        state = self.state
+        other = state.groups is not groups or state.settings != settings or state.keys is not keys
+        return bool(state.groups) and other
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
@@ -112,9 +114,13 @@ class Work:
         InputError
             When no group has the number, the group is static, or the mesh cannot be bound with these handles.
         """
+        return self._follow(lambda: self._moved(number, motion), [number])
+
+    def _follow(self, change: Callable[[], State], moved: Sequence[int]) -> np.ndarray:
+        """Show the mesh with groups elsewhere, but in the same order; `moved` are the numbers of some."""
         with self._following:
             with self._lock:
-                groups, state = self.state.groups, self._moved(number, motion)
+                groups, state = self.state.groups, change()
                 self._revision += 1
                 revision, shape = self._revision, self.shown
             if self._dragged is None or self._dragged[0] is not groups:
@@ -124,7 +130,9 @@ class Work:
                 self._follower.forget()
                 self._jumped = False
             shape = np.array(shape, order="C")
-            self._follower.follow(handles, int(state.group(number).vertices[0]), state.settings, shape)
+            on = [int(state.group(number).vertices[0]) for number in moved]
+            for vertex in {int(self.mesh.component[vertex]): vertex for vertex in on}.values():
+                self._follower.follow(handles, vertex, state.settings, shape)
             shape.setflags(write=False)
             with self._lock:
                 if self._revision == revision:

@@ -2,6 +2,7 @@
 /* global THREE */
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
+import { Strip } from "./strip.js";
 import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
@@ -53,6 +54,21 @@ try {
   throw new Error("no WebGL");
 }
 const panel = new Panel(ask, choose, shift);
+const strip = new Strip(ask, {
+  seek: (time) => request("seek", JSON.stringify({ time, drawn: view.drawn })),
+  draw: async ({ sent }) => {
+    view.setStep(sent.positions);
+    await new Promise(requestAnimationFrame);
+  },
+  begin: () => {
+    say(null);
+    order += 1;
+    byId("busy").hidden = true;
+    view.detach();
+    stage.dataset.state = "playing";
+  },
+  complain,
+});
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
   how: () => checked("how"),
@@ -139,6 +155,7 @@ function refresh() {
   else if (!view.gizmo.dragging) attach(group);
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
+  strip.show(facts);
   guide();
   colour();
   stage.dataset.state = facts.converged ? "converged" : "computing";
@@ -230,7 +247,7 @@ async function catchUp() {
     await solving;
   }
   catching = false;
-  if (view.gizmo.dragging || (heard <= facts.version && !behind)) return;
+  if (view.gizmo.dragging || strip.moves || (heard <= facts.version && !behind)) return;
   behind = false;
   await send("now");
 }
@@ -425,14 +442,14 @@ byId("reach").addEventListener("submit", (event) => {
 });
 byId("errors").addEventListener("change", () => (arrays.change ? colour() : settle()));
 
-for (const what of ["handles", "mesh"]) {
-  const form = byId(`save-${what}`), { name } = form.elements;
+for (const what of ["handles", "mesh", "animation"]) {
+  const form = byId(`save-${what}`), { name, rate } = form.elements;
   name.addEventListener("input", () => {
     name.dataset.edited = "yes";
   });
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    const given = { what, name: name.value };
+    const given = { what, name: name.value, ...(rate && { rate: Number(rate.value) }) };
     say(null);
     byId("saved").textContent = "";
     try {
@@ -443,8 +460,8 @@ for (const what of ["handles", "mesh"]) {
       take(said);
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
-      byId("command").textContent = said.command;
-      byId("command").hidden = facts.unsaved || !facts.groups.length;
+      byId("command").textContent = rate ? said.animation_command : said.command;
+      byId("command").hidden = (facts.unsaved && !facts.keys.length) || !facts.groups.length;
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
       complain(error);
@@ -474,7 +491,7 @@ byId("open").addEventListener("change", async ({ target }) => {
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
   g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving", b: "#rest", l: "#local",
-  n: "#snap", p: "#pivot",
+  n: "#snap", p: "#pivot", k: "#play",
 };
 window.addEventListener("keydown", (event) => {
   if (event.target.matches("input[type=text], input[type=number], select")) return;

@@ -75,7 +75,7 @@ export class Panel {
     }
     byId("trouble").hidden = !facts.trouble;
     byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
-    for (const what of ["handles", "mesh"]) {
+    for (const what of ["handles", "mesh", "animation"]) {
       const { name } = byId(`save-${what}`).elements;
       if (document.activeElement !== name && !name.dataset.edited) name.value = facts.outputs[what];
     }
