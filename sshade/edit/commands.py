@@ -330,6 +330,7 @@ class Commands:
             "animation_command": session.document.animation_command,
             "keys": [key.time for key in state.keys],
             "trouble": session.trouble,
+            "changed": session.document.is_changed,
             "recovery": [
                 {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers
             ],

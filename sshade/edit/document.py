@@ -96,6 +96,7 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
+        self._opened = _signature(path)
         self._carry, self._file = carry, read_file(path)
         self.notes = self._file.notes
         self._skin: Skin | None = None
@@ -292,6 +293,11 @@ class Document:
         return self._skin
 
     @property
+    def is_changed(self) -> bool:
+        """Whether another program changed or removed the mesh file since it was opened."""
+        return _signature(self._path) != self._opened
+
+    @property
     def neighbours(self) -> list[str]:
         """Names of the mesh files in the folder of the mesh."""
         with suppress(OSError):
@@ -318,3 +324,11 @@ class Document:
     def _command(self, handles: Path, output: Path) -> str:
         words = [str(self._path), str(handles), "--options", str(handles), "-o", str(output)]
         return shlex.join(["sshade", "deform", *words])
+
+
+def _signature(path: Path) -> tuple[int, int] | None:
+    """Return what changes with the contents of a file; None without a file."""
+    with suppress(OSError):
+        found = path.stat()
+        return found.st_mtime_ns, found.st_size
+    return None

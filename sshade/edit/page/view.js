@@ -157,7 +157,7 @@ function drawnByCard() {
 export class View {
   // `surface` is the element that receives mouse events.
   constructor(stage, canvas, surface) {
-    this.stage = stage;
+    Object.assign(this, { stage, canvas });
     this.drawn = drawnByCard() ? "card" : "processor";
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.drawn === "card" });
     this.fine = true;
@@ -195,7 +195,7 @@ export class View {
     new ResizeObserver(() => {
       this.resize();
       this.render();
-    }).observe(stage);
+    }).observe(canvas);
   }
 
   // Choose the axis that points up: "y" or "z".
@@ -364,8 +364,8 @@ export class View {
     this.pivot.quaternion.fromArray(quaternion);
     this.gizmo.attach(this.pivot);
     this.camera.updateMatrixWorld();
-    const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight } = this.stage;
-    this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight]; // where to drag
+    const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight, offsetTop } = this.canvas;
+    this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, offsetTop + ((1 - at.y) / 2) * clientHeight]; // where to drag
     this.draw();
   }
 
@@ -375,7 +375,7 @@ export class View {
   }
 
   resize() {
-    const { clientWidth: width, clientHeight: height } = this.stage;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
     this.renderer.setSize(width, height, false);
     this.setPixels();
     this.camera.aspect = width / Math.max(height, 1);
@@ -425,7 +425,7 @@ export class View {
 
   // Return the pixels x, y of every vertex, and whether it is on the screen and not behind the surface.
   project(through) {
-    const { clientWidth: width, clientHeight: height } = this.stage;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
     const P = this.attributes.position.array, n = P.length / 3;
     this.camera.updateMatrixWorld();
     const world = this.camera.matrixWorldInverse.elements;

@@ -7,12 +7,14 @@ import pytest
 
 from sshade import InputError
 from sshade.cli.main import main
+from sshade.edit.commands import Commands
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
 from sshade.io.handles import read_handles
-from sshade.io.meshes import read_arrays
+from sshade.io.meshes import read_arrays, write_mesh
 from tests.shapes import as_obj, rotation, strip, torn
+from tests.sshade.edit.lent import unpacked
 from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, begun, marked, ready, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -105,6 +107,30 @@ def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
     assert Path("again.obj").read_bytes() == path.read_bytes()
     assert session.save("mesh", "plain.ply")[1] != ()  # what PLY does not hold is told
+
+
+@pytest.mark.parametrize("name", ["body.ply", "body.obj", "body.glb"])
+def test_a_mesh_that_changes_on_disk_is_told_and_the_opened_version_is_saved(name):
+    session = begun(name=name)
+    number = marked(session)
+    commands = Commands(session)
+    assert not unpacked(commands.now())["changed"]
+    before = read_arrays(name)
+    session.drag(number, LIFT)
+    write_mesh(name, 2 * BODY.V[:-1], BODY.F[(BODY.n - 1 > BODY.F).all(axis=1)])
+    session.drag(number, LIFT)
+    session.release(number, LIFT)
+    session.settle()
+    assert unpacked(commands.now())["changed"]
+    session.save("handles", "pose.json")
+    session.save("mesh", f"posed{name[4:]}")
+    moved, faces = read_arrays(f"posed{name[4:]}")
+    assert np.array_equal(faces, before[1]) and np.abs(moved - session.shown).max() < 1e-6
+    Path(name).unlink()
+    assert unpacked(commands.now())["changed"]
+    write_mesh(name, *before)
+    assert main(["deform", name, "pose.json", "-o", f"again{name[4:]}"]) == 0
+    assert np.abs(read_arrays(f"again{name[4:]}")[0] - moved).max() < 1e-6
 
 
 def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
