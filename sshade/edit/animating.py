@@ -16,7 +16,7 @@ JUMP = 0.5
 
 
 class Animating(Grouping):
-    """Groups with poses at some times. The parameters are those of :class:`sshade.edit.work.Work`."""
+    """Groups with poses at some times; see :class:`sshade.edit.work.Work` for the parameters."""
 
     #: Time of the pose that was shown last.
     _sought = 0.0

@@ -121,14 +121,14 @@ class Grouping(Work):
 
         The surroundings are a soft group of all free vertices within a distance along the edges. The part
         falls from 1 at the group to 0 at the distance. They replace earlier surroundings of the group. A
-        mirror image of the group gets surroundings, too. The volume is no longer kept, because everything
-        else would give way for it.
+        mirror image of the group gets surroundings, too. Volume and area are no longer kept, because
+        everything else would give way for them.
 
         Raises
         ------
         InputError
-            See :func:`sshade.edit.selection.distances`; also when no vertex is near, or the group itself
-            surrounds another group.
+            See :func:`sshade.edit.selection.distances`; also when no vertex is near, or the group surrounds
+            another group.
         """
         with self._lock:
             group, _ = self.state.led(number)
@@ -149,7 +149,7 @@ class Grouping(Work):
                 link = Link(core.number, distance=distance, influence=falloff(far[k, inside], distance))
                 new = self._group("moving", inside, f"around {core.name}", weight=SOFT, link=link)
                 state = state.marked(new)
-            settings = self.state.settings._replace(volume=False)
+            settings = self.state.settings._replace(volume=False, area=False)
             self._push(replace(state, selection=self.state.selection, settings=settings))
             self._jumped = True
         return made
@@ -160,8 +160,8 @@ class Grouping(Work):
         Raises
         ------
         InputError
-            When the group is itself a follower, lies on both sides, the other side has no vertices within the
-            mean length of an edge, or the group slides on a surface from a file.
+            When the group follows another group, lies on both sides or slides on a surface from a file; also
+            when the opposite side has no vertices within the mean length of an edge.
         """
         with self._lock:
             group = self.state.group(number)
@@ -181,7 +181,7 @@ class Grouping(Work):
         return new.number
 
     def unlink(self, number: int) -> None:
-        """Let a group follow no other group any more; it stays where it is."""
+        """Let a group stay where it is, and follow no longer."""
         with self._lock:
             self._push(self.state.changed(number, link=None))
 

@@ -461,7 +461,7 @@ for (const what of ["handles", "mesh", "animation"]) {
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
       byId("command").textContent = rate ? said.animation_command : said.command;
-      byId("command").hidden = (facts.unsaved && !facts.keys.length) || !facts.groups.length;
+      byId("command").hidden = !facts.groups.length || (what === "mesh" && facts.unsaved);
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
       complain(error);

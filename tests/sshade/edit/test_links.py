@@ -148,7 +148,7 @@ def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance
     core, around = (session.state.group(which) for which in (number, ring))
     away = along_edges(session.mesh, core.vertices)
     assert around.vertices.tolist() == np.flatnonzero((away > 0) & (away < 1.2)).tolist()
-    assert not session.state.settings.volume and around.weight == SOFT
+    assert session.state.settings == ("fast", False, False) and around.weight == SOFT
     turn = Rotation.from_rotvec([0, 0, 0.8] if turns else [0, 0, 0])
     centre = V[core.vertices].mean(axis=0)
     move = np.array([0.1, 0.05, 0.3])

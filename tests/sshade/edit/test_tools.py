@@ -196,7 +196,7 @@ def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, 
     page.get_by_label("distance of the falloff").fill("0.6")
     asked(page, "fade", page.get_by_role("button", name="fall off").click)
     page.wait_for_selector("#groups li:nth-child(4)")
-    assert not page.locator("#volume").is_checked()
+    assert not page.locator("#volume").is_checked() and not page.locator("#area").is_checked()
     rows = page.locator("#groups li").all_inner_texts()
     assert "mirrors group 1" in rows[1] and "follows group 1" in rows[2] and "mirrored" in rows[3]
     drag(page, gizmo(page), (60, -30))
