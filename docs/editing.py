@@ -40,7 +40,7 @@ FALLOFF = PICTURE.with_name("edit_falloff.png")
 #: Body of the picture, and how its hand moves: by lengths in metres and degrees along x, y and z.
 SHOWN, MOVE, TURN = "data/defaust_20k", (0.12, 0.55, 0.1), (0, 0, 80)
 #: Folders of bodies, and how often their triangles are split in four.
-BODIES = {"data/defaust_170k": 0, "data/bench/15625": 3}
+BODIES = {"data/defaust_20k": 0, "data/defaust_170k": 0, "data/bench/15625": 3}
 #: Number of drags, seconds of each, and radius in pixels of the circle that the mouse follows in two seconds.
 DRAGS, SECONDS, RADIUS = 5, 4.0, 60
 #: The same flags as in tests/browser.py.

@@ -86,7 +86,9 @@ class Document:
         weld: float = NEAR,
         repair: bool = False,
     ) -> None:
-        self.name, self._path, self._replaceable = path.name, path, set[Path]()
+        self.name, self._path = path.name, path
+        #: Files that may be replaced without a question, unless another program changes them.
+        self._replaceable: dict[Path, tuple[int, int] | None] = {}
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
             "handles": path.with_name(f"{path.stem}_handles.json"),
@@ -188,7 +190,7 @@ class Document:
             On another content, or when `name` is not the plain name of a file with a suffix of the content,
             or is the edited mesh.
         FileExists
-            When the file exists and may not be replaced.
+            When the file exists, unless this editor wrote it last or its path was given in advance.
         """
         if content not in FORMATS:
             raise InputError(f"{content!r} cannot be saved: use {' or '.join(FORMATS)}")
@@ -197,8 +199,11 @@ class Document:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
         path = self.outputs[content].with_name(name)
         self._check(content, path)
-        if path.exists() and not over and path.resolve() not in self._replaceable:
-            raise FileExists(f"{name} exists already")
+        if path.exists() and not over:
+            if path.resolve() not in self._replaceable:
+                raise FileExists(f"{name} exists already")
+            if self._replaceable[path.resolve()] != _signature(path):
+                raise FileExists(f"another program has changed {name}")
         return path
 
     def _check(self, content: str, path: Path) -> None:
@@ -209,7 +214,7 @@ class Document:
     def _propose(self, content: str, path: Path) -> None:
         """Propose a path from now on; it may be replaced without a question."""
         self.outputs[content] = path
-        self._replaceable.add(path.resolve())
+        self._replaceable[path.resolve()] = _signature(path)
 
     def write_handles(self, state: State, path: Path) -> None:
         """Write the groups and all options as a handle file; raise InputError when there are no groups."""

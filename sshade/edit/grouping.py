@@ -40,6 +40,7 @@ class Grouping(Work):
         super().__init__(document, settings)
         self._number = 1
         self.symmetry: int | None = None
+        self._tree: Any = None
 
     def mark(self, kind: Kind) -> int:
         """Create a group of the selected vertices at their current positions; return its number.
@@ -167,7 +168,7 @@ class Grouping(Work):
             group = self.state.group(number)
             if group.link is not None:
                 raise InputError(f"{group.name} follows another group; mirror that group")
-            found = mirrored_vertices(self.mesh, group.vertices, axis)
+            found = self._images(group.vertices, axis)
             vertices = np.setdiff1d(found, group.vertices)
             if np.isin(found, group.vertices).sum() > OVERLAP * len(found):
                 raise InputError(f"{group.name} lies on both sides of the middle; mirror a group of one side")
@@ -179,6 +180,14 @@ class Grouping(Work):
             self._push(replace(self.state.marked(new), selection=self.state.selection))
             self._jumped = True
         return new.number
+
+    def _images(self, vertices: np.ndarray, axis: int) -> np.ndarray:
+        """Return the mirror images of vertices; see :func:`sshade.edit.links.mirrored_vertices`."""
+        from scipy.spatial import cKDTree
+
+        if self._tree is None:
+            self._tree = cKDTree(self.mesh.V, balanced_tree=False)
+        return mirrored_vertices(self.mesh, vertices, axis, tree=self._tree)
 
     def unlink(self, number: int) -> None:
         """Let a group stay where it is, and follow no longer."""

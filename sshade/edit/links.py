@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -56,13 +57,20 @@ def middle(mesh: Mesh) -> np.ndarray:
     return 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
 
 
-def mirrored_vertices(mesh: Mesh, vertices: np.ndarray, axis: int) -> np.ndarray:
-    """Return the vertices (j,) nearest to mirror images, at most the mean length of an edge away."""
-    from scipy.spatial import cKDTree
+def mirrored_vertices(mesh: Mesh, vertices: np.ndarray, axis: int, *, tree: Any) -> np.ndarray:
+    """Return the vertices (j,) nearest to mirror images, at most the mean length of an edge away.
 
+    Parameters
+    ----------
+    mesh : Mesh
+    vertices : (k,) int64
+    axis : int
+    tree : scipy.spatial.cKDTree
+        Search tree of the vertices of the mesh.
+    """
     centre = middle(mesh)
     image = (mesh.V[vertices] - centre) @ reflection(axis) + centre
-    distance, found = cKDTree(mesh.V, balanced_tree=False).query(image)
+    distance, found = tree.query(image)
     return found[distance <= mesh.mean_edge]
 
 

@@ -12,7 +12,6 @@ from sshade.edit.animating import Animating
 from sshade.edit.document import Document
 from sshade.edit.groups import Group
 from sshade.edit.keys import Key
-from sshade.edit.links import mirrored_vertices
 from sshade.edit.selection import TAKING, near, require_vertices, selected
 from sshade.edit.state import History, Settings
 from sshade.errors import InputError
@@ -81,8 +80,7 @@ class Session(Animating):
             vertices = np.asarray(vertices)
             if self.symmetry is not None and len(vertices) and how in TAKING:
                 require_vertices(self.mesh, vertices)
-                image = mirrored_vertices(self.mesh, vertices, self.symmetry)
-                vertices = np.union1d(vertices, image)
+                vertices = np.union1d(vertices, self._images(vertices, self.symmetry))
             new = selected(self.mesh, self.state.selection, vertices, how)
             if not np.array_equal(new, self.state.selection):
                 self._push(replace(self.state, selection=new))

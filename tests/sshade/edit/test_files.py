@@ -147,6 +147,18 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     assert (here / "other.json").read_text() == "mine"
     session.save("handles", "other.json", over=True)
     session.save("handles", "other.json")  # it is the editor's own now
+    second = begun()
+    marked(second)
+    with pytest.raises(InputError, match="exists already"):
+        second.save("handles", "other.json")
+    second.save("handles", "other.json", over=True)
+    theirs = (here / "other.json").read_bytes()
+    session.remove(session.state.groups[0].number)
+    with pytest.raises(InputError, match=r"another program has changed other\.json"):
+        session.save("handles", "other.json")
+    assert (here / "other.json").read_bytes() == theirs
+    session.save("handles", "other.json", over=True)
+    session.save("handles", "other.json")
     assert read_handles("other.json", BODY).index.size
     assert session.save("mesh", "posed.obj")[0] == here / "out" / "posed.obj"
     command = session.document.command
