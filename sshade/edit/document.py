@@ -6,7 +6,7 @@ import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,23 @@ MANY = 200
 
 class FileExists(InputError):
     """A file of this name exists, and this editor did not write it."""
+
+
+class Given(NamedTuple):
+    """Contents of a handle file.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+    keys : tuple of Key
+        Keys of an animation.
+    unconstrained : tuple of str
+        Those of "volume" and "area" that the file was saved without.
+    """
+
+    groups: tuple[Group, ...]
+    keys: tuple[Key, ...]
+    unconstrained: tuple[str, ...]
 
 
 class Document:
@@ -120,8 +137,8 @@ class Document:
         handles = state.handles(self.mesh)
         return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry)
 
-    def read_groups(self, path: Path, *, first: int) -> tuple[tuple[Group, ...], tuple[Key, ...]]:
-        """Read the groups of a handle file, and the keys of an animation.
+    def read_groups(self, path: Path, *, first: int) -> Given:
+        """Read a handle file or an animation.
 
         Parameters
         ----------
@@ -138,12 +155,10 @@ class Document:
             return self.received_groups(path.read_bytes(), str(path), first=first, folder=path.parent)
         file = read_handle_file(path)
         with naming(path):
-            return self._groups(file, first), ()
+            return self._given(file, first)
 
-    def received_groups(
-        self, content: bytes, name: str, *, first: int, folder: Path | None = None
-    ) -> tuple[tuple[Group, ...], tuple[Key, ...]]:
-        """Read the groups and keys of this project's JSON; messages call it `name`.
+    def received_groups(self, content: bytes, name: str, *, first: int, folder: Path | None = None) -> Given:
+        """Read this project's JSON; messages call it `name`.
 
         The paths of surfaces in it are relative to `folder`, by default the folder of the saved handles.
         """
@@ -152,9 +167,9 @@ class Document:
             data = parsed_json(content)
             still = {key: value for key, value in data.items() if key != FRAMES}
             file = handle_file_of(still, raw=False, folder=folder)
-            groups = self._groups(file, first)
+            given = self._given(file, first)
         if FRAMES not in data:
-            return groups, ()
+            return given
         poses = poses_of(data, folder / Path(name).name)
         recorded_times = data.get(KEY_TIMES)
         chosen = np.ones(len(poses.times), dtype=bool)
@@ -164,14 +179,15 @@ class Document:
         for k in np.flatnonzero(chosen if chosen.any() else ~chosen).tolist():
             handles = poses.poses[k].on(self.mesh, self._surface.vertex)
             keys.append(Key(float(poses.times[k]), groups_of(handles, {}, first=first)))
-        return groups, tuple(keys)
+        return given._replace(keys=tuple(keys))
 
-    def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
+    def _given(self, file: HandleFile, first: int) -> Given:
         if file.volumes:
             raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
         names = {entry.number: entry.name for entry in file.entries}
-        return linked(self.mesh, groups_of(handles, names, first=first), file.links)
+        groups = linked(self.mesh, groups_of(handles, names, first=first), file.links)
+        return Given(groups, (), tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.

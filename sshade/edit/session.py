@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from sshade.edit.animating import Animating
-from sshade.edit.document import Document
-from sshade.edit.groups import Group
-from sshade.edit.keys import Key
+from sshade.edit.document import Document, Given
 from sshade.edit.selection import TAKING, near, require_vertices, selected
 from sshade.edit.state import History, Settings
 from sshade.errors import InputError
@@ -57,7 +55,7 @@ class Session(Animating):
         welding["carry"] = carry_unconstrained
         super().__init__(Document(path, output=output, handles=handles_output, **welding), settings)
         if handles is not None:
-            self._take(*self.document.read_groups(handles, first=1))
+            self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
 
     # Actions that can be undone.
@@ -122,7 +120,7 @@ class Session(Animating):
             See :func:`sshade.io.handles.read_handles`.
         """
         with self._lock:
-            self._take(*self.document.received_groups(content, name, first=self._number))
+            self._take(self.document.received_groups(content, name, first=self._number))
 
     def recover(self, path: Path | None = None) -> None:
         """Restore groups, settings and selection from a recovery file, by default from the first offer.
@@ -208,9 +206,13 @@ class Session(Animating):
 
     # Helpers.
 
-    def _take(self, groups: tuple[Group, ...], keys: tuple[Key, ...]) -> None:
-        """Replace all groups and keys by those of a file."""
-        state = replace(self.state, groups=groups, keys=keys)
+    def _take(self, given: Given) -> None:
+        """Replace all groups and keys by those of a file, with the constraints that it was saved without."""
+        groups, keys, unconstrained = given
+        method, volume, area = self.state.settings
+        kept = volume and "volume" not in unconstrained, area and "area" not in unconstrained
+        settings = Settings(method, *kept)
+        state = replace(self.state, groups=groups, keys=keys, settings=settings)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
         self._saved, self._jumped = (groups, state.settings, keys), True

@@ -200,7 +200,7 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
     gap = np.abs(read_arrays("again.ply")[0] - read_arrays("posed.ply")[0]).max()
     assert gap < 1e-9
     again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert not again.is_unsaved
+    assert not again.is_unsaved and again.state.settings == ("fast", False, False)
     session.select(np.array([0]), "replace")  # writes a recovery file only after a change
     session.release(number, Motion(np.eye(3), np.zeros(3)))
     monkeypatch.setattr(recovery, "_is_running", lambda _: False)
