@@ -207,7 +207,7 @@ class Session(Animating):
     # Helpers.
 
     def _take(self, given: Given) -> None:
-        """Replace all groups and keys by those of a file, with the constraints that it was saved without."""
+        """Replace all groups and keys by those of a file. Constraints that it left out are left out."""
         groups, keys, unconstrained = given
         method, volume, area = self.state.settings
         kept = volume and "volume" not in unconstrained, area and "area" not in unconstrained

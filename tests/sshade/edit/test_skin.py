@@ -167,7 +167,7 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser, width):
         assert changed(shown, marked) > 0.03
         assert portion(marked[:half], 0, (1, 2)) < 0.2 * portion(shown[:half], 0, (1, 2))  # red is covered
         page.get_by_text("Options").click()
-        page.get_by_label("colours and textures of the file").uncheck()
+        page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
         assert portion(pixels(stage), 1, (0, 2)) < 0.002
         page.close()

@@ -233,7 +233,7 @@ def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
 
     assert red() > 0.05
     page.get_by_text("Options").click()
-    page.get_by_label("colours and textures of the file").uncheck()
+    page.get_by_label("colours and textures").uncheck()
     page.wait_for_timeout(300)
     assert red() < 0.001
     assert len(list(Path().glob("body.ply.recovery-*.npz"))) == 1
