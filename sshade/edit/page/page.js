@@ -552,9 +552,16 @@ async function stayConnected() {
   ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 
-// Load the materials of the file. The preview of a large mesh gets the colours of the vertices.
+// Load the materials of the file, unless they are one colour or the vertices have colours instead. The preview of a
+// large mesh gets the colours of the vertices.
 async function loadSkin() {
   const { materials, runs, sent } = await request("skin");
+  const several = new Set(materials.map(({ colour: own }) => own.join())).size > 1;
+  if (!materials.some(({ image }) => image) && (facts.coloured || !several)) {
+    byId("coloured").hidden = !facts.coloured;
+    stage.dataset.skin = "plain";
+    return;
+  }
   const images = await Promise.all(materials.map(async ({ image }, i) => {
     if (!image) return null;
     const response = await fetch(`image?material=${i}`);
