@@ -68,6 +68,10 @@ export class Panel {
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;
     byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind, fades }) => kind === "static" || fades !== null);
+    byId("faded").hidden = settings.method === "paper" || facts.groups.every(({ fades }) => fades === null);
+    byId("faded").textContent = settings.volume || settings.area
+      ? "Volume or area is kept, so everything beyond the falloff gives way."
+      : "Volume and area are not kept, because a falloff changes them.";
     byId("recovery").hidden = facts.recovery.length === 0;
     for (const { name, time, groups } of facts.recovery.slice(0, 1)) {
       const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });

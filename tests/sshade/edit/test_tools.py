@@ -197,6 +197,10 @@ def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, 
     asked(page, "fade", page.get_by_role("button", name="fall off").click)
     page.wait_for_selector("#groups li:nth-child(4)")
     assert not page.locator("#volume").is_checked() and not page.locator("#area").is_checked()
+    assert "are not kept, because a falloff" in page.locator("#faded").inner_text()
+    asked(page, "set_up", page.locator("#volume").check)
+    page.wait_for_selector("#faded:has-text('everything beyond the falloff gives way')")
+    asked(page, "set_up", page.locator("#volume").uncheck)
     rows = page.locator("#groups li").all_inner_texts()
     assert "mirrors group 1" in rows[1] and "follows group 1" in rows[2] and "mirrored" in rows[3]
     drag(page, gizmo(page), (60, -30))
