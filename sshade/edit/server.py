@@ -38,9 +38,8 @@ log = logging.getLogger(__name__)
 
 #: Files of the page and their types, by the last part of the address.
 PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
-PAGE |= {
-    name: (name, "text/javascript") for name in ("view.js", "picking.js", "panel.js", "strip.js", "page.js")
-}
+SCRIPTS = ("view", "picking", "look", "guides", "panel", "strip", "page")
+PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "

@@ -1,5 +1,7 @@
 // Translate pointers and buttons into commands, and answers into the shown mesh and panel.
 /* global THREE */
+import { Guides } from "./guides.js";
+import { Look } from "./look.js";
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
 import { Strip } from "./strip.js";
@@ -18,23 +20,9 @@ const ROLL = Math.PI / 12; // a step of a roll, and of a turn that snaps
 // Attempts to reach the program again, and milliseconds between them.
 const TRIES = 4, WAIT = 500;
 
-// three.js computes with linear colours.
-const linear = (css) => new THREE.Color(css).toArray();
-const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
-const COLOURS = { static: "#2166ac", moving: "#f2c200" };
-const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
-// Linear values of the bytes of colours in files.
-const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(`rgb(${byte},0,0)`)[0]);
-const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
-const RAMP = Array.from({ length: 256 }, (_, i) => {
-  const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
-  return new THREE.Color(STOPS[k]).lerp(new THREE.Color(STOPS[k + 1]), at - k).toArray();
-});
-
 let facts = null; // latest facts from the session
 const arrays = {}; // latest arrays from the session
 let active = null; // number of the group with the gizmo
-let painted = null; // vertices under the brush, and the effect of the brush
 let settling = null; // number of the computation that runs
 let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
@@ -43,8 +31,6 @@ let heard = 0, behind = false; // latest version of the session, and whether ano
 let resting = false; // whether the rest shape is shown
 const pivots = new Map(); // offsets of moved pivots from the middles of their groups
 let frame = null; // local axes of the active group as a quaternion, and what they belong to
-let surfaces = {}; // surfaces on which groups slide, by their names
-let guided = ""; // the guides that are shown
 
 let view;
 try {
@@ -53,6 +39,8 @@ try {
   say("The editor needs WebGL, which this browser does not support.");
   throw new Error("no WebGL");
 }
+const look = new Look(view, arrays, () => facts);
+const guides = new Guides(view, request);
 const panel = new Panel(ask, choose, shift);
 const strip = new Strip(ask, {
   seek: (time) => request("seek", JSON.stringify({ time, drawn: view.drawn })),
@@ -74,8 +62,8 @@ const picking = new Picking(view, byId("overlay"), {
   how: () => checked("how"),
   through: () => byId("through").checked,
   radius: () => Number(byId("radius").value),
-  picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => paint(null)),
-  painting: paint,
+  picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => look.paint(null)),
+  painting: (found, how) => look.paint(found, how),
 });
 
 // Send one request after the other.
@@ -156,8 +144,8 @@ function refresh() {
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
   strip.show(facts);
-  guide();
-  colour();
+  guides.show(facts.groups);
+  look.draw();
   stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;
 }
@@ -179,32 +167,6 @@ function attach(group) {
     frame.quaternion = said.frame;
     refresh();
   }).catch(complain);
-}
-
-// Draw the planes, lines and surfaces on which groups slide.
-function guide() {
-  const guides = [];
-  for (const { number, kind, slide, pivot } of facts.groups) {
-    if (!slide || slide === "free") continue;
-    const [[way, value]] = Object.entries(slide);
-    if (way === "surface") {
-      surfaces[value] ??= request(`surface?group=${number}`).then((said) => {
-        surfaces[value] = said.sent;
-        guide();
-      }).catch(() => delete surfaces[value]);
-      if (surfaces[value].faces) guides.push({ kind: "surface", name: value, colour: COLOURS[kind] });
-      continue;
-    }
-    const axes = way === "axes" && [..."xyz"].map((c) => Number(value.includes(c)));
-    const plane = way === "plane" || (axes && value.length === 2);
-    const direction = axes ? axes.map((there) => (plane ? 1 - there : there)) : value;
-    guides.push({ kind: plane ? "plane" : "line", at: pivot, direction, colour: COLOURS[kind] });
-  }
-  const text = JSON.stringify(guides);
-  if (text === guided) return;
-  guided = text;
-  view.setGuides(guides.map((one) => ({ ...one, ...(one.name && surfaces[one.name]) })));
-  stage.dataset.guides = guides.map(({ kind }) => kind).join(" ");
 }
 
 function choose(number) {
@@ -271,50 +233,6 @@ async function solve(mine) {
     if (mine === order) byId("busy").hidden = true;
     catchUp();
   }
-}
-
-function paint(found, how) {
-  painted = found && { found, how };
-  colour();
-}
-
-// Colour the vertices: picked, in a group, by the change of edge length, or plain.
-let toColour = false;
-function colour() {
-  if (toColour || !arrays.labels) return;
-  toColour = true;
-  requestAnimationFrame(() => {
-    toColour = false;
-    const { labels, selection, change, parts } = arrays, { found, how } = painted ?? {};
-    const shows = byId("errors").checked && change;
-    const base = byId("colours").checked && arrays.colours, skinned = byId("colours").checked && view.skin && !shows;
-    const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
-    byId("legend").hidden = !shows;
-    byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
-    const marked = skinned && new Uint8Array(labels.length);
-    view.setColours((colours) => {
-      for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
-        let picked = selection[v] && !(found && how === "replace");
-        if (found && found[v]) picked = how !== "remove";
-        if (marked) marked[v] = picked || labels[v];
-        if (!picked && !labels[v] && !shows && base) {
-          colours[i] = LINEAR[base[i]];
-          colours[i + 1] = LINEAR[base[i + 1]];
-          colours[i + 2] = LINEAR[base[i + 2]];
-          continue;
-        }
-        if (!picked && parts && parts[v] < 255) {
-          const part = parts[v] / 255;
-          for (let c = 0; c < 3; c += 1) colours[i + c] = part * kinds[labels[v]][c] + (1 - part) * (skinned ? 1 : BODY[c]);
-          continue;
-        }
-        const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
-        colours[i] = own[0];
-        colours[i + 1] = own[1];
-        colours[i + 2] = own[2];
-      }
-    }, marked);
-  });
 }
 
 // A drag requests the latest place of the gizmo as soon as the previous request was answered. While the mouse
@@ -434,13 +352,12 @@ byId("change").addEventListener("change", async ({ target }) => {
     byId("busy").hidden = true;
   });
 });
-byId("colours").addEventListener("change", colour);
 byId("reach").addEventListener("submit", (event) => {
   event.preventDefault();
   say(null);
   send("reach", JSON.stringify({ distance: Number(event.target.elements.distance.value) }));
 });
-byId("errors").addEventListener("change", () => (arrays.change ? colour() : settle()));
+byId("errors").addEventListener("change", () => arrays.change || settle());
 
 for (const what of ["handles", "mesh", "animation"]) {
   const form = byId(`save-${what}`), { name, rate } = form.elements;
@@ -552,58 +469,6 @@ async function stayConnected() {
   ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 
-// Load the materials of the file, unless they are one colour or the vertices have colours instead. The preview of a
-// large mesh gets the colours of the vertices.
-async function loadSkin() {
-  const { materials, runs, sent } = await request("skin");
-  const several = new Set(materials.map(({ colour: own }) => own.join())).size > 1;
-  if (!materials.some(({ image }) => image) && (facts.coloured || !several)) {
-    byId("coloured").hidden = !facts.coloured;
-    stage.dataset.skin = "plain";
-    return;
-  }
-  const images = await Promise.all(materials.map(async ({ image }, i) => {
-    if (!image) return null;
-    const response = await fetch(`image?material=${i}`);
-    if (response.ok) return createImageBitmap(await response.blob()).catch(() => null);
-    complain(new Error((await response.json()).error));
-    return null;
-  }));
-  const looks = materials.map(({ colour: own }, i) => {
-    if (!images[i]) return { colour: own };
-    const texture = new THREE.Texture(images[i]);
-    Object.assign(texture, { wrapS: THREE.RepeatWrapping, wrapT: THREE.RepeatWrapping, colorSpace: THREE.SRGBColorSpace });
-    Object.assign(texture, { flipY: false, needsUpdate: true });
-    return { colour: own, texture };
-  });
-  arrays.colours ??= sampled(sent, runs, materials, images);
-  view.setSkin({ ...sent, runs }, looks);
-  stage.dataset.skin = "shown";
-  colour();
-}
-
-// Return a colour of three bytes for each vertex: of its material and its place in the texture.
-function sampled({ vertex, uv, faces }, runs, materials, images) {
-  const colours = new Uint8Array(3 * arrays.labels.length);
-  for (const [first, count, number] of runs) {
-    const { colour: own } = materials[number], image = images[number];
-    let pixels = null, width = 1, height = 1;
-    if (image) {
-      [width, height] = [image.width, image.height].map((side) => Math.min(side, 1024));
-      const canvas = Object.assign(document.createElement("canvas"), { width, height });
-      const context = canvas.getContext("2d");
-      context.drawImage(image, 0, 0, width, height);
-      pixels = context.getImageData(0, 0, width, height).data;
-    }
-    const at = (x, size) => Math.min(Math.floor((x - Math.floor(x)) * size), size - 1);
-    for (let corner = 3 * first; corner < 3 * (first + count); corner += 1) {
-      const k = faces[corner], pixel = 4 * (at(uv[2 * k], width) + width * at(uv[2 * k + 1], height));
-      for (let c = 0; c < 3; c += 1) colours[3 * vertex[k] + c] = own[c] * (pixels ? pixels[pixel + c] : 255);
-    }
-  }
-  return colours;
-}
-
 picking.use("view");
 byId("hint").textContent = HINTS.view;
 request(`whole?drawn=${view.drawn}`)
@@ -620,10 +485,10 @@ request(`whole?drawn=${view.drawn}`)
     if (said.coloured) {
       request("colours").then(({ sent }) => {
         arrays.colours = sent.colours;
-        colour();
+        look.draw();
       }).catch(complain);
     }
-    if (said.skin) loadSkin().catch(complain);
+    if (said.skin) request("skin").then((skin) => look.load(skin, complain)).catch(complain);
     take(said);
   })
   .catch(complain);
