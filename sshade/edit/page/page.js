@@ -53,6 +53,8 @@ const strip = new Strip(ask, {
     order += 1;
     byId("busy").hidden = true;
     view.detach();
+    resting = false;
+    byId("rest").setAttribute("aria-pressed", false);
     stage.dataset.state = "playing";
   },
   complain,
