@@ -17,8 +17,8 @@ from numba.core import event
 
 import sshade
 from sshade.cli.main import main as run
+from sshade.edit.groups import Motion
 from sshade.edit.session import Session
-from sshade.edit.state import Motion
 from sshade.options import PRESETS
 
 FORMATS = ("ply", "obj", "off", "stl", "glb", "gltf")

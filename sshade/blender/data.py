@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from sshade.edit.state import Motion
+from sshade.edit.groups import Motion
 from sshade.errors import InputError
 
 from .rig import RIGID, Group, Rig, rigid

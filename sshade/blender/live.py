@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from sshade.edit.state import Motion
+from sshade.edit.groups import Motion
 from sshade.errors import InputError
 
 from .data import (

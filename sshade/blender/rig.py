@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.edit.follower import Follower
-from sshade.edit.state import Motion, Settings
+from sshade.edit.groups import Motion
+from sshade.edit.state import Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.surface import surface

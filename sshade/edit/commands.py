@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, preview
 from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
-from sshade.edit.state import METHODS, Motion, Settings
+from sshade.edit.skin import Skin
+from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
 from sshade.io.entries import REST
+from sshade.io.files import reason
 from sshade.mesh.clusters import Clusters
 from sshade.options import require_method
 from sshade.progress import Progress, silent
@@ -23,8 +26,13 @@ from sshade.slides import Slide
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
-#: Commands that are methods of the session. The last two take the number of a group.
-REVERTING = ("undo", "redo", "recover", "discard", "remove", "restore")
+#: Commands that are methods of the session, without an argument and with the number of a group.
+PLAIN = ("undo", "redo", "recover", "discard")
+OF_GROUPS = ("remove", "restore", "unlink")
+#: Commands that take the number of a group and a distance.
+WITHIN = ("limit", "fade")
+#: Commands that take a time.
+AT = ("key", "unkey", "pose")
 
 
 class Commands:
@@ -49,6 +57,7 @@ class Commands:
     ) -> None:
         self._session, self._progress = session, progress
         self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
+        self._opened["skin"] = session.document.has_skin
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._previews: dict[str, Clusters | None] = {}
@@ -67,17 +76,19 @@ class Commands:
             On an unknown command, an argument that is missing or of a wrong type, or when the session refuses
             the command.
         Superseded
-            See :meth:`sshade.edit.session.Session.settle`.
+            See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
-        if command is None and name not in REVERTING:
+        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN, *AT):
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
         if command is not None:
             return command(arguments)
-        number = [_given(arguments, "group", int)] if name in ("remove", "restore") else []
-        getattr(self._session, name)(*number)
+        given: list[Any] = [_given(arguments, "group", int)] if name in (*OF_GROUPS, *WITHIN) else []
+        given += [_numbers(arguments, "distance", ())] if name in WITHIN else []
+        given += [_numbers(arguments, "time", ())] if name in AT else []
+        getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
     def whole(self, arguments: Mapping[str, Any]) -> bytes:
@@ -101,6 +112,37 @@ class Commands:
         if colours is None:
             raise InputError(f"{self._session.document.name}: the file has no colours of vertices")
         return packet({}, {"colours": colours.ravel()})
+
+    def skin(self) -> bytes:
+        """Return the materials of the file, and copies of vertices with texture coordinates."""
+        skin = self._skin()
+        materials = [
+            {"colour": one.colour.tolist(), "image": one.texture is not None} for one in skin.materials
+        ]
+        arrays = {"vertex": skin.vertex.astype(np.uint32), "faces": skin.faces.ravel().astype(np.uint32)}
+        arrays["uv"] = skin.uv.ravel().astype(np.float32)
+        return packet({"materials": materials, "runs": skin.runs}, arrays)
+
+    def image(self, arguments: Mapping[str, Any]) -> bytes:
+        """Return the image file of a material."""
+        name, number = self._session.document.name, arguments.get("material", "")
+        materials = self._skin().materials
+        if not number.isdecimal() or not int(number) < len(materials):
+            raise InputError(f"{name}: the file has no material {number}")
+        texture = materials[int(number)].texture
+        if texture is None:
+            raise InputError(f"{name}: its material {number} has no image")
+        try:
+            return texture()
+        except (OSError, ValueError, LookupError) as error:
+            why = reason(error) if isinstance(error, OSError) else error
+            raise InputError(f"{name}: a texture cannot be shown ({why})") from error
+
+    def _skin(self) -> Skin:
+        skin = self._session.document.skin()
+        if skin is None:
+            raise InputError(f"{self._session.document.name}: the file has no materials")
+        return skin
 
     def surface(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the surface on which a group slides."""
@@ -146,16 +188,13 @@ class Commands:
         self._session.reach(_numbers(arguments, "distance", ()))
         return self._answer("selection")
 
-    def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.mirror(_given(arguments, "group", int), _axis(arguments))
         return self._answer(*CHANGED)
 
-    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
-        axis = _given(arguments, "axis", str)
-        if axis not in ("x", "y", "z"):
-            raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
-        self._session.mirror(_given(arguments, "group", int), "xyz".index(axis))
-        return self._answer(*CHANGED)
+    def do_symmetry(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.mirror_picks(None if arguments.get("axis") is None else _axis(arguments))
+        return self._answer()
 
     def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
         from scipy.spatial.transform import Rotation
@@ -174,6 +213,11 @@ class Commands:
         few = self._preview(arguments)
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
+    def do_seek(self, arguments: Mapping[str, Any]) -> bytes:
+        V = self._session.seek(_numbers(arguments, "time", ()))
+        few = self._preview(arguments)
+        return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
+
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.release(_given(arguments, "group", int), self._motion(arguments))
         return self._answer() if self._preview(arguments) is None else self._answer("positions")
@@ -185,7 +229,8 @@ class Commands:
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
         content, name = _given(arguments, "what", str), _given(arguments, "name", str)
         over = arguments.get("over") is True
-        path, lost = self._session.save(content, name, over=over, progress=self._progress)
+        rate = _numbers(arguments, "rate", ()) if "rate" in arguments else 0.0
+        path, lost = self._session.save(content, name, over=over, rate=rate, progress=self._progress)
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
     def _preview(self, arguments: Mapping[str, Any]) -> Clusters | None:
@@ -242,8 +287,12 @@ class Commands:
                 arrays[name] = mesh.F.astype(np.uint32)
             elif name == "labels":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint32)
+                parts = np.full(mesh.n, 255, dtype=np.uint8)
                 for number, group in enumerate(state.groups, start=1):
                     arrays[name][group.vertices] = number
+                    if group.link and group.link.influence is not None:
+                        parts[group.vertices] = 255 * group.link.influence
+                arrays |= {"parts": parts} if (parts < 255).any() else {}
             elif name == "selection":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint8)
                 arrays[name][state.selection] = 1
@@ -259,6 +308,8 @@ class Commands:
                 "vertices": len(group.vertices),
                 "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
+                "follows": group.link and group.link.leader,
+                "fades": group.link.distance if group.link and group.fades else None,
                 "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups
@@ -270,6 +321,7 @@ class Commands:
             "files": session.document.neighbours,
             "returns": session.document.is_in_memory,
             "picked": len(state.selection),
+            "symmetry": None if session.symmetry is None else "xyz"[session.symmetry],
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
@@ -277,7 +329,10 @@ class Commands:
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
+            "animation_command": session.document.animation_command,
+            "keys": [key.time for key in state.keys],
             "trouble": session.trouble,
+            "changed": session.document.is_changed,
             "recovery": [
                 {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers
             ],
@@ -312,6 +367,13 @@ def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:
     if type(value) is not kind:
         raise InputError(f'the command needs a {"text" if kind is str else "whole number"} "{name}"')
     return value
+
+
+def _axis(arguments: Mapping[str, Any]) -> int:
+    axis = _given(arguments, "axis", str)
+    if axis not in ("x", "y", "z"):
+        raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
+    return "xyz".index(axis)
 
 
 def _numbers(arguments: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:

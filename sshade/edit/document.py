@@ -6,23 +6,36 @@ import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.edit.state import Group, State, groups_of
+from sshade.edit.following import linked, recorded
+from sshade.edit.groups import Group, groups_of
+from sshade.edit.keys import MOST, Key, frames_of, unique
+from sshade.edit.skin import Skin, drawn
+from sshade.edit.state import State
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.entries import HandleFile, parsed_handle_file, read_handle_file
+from sshade.io.entries import (
+    FRAMES,
+    KEY_TIMES,
+    LINKS,
+    HandleFile,
+    handle_file_of,
+    parsed_json,
+    read_handle_file,
+)
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
+from sshade.io.poses import is_animation, poses_of
 from sshade.options import NEAR
 from sshade.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
-FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
+FORMATS = {"handles": (".json",), "mesh": SUFFIXES, "animation": (".json",)}
 #: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
 #: Greatest number of files that a page lists.
@@ -31,6 +44,23 @@ MANY = 200
 
 class FileExists(InputError):
     """A file of this name exists, and this editor did not write it."""
+
+
+class Given(NamedTuple):
+    """Contents of a handle file.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+    keys : tuple of Key
+        Keys of an animation.
+    unconstrained : tuple of str
+        Those of "volume" and "area" that the file was saved without.
+    """
+
+    groups: tuple[Group, ...]
+    keys: tuple[Key, ...]
+    unconstrained: tuple[str, ...]
 
 
 class Document:
@@ -59,7 +89,8 @@ class Document:
         The surface. Unused vertices of the file are missing, and vertices at one place along a seam are one.
     name : str
     outputs : dict
-        Path of the file that is proposed for the next save, by content: "handles" and "mesh".
+        Path of the file that is proposed for the next save, by content: "handles", "mesh" and
+        "animation".
     notes : tuple of str
         Oddities of the mesh file.
     is_in_memory : bool
@@ -82,18 +113,23 @@ class Document:
         weld: float = NEAR,
         repair: bool = False,
     ) -> None:
-        self.name, self._path, self._replaceable = path.name, path, set[Path]()
+        self.name, self._path = path.name, path
+        #: Files that may be replaced without a question, unless another program changes them.
+        self._replaceable: dict[Path, tuple[int, int] | None] = {}
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
             "handles": path.with_name(f"{path.stem}_handles.json"),
+            "animation": path.with_name(f"{path.stem}_animation.json"),
         }
         for content, given in (("mesh", output), ("handles", handles)):
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
+        self._opened = _signature(path)
         self.is_in_memory = file is not None
         self._carry, self._file = carry, read_file(path) if file is None else file
         self.notes = self._file.notes
+        self._skin: Skin | None = None
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
@@ -112,17 +148,25 @@ class Document:
         handles = state.handles(self.mesh)
         return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry)
 
-    def read_groups(self, path: Path, *, first: int) -> tuple[Group, ...]:
-        """Read the groups of a handle file; `first` is the number of the first group.
+    def read_groups(self, path: Path, *, first: int) -> Given:
+        """Read a handle file or an animation.
+
+        Parameters
+        ----------
+        path : path
+        first : int
+            Number of the first group.
 
         Raises
         ------
         InputError
-            See :func:`sshade.io.handles.read_handles`.
+            See :func:`sshade.io.handles.read_handles` and :func:`sshade.io.poses.poses_of`.
         """
+        if is_animation(path):
+            return self.received_groups(path.read_bytes(), str(path), first=first, folder=path.parent)
         file = read_handle_file(path)
         with naming(path):
-            return self._groups(file, first)
+            return self._given(file, first)
 
     def groups_of(self, handles: Handles) -> tuple[Group, ...]:
         """Return the groups of handles at vertices of the file.
@@ -150,27 +194,44 @@ class Document:
         index = index[np.argsort(row[vertex[index]], kind="stable")]
         return handles.sampled(row[vertex[index]], index, self.mesh.V)
 
-    def received_groups(self, content: bytes, name: str, *, first: int) -> tuple[Group, ...]:
-        """Read the groups of a handle file in this project's JSON; messages call it `name`.
+    def received_groups(self, content: bytes, name: str, *, first: int, folder: Path | None = None) -> Given:
+        """Read this project's JSON; messages call it `name`.
 
-        The paths of surfaces in it are relative to the folder of the saved handles.
+        The paths of surfaces in it are relative to `folder`, by default the folder of the saved handles.
         """
+        folder = self.outputs["handles"].parent if folder is None else folder
         with naming(name):
-            return self._groups(parsed_handle_file(content, folder=self.outputs["handles"].parent), first)
+            data = parsed_json(content)
+            still = {key: value for key, value in data.items() if key != FRAMES}
+            file = handle_file_of(still, raw=False, folder=folder)
+            given = self._given(file, first)
+        if FRAMES not in data:
+            return given
+        poses = poses_of(data, folder / Path(name).name)
+        recorded_times = data.get(KEY_TIMES)
+        chosen = np.ones(len(poses.times), dtype=bool)
+        if isinstance(recorded_times, list):  # other frames lie between keys
+            chosen = np.isin(poses.times, [t for t in recorded_times if isinstance(t, int | float)])
+        keys = []
+        for k in np.flatnonzero(chosen if chosen.any() else ~chosen).tolist():
+            handles = poses.poses[k].on(self.mesh, self._surface.vertex)
+            keys.append(Key(float(poses.times[k]), groups_of(handles, {}, first=first)))
+        return given._replace(keys=tuple(keys))
 
-    def _groups(self, file: HandleFile, first: int) -> tuple[Group, ...]:
+    def _given(self, file: HandleFile, first: int) -> Given:
         if file.volumes:
             raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
         names = {entry.number: entry.name for entry in file.entries}
-        return groups_of(handles, names, first=first)
+        groups = linked(self.mesh, groups_of(handles, names, first=first), file.links)
+        return Given(groups, (), tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.
 
         Parameters
         ----------
-        content : {"handles", "mesh"}
+        content : {"handles", "mesh", "animation"}
         name : str
             Name of a file, without a folder.
         over : bool
@@ -182,7 +243,7 @@ class Document:
             On another content, or when `name` is not the plain name of a file with a suffix of the content,
             or is the edited mesh.
         FileExists
-            When the file exists and may not be replaced.
+            When the file exists, unless this editor wrote it last or its path was given in advance.
         """
         if content not in FORMATS:
             raise InputError(f"{content!r} cannot be saved: use {' or '.join(FORMATS)}")
@@ -191,8 +252,11 @@ class Document:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
         path = self.outputs[content].with_name(name)
         self._check(content, path)
-        if path.exists() and not over and path.resolve() not in self._replaceable:
-            raise FileExists(f"{name} exists already")
+        if path.exists() and not over:
+            if path.resolve() not in self._replaceable:
+                raise FileExists(f"{name} exists already")
+            if self._replaceable[path.resolve()] != _signature(path):
+                raise FileExists(f"another program has changed {name}")
         return path
 
     def _check(self, content: str, path: Path) -> None:
@@ -203,16 +267,47 @@ class Document:
     def _propose(self, content: str, path: Path) -> None:
         """Propose a path from now on; it may be replaced without a question."""
         self.outputs[content] = path
-        self._replaceable.add(path.resolve())
+        self._replaceable[path.resolve()] = _signature(path)
 
     def write_handles(self, state: State, path: Path) -> None:
         """Write the groups and all options as a handle file; raise InputError when there are no groups."""
+        names = {number: group.name for number, group in enumerate(state.groups)}
+        self._write(state, path, names, {})
+        self._propose("handles", path)
+
+    def write_animation(self, state: State, path: Path, rate: float) -> int:
+        """Write the groups and the poses of all keys as an animation of handles; return the number of frames.
+
+        Parameters
+        ----------
+        state : State
+        path : path
+        rate : float
+            Frames per second between keys; 0 writes the keys alone.
+
+        Raises
+        ------
+        InputError
+            When there are no groups or keys, or too many frames.
+        """
+        if not state.keys:
+            raise InputError("there is no key; store a pose first")
+        if not 0 <= rate * (state.keys[-1].time - state.keys[0].time) < MOST - len(state.keys):
+            raise InputError(f"an animation has at most {MOST:,} frames; lower the frames a second")
+        names = unique([group.name for group in state.groups])
+        frames = frames_of(self.mesh, state.groups, state.keys, names=names, rate=rate)
+        about = {KEY_TIMES: [key.time for key in state.keys], FRAMES: frames}
+        self._write(state, path, dict(enumerate(names)), about)
+        self._propose("animation", path)
+        return len(frames)
+
+    def _write(self, state: State, path: Path, names: dict[int, str], about: dict[str, Any]) -> None:
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
-        names = {number: group.name for number, group in enumerate(state.groups)}
         made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
-        write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
-        self._propose("handles", path)
+        links = {LINKS: recorded(state.groups)} if any(group.link for group in state.groups) else {}
+        about = {"made": made, **links, **about}
+        write_handles(path, handles, names=names, about=about, static_at_rest=True)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""
@@ -236,6 +331,31 @@ class Document:
         return self._file.colours is not None
 
     @property
+    def has_skin(self) -> bool:
+        """Whether the file has materials."""
+        return self._file.skin is not None
+
+    def skin(self) -> Skin | None:
+        """Return the materials of the mesh, ready to be drawn; None if the file has none.
+
+        Raises
+        ------
+        InputError
+            When materials or texture coordinates of the file cannot be read.
+        """
+        if self._skin is None and self._file.skin is not None:
+            try:
+                self._skin = drawn(self._file.skin(), self._surface.vertex[self._file.F])
+            except (ValueError, LookupError, TypeError) as error:
+                raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
+        return self._skin
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether another program changed or removed the mesh file since it was opened."""
+        return _signature(self._path) != self._opened
+
+    @property
     def neighbours(self) -> list[str]:
         """Names of the mesh files in the folder of the mesh."""
         with suppress(OSError):
@@ -254,8 +374,24 @@ class Document:
 
         For a mesh in memory, the line of Python that reads the saved handles.
         """
-        handles = str(self.outputs["handles"])
         if self.is_in_memory:
-            return f"handles = sshade.io.handles.read_handles({handles!r}, mesh)"
-        words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
+            return f"handles = sshade.io.handles.read_handles({str(self.outputs['handles'])!r}, mesh)"
+        return self._command(self.outputs["handles"], self.outputs["mesh"])
+
+    @property
+    def animation_command(self) -> str:
+        """Command line that computes the poses of the saved animation, as a .glb with morph targets."""
+        output = self.outputs["mesh"].with_name(f"{self._path.stem}_animated.glb")
+        return self._command(self.outputs["animation"], output)
+
+    def _command(self, handles: Path, output: Path) -> str:
+        words = [str(self._path), str(handles), "--options", str(handles), "-o", str(output)]
         return shlex.join(["sshade", "deform", *words])
+
+
+def _signature(path: Path) -> tuple[int, int] | None:
+    """Return what changes with the contents of a file; None without a file."""
+    with suppress(OSError):
+        found = path.stat()
+        return found.st_mtime_ns, found.st_size
+    return None

@@ -7,6 +7,7 @@ import json
 import platform
 import secrets
 from contextlib import suppress
+from dataclasses import replace
 from glob import escape
 from math import inf, isfinite
 from pathlib import Path
@@ -14,7 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.edit.state import Group, Settings, State
+from sshade.edit.following import recorded
+from sshade.edit.groups import Group
+from sshade.edit.keys import Key, posed
+from sshade.edit.links import Link
+from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
 from sshade.io.files import reason, replacing
@@ -93,15 +98,23 @@ class Recovery:
         for i, group in enumerate(state.groups):
             arrays |= {f"vertices_{i}": group.vertices, f"target_{i}": group.target}
             arrays |= {} if group.turn is None else {f"turn_{i}": group.turn}
+            if group.link and group.link.influence is not None:
+                arrays[f"influence_{i}"] = group.link.influence
         groups = [
             {
                 **{name: getattr(group, name) for name in FIELDS},
                 "weight": group.weight if isfinite(group.weight) else None,
                 "slide": group.slide and dict(group.slide.record),
+                "link": link,
             }
-            for group in state.groups
+            for group, link in zip(state.groups, recorded(state.groups), strict=True)
         ]
         facts = {"mesh": self._of_mesh(), "process": _process(), "settings": state.settings, "groups": groups}
+        facts["keys"] = [key.time for key in state.keys]
+        for k, key in enumerate(state.keys):
+            for i, group in enumerate(posed(self._mesh, state.groups, [key], key.time)):
+                arrays[f"target_{i}_key_{k}"] = group.target
+                arrays |= {} if group.turn is None else {f"turn_{i}_key_{k}": group.turn}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
@@ -119,17 +132,28 @@ class Recovery:
             if facts["mesh"] != self._of_mesh():
                 other = "another mesh, or of this mesh with another --weld or --repair"
                 raise InputError(f"{path}: is a recovery file of {other}")
-            groups = []
+            groups: list[Group] = []
             for i, entry in enumerate(facts["groups"]):
                 fields: dict[str, Any] = {name: entry[name] for name in FIELDS}
                 fields["weight"] = inf if entry["weight"] is None else entry["weight"]
                 fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
+                if (link := entry["link"]) is not None:
+                    leader, (_, axis, distance) = groups[link[0]], link
+                    slide = None if axis is None else leader.slide
+                    influence = arrays.get(f"influence_{i}")
+                    fields["link"] = Link(leader.number, axis, distance, influence, slide)
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )
             settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
-            return State(arrays["selection"], tuple(groups), settings)
+            keys = []
+            for k, time in enumerate(facts.get("keys", [])):
+                targets = [arrays[f"target_{i}_key_{k}"] for i in range(len(groups))]
+                turns = [arrays.get(f"turn_{i}_key_{k}") for i in range(len(groups))]
+                places = zip(groups, targets, turns, strict=True)
+                keys.append(Key(time, tuple(replace(g, target=a, turn=b) for g, a, b in places)))
+            return State(arrays["selection"], tuple(groups), settings, keys=tuple(keys))
         except (KeyError, IndexError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise

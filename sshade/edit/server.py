@@ -30,14 +30,16 @@ import numpy as np
 from sshade import threejs
 from sshade.edit.commands import Commands
 from sshade.edit.document import FileExists
-from sshade.edit.session import Session, Superseded
+from sshade.edit.session import Session
+from sshade.edit.work import Superseded
 from sshade.errors import InputError
 
 log = logging.getLogger(__name__)
 
 #: Files of the page and their types, by the last part of the address.
 PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
-PAGE |= {name: (name, "text/javascript") for name in ("view.js", "picking.js", "panel.js", "page.js")}
+SCRIPTS = ("view", "picking", "look", "guides", "panel", "strip", "page")
+PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -205,6 +207,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(self.server.commands.rest())
         elif name == "colours":
             self._send(self.server.commands.colours())
+        elif name == "skin":
+            self._send(self.server.commands.skin())
+        elif name == "image":
+            self._send(self.server.commands.image(self._query))
         elif name == "surface":
             self._send(self.server.commands.surface(self._query))
         elif name == "alive":

@@ -3,134 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import inf
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.edit.groups import Group, Motion
+from sshade.edit.keys import Key
 from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES
 from sshade.handles import Handles
-from sshade.io.entries import REST
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rigid_motion
-from sshade.slides import Slide
-
-Kind = Literal["static", "moving"]
 
 #: Methods of the editor.
 METHODS = ("fast", "fine", "paper")
-
-#: Ways to change a selection. The first three take vertices.
-WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
 #: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
 STATES, BYTES = 1000, 500_000_000
-#: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
-#: do not determine a rotation, which is therefore prescribed.
-LINE = 1e-6
-#: Greatest portion of a group whose mirror image may lie in the group itself.
-OVERLAP = 0.25
-#: Greatest length of a group's name.
-LONGEST = 80
-
-
-class Motion(NamedTuple):
-    """A rigid motion: x moves to R x + t.
-
-    Attributes
-    ----------
-    R : (3, 3) float64
-    t : (3,) float64
-    """
-
-    R: np.ndarray
-    t: np.ndarray
-
-    @classmethod
-    def about(cls, pivot: np.ndarray, quaternion: np.ndarray, move: np.ndarray) -> Motion:
-        """Return a rotation about the point `pivot`, followed by the translation `move`.
-
-        Parameters
-        ----------
-        pivot, move : (3,) float64
-        quaternion : (4,) float64
-            Rotation x, y, z, w, of any length but zero.
-        """
-        from scipy.spatial.transform import Rotation
-
-        # A translation must not leave rounding in R: :attr:`Group.rotation` would take it for a rotation.
-        R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
-        return cls(R, pivot - R @ pivot + move)
-
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Move points (k, 3)."""
-        if np.array_equal(self.R, np.eye(3)) and not self.t.any():
-            return points
-        return points @ self.R.T + self.t
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Vertices that are fixed, or moved rigidly.
-
-    Parameters
-    ----------
-    number : int
-        Unique among all groups of a session.
-    name : str
-    kind : {"static", "moving"}
-    vertices : (k,) int64
-    target : (k, 3) float64
-        Targets of the vertices.
-    weight : float
-        Weight of a soft group, inf for a hard one; see :class:`sshade.Handles`.
-    turn : (3, 3) float64, optional
-        How far the group was turned.
-    is_prescribed : bool
-        Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
-    slide : Slide, optional
-        Set on which the vertices slide; None keeps them at their targets.
-
-    Raises
-    ------
-    InputError
-        On another kind, an empty or too long name, or a weight that is not above 0.
-    """
-
-    number: int
-    name: str
-    kind: Kind
-    vertices: np.ndarray
-    target: np.ndarray
-    weight: float = inf
-    turn: np.ndarray | None = None
-    is_prescribed: bool = False
-    slide: Slide | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("static", "moving"):
-            raise InputError(f"a group is static or moving, not {self.kind!r}")
-        if not 0 < len(self.name) <= LONGEST:
-            raise InputError(f"a name has 1 to {LONGEST} characters")
-        if not self.weight > 0:
-            raise InputError("a weight is a number above 0; leave it empty for a hard group")
-        if self.is_free and self.weight < inf:
-            raise InputError("a group with a rotation only has no weight; leave it empty")
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the position is free. The targets are then at rest, as files say, and have no effect."""
-        return self.slide is not None and self.slide.free
-
-    @property
-    def rotation(self) -> np.ndarray | None:
-        """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
-        if self.turn is None and self.is_free:
-            return np.eye(3)
-        if self.turn is None or self.is_prescribed or self.slide is not None:
-            return self.turn
-        extents = np.linalg.svd(self.target - self.target.mean(axis=0), compute_uv=False)
-        return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
 
 
 class Settings(NamedTuple):
@@ -167,16 +54,21 @@ class State:
     settings : Settings
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
+    keys : tuple of Key
+        Poses of an animation, by ascending time.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     groups: tuple[Group, ...] = ()
     settings: Settings = Settings()
     shape: np.ndarray | None = None
+    keys: tuple[Key, ...] = ()
 
     def same_shape(self, other: State) -> bool:
-        """Whether both states have the same settings and groups, except for names of groups."""
-        own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
+        """Whether both states have the same settings and groups, except for names and links of groups."""
+        own, others = (
+            [{**vars(group), "name": "", "link": None} for group in state.groups] for state in (self, other)
+        )
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
         return same and len(own) == len(others) and self.settings == other.settings
 
@@ -207,8 +99,24 @@ class State:
         old = self.group(number)
         return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
+    def led(self, number: int) -> tuple[Group, int | None]:
+        """Return the group that takes along a group: itself or its leader, and the axis of the mirror if any.
+
+        Raises
+        ------
+        InputError
+            When there is no such group, or it only makes a part of the motion of its leader.
+        """
+        group = self.group(number)
+        if group.link is None:
+            return group, None
+        leader = self.group(group.link.leader)
+        if group.fades:
+            raise InputError(f"{group.name} follows {leader.name}; move {leader.name}")
+        return leader, group.link.axis
+
     def moved(self, number: int, motion: Motion) -> State:
-        """Return a state with a group moved from its current place.
+        """Return a state with a group moved from its current place. Its followers stay.
 
         Raises
         ------
@@ -232,7 +140,7 @@ class State:
             if keep.all():
                 groups.append(group)
             elif keep.any():
-                groups.append(replace(group, vertices=group.vertices[keep], target=group.target[keep]))
+                groups.append(group.kept(keep))
         return replace(self, selection=new.vertices[:0], groups=(*groups, new))
 
     def handles(self, mesh: Mesh) -> Handles:
@@ -282,32 +190,6 @@ class State:
             group.rotation is not None or not np.array_equal(group.target, mesh.V[group.vertices])
             for group in self.groups
         )
-
-
-def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[Group, ...]:
-    """Convert handles of a file to groups.
-
-    Parameters
-    ----------
-    handles : Handles
-    names : mapping
-        Names of groups of `handles`. Other groups are named by their number.
-    first : int
-        Number of the first group.
-    """
-    groups = []
-    for number, group in enumerate(np.unique(handles.group), start=first):
-        members = np.flatnonzero(handles.group == group)
-        name = names.get(int(group), "")[:LONGEST] or f"group {number}"
-        kind: Kind = "moving" if handles.dynamic[members].any() else "static"
-        vertices, target = handles.index[members], handles.target[members]
-        one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
-        if handles.rotation is not None and handles.has_rotation[members[0]]:
-            one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
-        if handles.slide is not None:
-            one = replace(one, slide=handles.slide[members[0]])
-        groups.append(one)
-    return tuple(groups)
 
 
 class History:
@@ -363,138 +245,3 @@ class History:
                 self._states[i] = replace(self._states[i], shape=None)
             else:
                 kept[id(shape)] = shape.nbytes
-
-
-def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
-    """Change a selection.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    before : (j,) int64
-        Selected vertices.
-    vertices : (k,) int
-        Vertices for "replace", "add" and "remove".
-    how : str
-        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
-        vertices with a neighbour that is not selected; "linked" adds all vertices of their components.
-
-    Returns
-    -------
-    (j',) int64
-        Selected vertices, ascending.
-
-    Raises
-    ------
-    InputError
-        When `how` is another word, or a vertex is out of range.
-    """
-    if how not in WAYS:
-        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
-    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
-        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
-    chosen = np.zeros(mesh.n, dtype=bool)
-    chosen[before] = how not in ("replace", "none")
-    if how in ("replace", "add", "remove"):
-        chosen[vertices] = how != "remove"
-    elif how == "all":
-        chosen[:] = True
-    elif how == "invert":
-        chosen = ~chosen
-    elif how in ("grow", "shrink"):
-        ends = chosen[mesh.edges]
-        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
-    elif how == "linked":
-        chosen = np.isin(mesh.component, mesh.component[before])
-    return np.flatnonzero(chosen)
-
-
-def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
-    """Find the vertices within a distance of other vertices, measured along the edges of the rest shape.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    vertices : (k,) int64
-    distance : float
-        In the unit of the mesh.
-
-    Returns
-    -------
-    (n,) bool
-
-    Raises
-    ------
-    InputError
-        When there are no vertices, or the distance is not above 0.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
-    if len(vertices) == 0:
-        raise InputError("no vertex is picked from which a distance could be measured")
-    if not distance > 0:
-        raise InputError(f"a distance is a number above 0, not {distance:g}")
-    found, (i, j) = np.zeros(mesh.n, dtype=bool), mesh.edges.T
-    found[vertices] = True
-    border = np.unique(mesh.edges[found[i] != found[j]])  # paths from the vertices begin there
-    border = border[found[border]]
-    if len(border) == 0:
-        return found
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return found | np.isfinite(dijkstra(graph, directed=False, indices=border, min_only=True, limit=distance))
-
-
-def mirrored(mesh: Mesh, group: Group, axis: int, *, number: int) -> Group:
-    """Mirror a group in the middle plane of the rest shape.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    group : Group
-    axis : int
-        Coordinate whose sign changes: 0, 1 or 2.
-    number : int
-        Number of the new group.
-
-    Returns
-    -------
-    Group
-        The vertices nearest to the mirrored vertices, without those of `group`, moved by the mirrored motion.
-
-    Raises
-    ------
-    InputError
-        When the group lies on both sides, the other side has no vertices within the mean length of an edge,
-        or the group slides on a surface from a file.
-    """
-    from scipy.spatial import cKDTree
-
-    middle = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
-    S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
-    rest, slide = mesh.V[group.vertices], group.slide
-    distance, found = cKDTree(mesh.V, balanced_tree=False).query((rest - middle) @ S + middle)
-    if np.isin(found, group.vertices).mean() > OVERLAP:
-        raise InputError(f"{group.name} lies on both sides of the middle; mirror a group of one side")
-    vertices = np.setdiff1d(found[distance <= mesh.mean_edge], group.vertices)
-    if len(vertices) == 0:
-        raise InputError(f"the mesh has no vertices on the other side of {group.name}")
-    if slide is not None and "slide" in slide.record:
-        ((kind, value),) = slide.record["slide"].items()
-        if kind == "surface" and value != REST:
-            raise InputError(f"{group.name} slides on a surface, which has no mirrored surface")
-        if kind in ("plane", "line"):
-            slide = (Slide.plane if kind == "plane" else Slide.line)(S @ value)
-    R, t = rigid_motion(rest, group.target)
-    R, t = S @ R @ S, S @ (R @ middle + t - middle) + middle - S @ R @ S @ middle
-    still = np.array_equal(group.target, rest)
-    return replace(
-        group,
-        number=number,
-        name=f"{group.name[: LONGEST - 9]} mirrored",
-        vertices=vertices,
-        target=mesh.V[vertices] if still else mesh.V[vertices] @ R.T + t,
-        turn=None if group.turn is None else S @ group.turn @ S,
-        slide=slide,
-    )

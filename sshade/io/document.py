@@ -12,6 +12,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.files import check_suffix
+from sshade.io.skins import Skin
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
@@ -63,7 +64,10 @@ class MeshFile:
         :func:`sshade.mesh.surface.surface`.
     colours : callable, optional
         ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
-        file has none, or is of a format whose colours are not read (.off, .glb, .gltf).
+        file has none, or is an .off file, whose colours are not read.
+    skin : callable, optional
+        ``skin()`` returns the materials of the triangles. None if the file has none, or is a .ply file, whose
+        textures are not read.
     """
 
     V: np.ndarray
@@ -75,6 +79,7 @@ class MeshFile:
     rounding: np.ndarray | None = None
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
     colours: Callable[[], np.ndarray] | None = None
+    skin: Callable[[], Skin] | None = None
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them

@@ -38,7 +38,8 @@ FRAMES = "frames"
 #: Stands for the rest shape as the surface of a slide, until the mesh is known.
 REST = "rest"
 #: Keys that this project writes into entries and files, and that readers of handles ignore.
-RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made")
+LINKS, KEY_TIMES = "links", "keys"
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", LINKS, KEY_TIMES)
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Value for handles without a prescribed rotation.
@@ -96,6 +97,8 @@ class HandleFile(NamedTuple):
     made : mapping
         Options that the editor recorded.
     volumes : list of VolumeEntry
+    links
+        What the editor recorded about groups that follow other groups, without checks; None without records.
     """
 
     entries: list[Entry]
@@ -103,6 +106,7 @@ class HandleFile(NamedTuple):
     implicit_arap: bool = False
     made: Mapping[str, Any] = {}
     volumes: Sequence[VolumeEntry] = ()
+    links: Any = None
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
@@ -159,7 +163,8 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
         raise InputError(NO_HANDLES)
     made = data.get("made")
     volumes = volume_entries(data.get("volumes", []))
-    return HandleFile(entries, raw, made=made if isinstance(made, dict) else {}, volumes=volumes)
+    made = made if isinstance(made, dict) else {}
+    return HandleFile(entries, raw, made=made, volumes=volumes, links=data.get(LINKS))
 
 
 def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:

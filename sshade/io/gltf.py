@@ -21,6 +21,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
+from sshade.io.gltf_materials import gltf_colours, gltf_skin
 from sshade.io.gltf_own import with_own_numbers
 from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
 from sshade.io.normals import vertex_turns
@@ -83,6 +84,8 @@ def read_gltf(path: Path) -> MeshFile:
     gltf = gltf._replace(tree=tree, buffers=buffers)
     matrices = mesh_matrices(tree)
     parts: dict[tuple, _Part] = {}
+    coloured: list[tuple[int, int | None]] = []
+    primitives: list[tuple[dict[str, Any], np.ndarray]] = []
     V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     count, rounding = 0, np.zeros(3)
     for number, mesh in enumerate(gltf.tree.get("meshes", [])):
@@ -98,17 +101,24 @@ def read_gltf(path: Path) -> MeshFile:
                 rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
                 parts[key] = _Part(position, *shading, count, M)
                 count += len(P)
+                coloured.append((len(P), attributes.get("COLOR_0")))
             size = gltf.tree["accessors"][position]["count"]
             corners = triangles_of(gltf.tree, gltf.buffers, primitive, size)
             if np.linalg.det(M[:3, :3]) < 0:  # a mirror turns faces around
                 corners = corners[:, ::-1]
             F.append(parts[key].first + corners)
+            primitives.append((primitive, corners))
     if not sum(map(len, F)):
         raise InputError(f"{path}: the file holds no triangles")
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
-    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, stored=None)
+    colours = skin = None
+    if any(one is not None for _, one in coloured):
+        colours = partial(gltf_colours, tree, buffers, coloured)
+    if any("material" in primitive for primitive, _ in primitives):
+        skin = partial(gltf_skin, tree, buffers, path, primitives)
+    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, colours, skin)
 
 
 def parsed_gltf(data: bytes, path: Path) -> Gltf:

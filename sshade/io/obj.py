@@ -14,6 +14,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.normals import turned, turns
+from sshade.io.obj_materials import obj_skin
+from sshade.io.skins import Skin
 from sshade.io.triangles import fanned
 from sshade.io.words import Edits, Numbers, Text, edited, key_of, without_comments
 from sshade.mesh.seams import same_rows
@@ -78,22 +80,19 @@ def read_obj(path: Path) -> MeshFile:
         When there are no triangles.
     """
     data = path.read_bytes()
-    joined = without_comments(data)
-    if b"\\" in joined:  # a line that ends with a backslash goes on in the next line
-        joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
-    text = Text(joined)
-    key = text.keys()
+    text, key = _words(data)
     vertices, shading, polygons, libraries = (
         np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"mtllib")
     )
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
-    corners, triangles, textured = _faces(text, polygons, vertices, shading)
+    corners, triangles, _, texture = _faces(text, polygons, vertices, shading)
     if not len(positions.value) or not len(triangles):
         raise InputError(f"{path}: the file holds no triangles")
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}
+    textured = int((texture[0] < texture[1]).sum())
     undeclared = int(((corners.number != 0) & (corners.normal < 0)).sum())
     stay = "that it does not declare stay as they are"
     notes = {
@@ -124,7 +123,28 @@ def read_obj(path: Path) -> MeshFile:
         content,
         tuple(n for n, there in notes.items() if there),
         colours=partial(_colours, text, vertices) if coloured else None,
+        skin=partial(_skin, data, path) if there >= {b"mtllib", b"usemtl"} else None,
     )
+
+
+def _words(data: bytes) -> tuple[Text, np.ndarray]:
+    """Return the words of a file without comments, and the keys of its lines."""
+    joined = without_comments(data)
+    if b"\\" in joined:  # a line that ends with a backslash goes on in the next line
+        joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+    text = Text(joined)
+    return text, text.keys()
+
+
+def _skin(data: bytes, path: Path) -> Skin:
+    """Return the materials of a file; its words are read again, because few callers need materials."""
+    text, key = _words(data)
+    vertices, shading, polygons, coordinates, uses, libraries = (
+        np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"vt", b"usemtl", b"mtllib")
+    )
+    _, triangles, face, texture = _faces(text, polygons, vertices, shading)
+    lines = {"polygons": polygons, "coordinates": coordinates, "uses": uses, "libraries": libraries}
+    return obj_skin(text, path, **lines, face=face, texture=texture, triangles=triangles)
 
 
 def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
@@ -135,7 +155,7 @@ def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
 
 def _faces(
     text: Text, faces: np.ndarray, vertex_lines: np.ndarray, normal_lines: np.ndarray
-) -> tuple[_Corners, np.ndarray, int]:
+) -> tuple[_Corners, np.ndarray, np.ndarray, np.ndarray]:
     """Read the faces from their lines.
 
     Returns
@@ -143,8 +163,10 @@ def _faces(
     corners : _Corners
     triangles : (m, 3) int64
         Numbers of corners.
-    textured : int
-        Number of corners that refer to texture coordinates.
+    face : (c,) int64
+        Number of the polygon of each corner.
+    texture : (2, c) int64
+        Bytes where the number of each corner's texture coordinates begins and ends.
     """
 
     def require(wrong: np.ndarray, lines: np.ndarray, message: str) -> None:
@@ -164,7 +186,7 @@ def _faces(
     slashes = np.append(np.flatnonzero(np.frombuffer(text.data, np.uint8) == ord("/")), [len(text.data)] * 3)
     slash = np.searchsorted(slashes, begin)
     vertex = text.integers(begin, np.minimum(slashes[slash], end))
-    textured = int((slashes[slash] + 1 < np.minimum(slashes[slash + 1], end)).sum())
+    texture = np.stack([slashes[slash] + 1, np.minimum(slashes[slash + 1], end)])
     begin, end = np.minimum(slashes[slash + 1] + 1, end), np.minimum(slashes[slash + 2], end)
     shaded = begin < end
     number = np.zeros(len(begin), dtype=np.int64)
@@ -175,7 +197,8 @@ def _faces(
     vertex += np.where(vertex > 0, -1, above)
     normal = number + np.where(number < 0, np.searchsorted(normal_lines, faces)[face], -1)
     normal[(normal < 0) | (normal >= len(normal_lines))] = -1
-    return _Corners(vertex, normal, begin, end, number), fanned(polygons, of_size)[0], textured
+    corners = _Corners(vertex, normal, begin, end, number)
+    return corners, fanned(polygons, of_size)[0], face, texture
 
 
 def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:

@@ -151,7 +151,7 @@ def read_poses(
             raise InputError(f"{animation} moves the groups of one handle file; {len(paths)} are given")
         return _of_nodes(paths[0], animation, raw, fps)
     if len(paths) == 1 and is_animation(paths[0]):
-        return _of_frames(paths[0], raw)
+        return poses_of(_parsed(paths[0], paths[0].read_bytes()), paths[0], raw=raw)
     poses = [Pose(str(path), read_handle_file(path, raw=raw)) for path in paths]
     return Poses(poses, np.arange(len(poses)) / fps, [])
 
@@ -184,9 +184,15 @@ def _parsed(path: Path, content: bytes) -> dict[str, Any]:
         return parsed_json(content)
 
 
-def _of_frames(path: Path, raw: bool) -> Poses:
-    data = _parsed(path, path.read_bytes())
-    frames = data.pop(FRAMES)
+def poses_of(data: dict[str, Any], path: Path, *, raw: bool = False) -> Poses:
+    """Return the poses of an animation of handles, which was read as JSON from `path`.
+
+    Raises
+    ------
+    InputError
+        When frames are inconsistent. The message names `path`.
+    """
+    frames, data = data[FRAMES], {key: value for key, value in data.items() if key != FRAMES}
     with naming(path):
         if not isinstance(frames, list) or not frames:
             raise InputError(f'"{FRAMES}" must be a list of frames, at least one')

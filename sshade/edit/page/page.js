@@ -1,7 +1,10 @@
 // Translate pointers and buttons into commands, and answers into the shown mesh and panel.
 /* global THREE */
+import { Guides } from "./guides.js";
+import { Look } from "./look.js";
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
+import { Strip } from "./strip.js";
 import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
@@ -17,23 +20,9 @@ const ROLL = Math.PI / 12; // a step of a roll, and of a turn that snaps
 // Attempts to reach the program again, and milliseconds between them.
 const TRIES = 4, WAIT = 500;
 
-// three.js computes with linear colours.
-const linear = (css) => new THREE.Color(css).toArray();
-const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
-const COLOURS = { static: "#2166ac", moving: "#f2c200" };
-const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
-// Linear values of the bytes of colours in files.
-const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(`rgb(${byte},0,0)`)[0]);
-const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
-const RAMP = Array.from({ length: 256 }, (_, i) => {
-  const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
-  return new THREE.Color(STOPS[k]).lerp(new THREE.Color(STOPS[k + 1]), at - k).toArray();
-});
-
 let facts = null; // latest facts from the session
 const arrays = {}; // latest arrays from the session
 let active = null; // number of the group with the gizmo
-let painted = null; // vertices under the brush, and the effect of the brush
 let settling = null; // number of the computation that runs
 let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
@@ -42,8 +31,6 @@ let heard = 0, behind = false; // latest version of the session, and whether ano
 let resting = false; // whether the rest shape is shown
 const pivots = new Map(); // offsets of moved pivots from the middles of their groups
 let frame = null; // local axes of the active group as a quaternion, and what they belong to
-let surfaces = {}; // surfaces on which groups slide, by their names
-let guided = ""; // the guides that are shown
 
 let view;
 try {
@@ -52,14 +39,33 @@ try {
   say("The editor needs WebGL, which this browser does not support.");
   throw new Error("no WebGL");
 }
+const look = new Look(view, arrays, () => facts);
+const guides = new Guides(view, request);
 const panel = new Panel(ask, choose, shift);
+const strip = new Strip(ask, {
+  seek: (time) => request("seek", JSON.stringify({ time, drawn: view.drawn })),
+  draw: async ({ sent }) => {
+    view.setStep(sent.positions);
+    await new Promise(requestAnimationFrame);
+  },
+  begin: () => {
+    say(null);
+    order += 1;
+    byId("busy").hidden = true;
+    view.detach();
+    resting = false;
+    byId("rest").setAttribute("aria-pressed", false);
+    stage.dataset.state = "playing";
+  },
+  complain,
+});
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
   how: () => checked("how"),
   through: () => byId("through").checked,
   radius: () => Number(byId("radius").value),
-  picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => paint(null)),
-  painting: paint,
+  picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => look.paint(null)),
+  painting: (found, how) => look.paint(found, how),
 });
 
 // Send one request after the other.
@@ -113,6 +119,7 @@ function take(said) {
   facts = { ...facts, ...said };
   const { sent } = said;
   Object.assign(arrays, sent);
+  if (sent.labels) arrays.parts = sent.parts ?? null; // how far groups follow others
   if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
   if (sent.positions && !view.gizmo.dragging) placed();
   if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
@@ -132,14 +139,15 @@ function placed() {
 const chosen = () => facts.groups.find(({ number }) => number === active);
 
 function refresh() {
-  const group = chosen(), moves = group?.kind === "moving" && !resting;
+  const group = chosen(), moves = group?.kind === "moving" && group.fades === null && !resting;
   if (!group) active = null;
   if (!moves) view.detach();
   else if (!view.gizmo.dragging) attach(group);
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
-  guide();
-  colour();
+  strip.show(facts);
+  guides.show(facts.groups);
+  look.draw();
   stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;
 }
@@ -161,32 +169,6 @@ function attach(group) {
     frame.quaternion = said.frame;
     refresh();
   }).catch(complain);
-}
-
-// Draw the planes, lines and surfaces on which groups slide.
-function guide() {
-  const guides = [];
-  for (const { number, kind, slide, pivot } of facts.groups) {
-    if (!slide || slide === "free") continue;
-    const [[way, value]] = Object.entries(slide);
-    if (way === "surface") {
-      surfaces[value] ??= request(`surface?group=${number}`).then((said) => {
-        surfaces[value] = said.sent;
-        guide();
-      }).catch(() => delete surfaces[value]);
-      if (surfaces[value].faces) guides.push({ kind: "surface", name: value, colour: COLOURS[kind] });
-      continue;
-    }
-    const axes = way === "axes" && [..."xyz"].map((c) => Number(value.includes(c)));
-    const plane = way === "plane" || (axes && value.length === 2);
-    const direction = axes ? axes.map((there) => (plane ? 1 - there : there)) : value;
-    guides.push({ kind: plane ? "plane" : "line", at: pivot, direction, colour: COLOURS[kind] });
-  }
-  const text = JSON.stringify(guides);
-  if (text === guided) return;
-  guided = text;
-  view.setGuides(guides.map((one) => ({ ...one, ...(one.name && surfaces[one.name]) })));
-  stage.dataset.guides = guides.map(({ kind }) => kind).join(" ");
 }
 
 function choose(number) {
@@ -229,7 +211,7 @@ async function catchUp() {
     await solving;
   }
   catching = false;
-  if (view.gizmo.dragging || (heard <= facts.version && !behind)) return;
+  if (view.gizmo.dragging || strip.moves || (heard <= facts.version && !behind)) return;
   behind = false;
   await send("now");
 }
@@ -253,43 +235,6 @@ async function solve(mine) {
     if (mine === order) byId("busy").hidden = true;
     catchUp();
   }
-}
-
-function paint(found, how) {
-  painted = found && { found, how };
-  colour();
-}
-
-// Colour the vertices: picked, in a group, by the change of edge length, or plain.
-let toColour = false;
-function colour() {
-  if (toColour || !arrays.labels) return;
-  toColour = true;
-  requestAnimationFrame(() => {
-    toColour = false;
-    const { labels, selection, change } = arrays, { found, how } = painted ?? {};
-    const shows = byId("errors").checked && change;
-    const base = byId("colours").checked && arrays.colours;
-    const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
-    byId("legend").hidden = !shows;
-    byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
-    view.setColours((colours) => {
-      for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
-        let picked = selection[v] && !(found && how === "replace");
-        if (found && found[v]) picked = how !== "remove";
-        if (!picked && !labels[v] && !shows && base) {
-          colours[i] = LINEAR[base[i]];
-          colours[i + 1] = LINEAR[base[i + 1]];
-          colours[i + 2] = LINEAR[base[i + 2]];
-          continue;
-        }
-        const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
-        colours[i] = own[0];
-        colours[i + 1] = own[1];
-        colours[i + 2] = own[2];
-      }
-    });
-  });
 }
 
 // A drag requests the latest place of the gizmo as soon as the previous request was answered. While the mouse
@@ -404,27 +349,26 @@ byId("change").addEventListener("change", async ({ target }) => {
   byId("stage-text").textContent = `reading ${name}`;
   await fetch(`change?name=${encodeURIComponent(name)}`, { method: "POST", body: "" }).then(async (response) => {
     if (!response.ok) throw new Error((await response.json()).error);
-    location.reload();
+    reopen();
   }).catch(complain).finally(() => {
     byId("busy").hidden = true;
   });
 });
-byId("colours").addEventListener("change", colour);
 byId("reach").addEventListener("submit", (event) => {
   event.preventDefault();
   say(null);
   send("reach", JSON.stringify({ distance: Number(event.target.elements.distance.value) }));
 });
-byId("errors").addEventListener("change", () => (arrays.change ? colour() : settle()));
+byId("errors").addEventListener("change", () => arrays.change || settle());
 
-for (const what of ["handles", "mesh"]) {
-  const form = byId(`save-${what}`), { name } = form.elements;
+for (const what of ["handles", "mesh", "animation"]) {
+  const form = byId(`save-${what}`), { name, rate } = form.elements;
   name.addEventListener("input", () => {
     name.dataset.edited = "yes";
   });
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    const given = { what, name: name.value };
+    const given = { what, name: name.value, ...(rate && { rate: Number(rate.value) }) };
     say(null);
     byId("saved").textContent = "";
     try {
@@ -435,8 +379,8 @@ for (const what of ["handles", "mesh"]) {
       take(said);
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
-      byId("command").textContent = said.command;
-      byId("command").hidden = facts.unsaved || !facts.groups.length;
+      byId("command").textContent = rate ? said.animation_command : said.command;
+      byId("command").hidden = !facts.groups.length || (what === "mesh" && facts.unsaved);
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
       complain(error);
@@ -466,7 +410,7 @@ byId("open").addEventListener("change", async ({ target }) => {
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
   g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving", b: "#rest", l: "#local",
-  n: "#snap", p: "#pivot",
+  n: "#snap", p: "#pivot", k: "#play",
 };
 window.addEventListener("keydown", (event) => {
   if (event.target.matches("input[type=text], input[type=number], select")) return;
@@ -491,6 +435,13 @@ function ended(sentence) {
   say(sentence);
 }
 
+// A second reload would abort the first.
+let reopening = false;
+function reopen() {
+  if (!reopening) location.reload();
+  reopening = true;
+}
+
 // This request is answered until the editor ends, with the progress of computations.
 async function listen() {
   const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
@@ -500,7 +451,7 @@ async function listen() {
     text = lines.pop();
     for (const line of lines.filter(Boolean)) {
       const { stage: at, version, number } = JSON.parse(line);
-      if (facts && number !== facts.number) location.reload(); // another page opened another mesh
+      if (facts && number !== facts.number) reopen(); // another page opened another mesh
       if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
       heard = version;
       behind ||= view.gizmo.dragging && version > facts?.version;
@@ -534,13 +485,14 @@ request(`whole?drawn=${view.drawn}`)
     byId("up").value = said.up;
     view.setUp(said.up);
     view.home();
-    byId("coloured").hidden = !said.coloured;
+    byId("coloured").hidden = !said.coloured && !said.skin;
     if (said.coloured) {
       request("colours").then(({ sent }) => {
         arrays.colours = sent.colours;
-        colour();
+        look.draw();
       }).catch(complain);
     }
+    if (said.skin) request("skin").then((skin) => look.load(skin, complain)).catch(complain);
     take(said);
   })
   .catch(complain);

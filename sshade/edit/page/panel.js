@@ -42,6 +42,7 @@ export class Panel {
       byId(kind).addEventListener("click", () => ask("mark", { kind }));
     }
     for (const name of ["undo", "redo", "recover"]) byId(name).addEventListener("click", () => ask(name));
+    byId("symmetry").addEventListener("change", ({ target }) => ask("symmetry", { axis: target.value || null }));
     byId("discard").addEventListener("click", () => {
       if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
     });
@@ -57,6 +58,7 @@ export class Panel {
     byId("name").textContent = mesh.name;
     byId("counts").textContent = `${whole(mesh.vertices)} vertices, ${whole(mesh.faces)} faces`;
     byId("picked").textContent = whole(facts.picked);
+    byId("symmetry").value = facts.symmetry ?? "";
     byId("static").disabled = byId("moving").disabled = facts.picked === 0;
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
@@ -65,15 +67,22 @@ export class Panel {
     byId("volume").checked = settings.volume;
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;
-    byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind }) => kind === "static");
+    byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind, fades }) => kind === "static" || fades !== null);
+    byId("faded").hidden = settings.method === "paper" || facts.groups.every(({ fades }) => fades === null);
+    byId("faded").textContent = settings.volume || settings.area
+      ? "Volume or area is kept, so everything beyond the falloff gives way."
+      : "Volume and area are not kept, because a falloff changes them.";
     byId("recovery").hidden = facts.recovery.length === 0;
     for (const { name, time, groups } of facts.recovery.slice(0, 1)) {
       const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
       byId("found").textContent = `${name} has unsaved work of ${when}: ${groups} ${groups === 1 ? "group" : "groups"}.`;
     }
+    byId("changed").hidden = !facts.changed;
+    byId("changed").textContent = facts.changed
+      ? `${mesh.name} changed on disk. The groups belong to the version that was opened, which Save mesh writes. Start the editor again to use the new version.` : "";
     byId("trouble").hidden = !facts.trouble;
     byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
-    for (const what of ["handles", "mesh"]) {
+    for (const what of ["handles", "mesh", "animation"]) {
       const { name } = byId(`save-${what}`).elements;
       if (document.activeElement !== name && !name.dataset.edited) name.value = facts.outputs[what];
     }
@@ -89,7 +98,8 @@ export class Panel {
     byId("quit").textContent = returns ? "Return to Python" : "End";
     byId("change").replaceChildren(...["Open mesh …", ...others].map((file, i) => element("option", { value: i ? file : "", textContent: file })));
     const at = document.activeElement?.dataset.at; // the same place keeps the focus
-    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
+    const around = { files, scale, names: new Map(groups.map(({ number, name }) => [number, name])) };
+    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, around)));
     if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });
     this.active = active;
     if (at) byId("groups").querySelector(`[data-at="${at}"]`)?.focus();
@@ -121,6 +131,11 @@ export class Panel {
     const head = element("div", { className: "head" }, choose, name,
       element("span", { className: "small", textContent: whole(group.vertices) }));
     const made = element("li", { className: `${kind}${active ? " active" : ""}` }, head, element("div", { className: "row small" }, kinds, remove));
+    if (group.follows !== null) {
+      const how = group.fades === null ? "mirrors" : "follows";
+      const stop = button("unlink", "let the group stay where it is, and follow no longer", () => this.ask("unlink", { group: number }));
+      made.append(element("div", { className: "row small" }, `${how} ${around.names.get(group.follows)} `, stop));
+    }
     if (active) made.append(...this.details(group, around, button));
     return made;
   }
@@ -138,7 +153,11 @@ export class Panel {
     weight.onchange = () => {
       this.ask("alter", { group: number, weight: weight.value === "" ? null : Number(weight.value) });
     };
-    const far = input("distance of the falloff", { min: "0", value: Number((0.2 * scale).toPrecision(1)) });
+    const far = input("distance of the falloff", { min: "0", value: this.far ?? Number((0.2 * scale).toPrecision(1)) });
+    far.onchange = () => {
+      this.far = far.value; // also for the next group
+    };
+    const within = (command) => this.ask(command, { group: number, distance: Number(far.value) });
     const axis = element("select", { className: "axis" }, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
     axis.setAttribute("aria-label", "axis of the mirror");
     const rows = [
@@ -147,7 +166,7 @@ export class Panel {
         button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
         button("to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
     ];
-    if (kind !== "moving") return rows;
+    if (kind !== "moving" || group.fades !== null) return rows;
     const three = (word, unit) => ["x", "y", "z"].map((c) => input(`${word} ${c}`, { placeholder: `${c} ${unit}`.trim() }));
     const move = three("move", ""), turn = three("turn", "°");
     const numbers = (inputs) => inputs.map(({ value }) => Number(value));
@@ -160,8 +179,11 @@ export class Panel {
       this.shift(number, numbers(move), numbers(turn));
     };
     rows.push(form, element("div", { className: "row small" },
-      button("limit to", "fix everything farther away than this distance along the edges", () => this.ask("limit", { group: number, distance: Number(far.value) })), far,
-      button("mirror in", "move the opposite side the same way, mirrored in the middle of the mesh", () => this.ask("mirror", { group: number, axis: axis.value })), axis));
+      button("fall off", "the surroundings make a part of the motion, which falls to nothing at this distance along the edges", () => within("fade")),
+      button("limit to", "fix everything farther away than this distance along the edges", () => within("limit")), far));
+    if (group.follows !== null) return rows;
+    rows.push(element("div", { className: "row small" },
+      button("mirror in", "the opposite side moves whenever this group moves, mirrored in the middle of the mesh", () => this.ask("mirror", { group: number, axis: axis.value })), axis));
     return rows;
   }
 

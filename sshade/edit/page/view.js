@@ -114,6 +114,19 @@ function gather(vertices, from, into) {
   }
 }
 
+// A material of the file. Marked vertices keep their own colours, which are darker than white.
+function painted({ colour, texture }) {
+  const material = new THREE.MeshLambertMaterial({
+    color: new THREE.Color().setRGB(...colour, THREE.SRGBColorSpace), map: texture ?? null, vertexColors: true, side: 2,
+    polygonOffset: true, polygonOffsetFactor: 0.5,
+  });
+  material.onBeforeCompile = (shader) => {
+    shader.fragmentShader = shader.fragmentShader.replace("#include <color_fragment>", `
+      diffuseColor.rgb = mix(vColor.rgb, diffuseColor.rgb, smoothstep(1.5, 3.0, vColor.r + vColor.g + vColor.b));`);
+  };
+  return material;
+}
+
 // Measure the milliseconds for a picture whose data is on the graphics card already.
 function secondPicture(renderer, render) {
   const gl = renderer.getContext(), pixel = new Uint8Array(4);
@@ -144,7 +157,7 @@ function drawnByCard() {
 export class View {
   // `surface` is the element that receives mouse events.
   constructor(stage, canvas, surface) {
-    this.stage = stage;
+    Object.assign(this, { stage, canvas });
     this.drawn = drawnByCard() ? "card" : "processor";
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.drawn === "card" });
     this.fine = true;
@@ -182,7 +195,7 @@ export class View {
     new ResizeObserver(() => {
       this.resize();
       this.render();
-    }).observe(stage);
+    }).observe(canvas);
   }
 
   // Choose the axis that points up: "y" or "z".
@@ -231,8 +244,32 @@ export class View {
     this.slow = Boolean(coarse) && secondPicture(this.renderer, () => this.render()) > SLOW;
   }
 
+  // Show the materials of the file on copies of the vertices, with texture coordinates: see skin.py.
+  setSkin({ vertex, uv, faces, runs }, materials) {
+    const geometry = emptyGeometry(faces, vertex.length);
+    geometry.setAttribute("uv", new THREE.BufferAttribute(uv, 2));
+    for (const [first, count, material] of runs) geometry.addGroup(3 * first, 3 * count, material);
+    this.skin = new THREE.Mesh(geometry, materials.map(painted));
+    this.skin.frustumCulled = false;
+    this.skin.userData.vertex = vertex;
+    this.scene.add(this.skin);
+    this.follow("position");
+    this.follow("normal");
+    this.isPainted = false;
+  }
+
+  // Copy an attribute of the vertices to the skin.
+  follow(name) {
+    const into = this.skin?.geometry.attributes[name];
+    if (!into) return;
+    gather(this.skin.userData.vertex, this.attributes[name].array, into.array);
+    into.needsUpdate = true;
+  }
+
   setPositions(positions) {
     place(this.solid.geometry, positions);
+    this.follow("position");
+    this.follow("normal");
     if (this.coarse) {
       const some = new Float32Array(3 * this.kept.length);
       gather(this.kept, positions, some);
@@ -253,8 +290,9 @@ export class View {
     this.draw();
   }
 
-  // `paint` fills an array with three linear colour values for each vertex.
-  setColours(paint) {
+  // `paint` fills an array with three linear colour values for each vertex. A skin is shown where its vertices are
+  // not `marked`; without marks, it is hidden.
+  setColours(paint, marked) {
     const { color } = this.attributes;
     paint(color.array);
     color.needsUpdate = true;
@@ -262,6 +300,12 @@ export class View {
       const few = this.coarse.geometry.attributes.color;
       gather(this.kept, color.array, few.array);
       few.needsUpdate = true;
+    }
+    this.isPainted = Boolean(this.skin && marked);
+    if (this.isPainted) {
+      const { array } = this.skin.geometry.attributes.color;
+      this.follow("color");
+      this.skin.userData.vertex.forEach((v, i) => marked[v] || array.fill(1, 3 * i, 3 * i + 3));
     }
     this.draw();
   }
@@ -320,8 +364,8 @@ export class View {
     this.pivot.quaternion.fromArray(quaternion);
     this.gizmo.attach(this.pivot);
     this.camera.updateMatrixWorld();
-    const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight } = this.stage;
-    this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight]; // where to drag
+    const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight, offsetTop } = this.canvas;
+    this.stage.dataset.gizmo = [((1 + at.x) / 2) * clientWidth, offsetTop + ((1 - at.y) / 2) * clientHeight]; // where to drag
     this.draw();
   }
 
@@ -331,7 +375,7 @@ export class View {
   }
 
   resize() {
-    const { clientWidth: width, clientHeight: height } = this.stage;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
     this.renderer.setSize(width, height, false);
     this.setPixels();
     this.camera.aspect = width / Math.max(height, 1);
@@ -359,13 +403,15 @@ export class View {
 
   render() {
     this.waiting = false;
+    const whole = !this.coarse || !(this.stale || this.resting || (this.slow && this.pressed));
+    if (this.solid) this.solid.visible = whole && !this.isPainted;
+    if (this.skin) this.skin.visible = whole && this.isPainted;
     if (this.coarse) {
-      this.coarse.visible = Boolean(this.stale || this.resting || (this.slow && this.pressed));
-      this.solid.visible = !this.coarse.visible;
-      if (this.wires) this.wires.visible = this.solid.visible;
+      this.coarse.visible = !whole;
+      if (this.wires) this.wires.visible = whole;
       // The rest surface would shine through the preview.
-      for (const made of this.guides) made.visible = this.solid.visible || !made.userData.isSurface;
-      const fine = this.solid.visible || this.drawn === "card";
+      for (const made of this.guides) made.visible = whole || !made.userData.isSurface;
+      const fine = whole || this.drawn === "card";
       if (fine !== this.fine) {
         this.fine = fine;
         this.setPixels();
@@ -379,7 +425,7 @@ export class View {
 
   // Return the pixels x, y of every vertex, and whether it is on the screen and not behind the surface.
   project(through) {
-    const { clientWidth: width, clientHeight: height } = this.stage;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
     const P = this.attributes.position.array, n = P.length / 3;
     this.camera.updateMatrixWorld();
     const world = this.camera.matrixWorldInverse.elements;

@@ -17,8 +17,7 @@ from sshade.io.meshes import read_arrays, write_mesh
 from tests.browser import changed, pixels
 from tests.full import few
 from tests.shapes import bumpy
-from tests.sshade.cli.test_edit import get, running
-from tests.sshade.edit.lent import lent, unpacked
+from tests.sshade.edit.lent import lent
 
 BODY = bumpy(4)
 
@@ -48,7 +47,7 @@ def page(request, browser, session):
 
 def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(k, 2) pixels of points in the first view of a mesh, as style.css and view.js say."""
-    box = page.locator("#stage").bounding_box()
+    box = page.locator("#canvas").bounding_box()
     centre, scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), np.linalg.norm(np.ptp(V, axis=0))
     half, P = 0.5 * np.ptp(V, axis=0) / scale, (np.atleast_2d(points) - centre) / scale
     towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
@@ -389,36 +388,3 @@ def test_at_800_pixels_undo_and_files_stay_in_sight_and_what_is_loose_is_told(pa
     entry = page.locator("#groups li").nth(3)
     asked(page, "remove", entry.get_by_role("button", name="Delete").click)
     assert len(session.state.groups) == 3 and page.said == []
-
-
-def test_after_a_killed_program_the_page_recovers_the_same_handles(browser, session):
-    V = session.mesh.V
-    with running("body.ply", "--no-browser") as (process, address):
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        page.goto(address)
-        page.wait_for_selector("#stage[data-state=converged]")
-        mark(page, session, where(page, V, V))
-        place = page.locator("#stage").get_attribute("data-gizmo")
-        drag(page, [float(x) for x in place.split(",")], (60, -30))
-        release(page)
-        before = unpacked(get(f"{address}whole"))
-        process.kill()
-        page.wait_for_selector("body.ended", timeout=20_000)
-        assert "offers work that was not saved" in page.locator("#message").inner_text()
-    with running("body.ply", "--no-browser") as (process, address):
-        page.goto(address)
-        page.wait_for_selector("#recovery:has-text('2 groups')")
-        asked(page, "recover", page.get_by_role("button", name="Recover").click)
-        page.wait_for_selector("#groups li:nth-child(2)")
-        page.wait_for_selector("#stage[data-state=converged]")
-        assert page.locator("#recovery").is_hidden()
-        after = unpacked(get(f"{address}whole"))
-        assert np.array_equal(after["labels"], before["labels"]) and after["groups"] == before["groups"]
-        assert np.array_equal(after["positions"], before["positions"])
-        moved = (before["positions"].reshape(-1, 3) * session.mesh.diagonal)[before["labels"] == 2]
-        assert np.abs(moved - (V - 0.5 * (V.min(axis=0) + V.max(axis=0)))[before["labels"] == 2]).max() > 0.1
-        asked(page, "save", page.get_by_role("button", name="Save handles").click)
-        page.get_by_role("button", name="End").click()
-        assert process.wait(20) == 0
-    page.close()
-    assert list(Path().glob("*.npz")) == [] and Path("body_handles.json").exists()

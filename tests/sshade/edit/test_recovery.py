@@ -11,7 +11,7 @@ from sshade.edit.session import Session
 from sshade.edit.state import Settings
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
-from tests.sshade.edit.test_session import SWITCHED, switched, turned
+from tests.sshade.edit.sessions import SWITCHED, switched, turned
 
 BODY = bumpy(2)
 

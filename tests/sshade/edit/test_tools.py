@@ -1,5 +1,6 @@
 """The tools of the page in a browser: numbers, steps, local axes, pivots, the view, and other files."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.edit.session import Session
+from sshade.io.handles import read_handles
 from sshade.io.meshes import write_mesh
 from tests.browser import changed, pixels
-from tests.shapes import bumpy
+from tests.shapes import bumpy, icosphere
 from tests.sshade.edit.lent import lent
 from tests.sshade.edit.test_page import asked, drag, release
 
@@ -174,6 +176,47 @@ def test_buttons_mirror_limit_and_pick_by_distance(page, session):
     page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
 
 
+def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
+    ball = icosphere(3)
+    write_mesh("ball.ply", ball.V, ball.F)
+    page.reload()
+    page.wait_for_selector("#change:visible")
+    page.once("dialog", lambda dialog: dialog.accept())
+    with page.expect_navigation():
+        page.get_by_label("open another mesh").select_option("ball.ply")
+    page.wait_for_selector("#name:text-is('ball.ply')")
+    asked(page, "symmetry", lambda: page.get_by_label("symmetry").select_option("x"))
+    page.locator("#tools label", has_text="Click").click()
+    box = page.locator("#stage").bounding_box()
+    with page.expect_response(re.compile("/select")):
+        page.mouse.click(box["x"] + 0.65 * box["width"], box["y"] + box["height"] / 2)
+    page.wait_for_selector("#picked:text-is('2')")
+    asked(page, "mark", page.get_by_role("button", name="Make movable").click)
+    page.wait_for_selector("#groups li:nth-child(2)")
+    page.get_by_label("distance of the falloff").fill("0.6")
+    asked(page, "fade", page.get_by_role("button", name="fall off").click)
+    page.wait_for_selector("#groups li:nth-child(4)")
+    assert not page.locator("#volume").is_checked() and not page.locator("#area").is_checked()
+    assert "are not kept, because a falloff" in page.locator("#faded").inner_text()
+    asked(page, "set_up", page.locator("#volume").check)
+    page.wait_for_selector("#faded:has-text('everything beyond the falloff gives way')")
+    asked(page, "set_up", page.locator("#volume").uncheck)
+    rows = page.locator("#groups li").all_inner_texts()
+    assert "mirrors group 1" in rows[1] and "follows group 1" in rows[2] and "mirrored" in rows[3]
+    drag(page, gizmo(page), (60, -30))
+    release(page)
+    asked(page, "save", page.get_by_role("button", name="Save handles").click)
+    page.wait_for_selector("#command:has-text('ball')")
+    saved = read_handles("ball_handles.json", ball)
+    one, other = (saved.target[saved.group == k][0] for k in range(2))
+    assert np.allclose(other, one * [-1, 1, 1], atol=1e-6)
+    assert np.linalg.norm(one - ball.V[saved.index[saved.group == 0][0]]) > 0.1
+    page.get_by_role("button", name="choose around group 1", exact=True).click()
+    assert page.locator("#gizmo-bar").is_hidden()
+    asked(page, "unlink", page.locator("#groups li").nth(1).get_by_role("button", name="unlink").click)
+    assert page.get_by_role("button", name="unlink").count() == 2
+
+
 def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
     V, F = session.mesh.V, session.mesh.F
     rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in V.tolist()]
@@ -194,7 +237,7 @@ def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
 
     assert red() > 0.05
     page.get_by_text("Options").click()
-    page.get_by_label("colours of the file").uncheck()
+    page.get_by_label("colours and textures").uncheck()
     page.wait_for_timeout(300)
     assert red() < 0.001
     assert len(list(Path().glob("body.ply.recovery-*.npz"))) == 1

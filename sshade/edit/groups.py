@@ -1,0 +1,190 @@
+"""Groups of the editor: vertices that are fixed or moved, and rigid motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from sshade.edit.links import Link, reflection
+from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.mesh.mesh import Mesh
+from sshade.slides import Slide
+
+Kind = Literal["static", "moving"]
+
+#: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
+#: do not determine a rotation, which is therefore prescribed.
+LINE = 1e-6
+#: Greatest length of a group's name.
+LONGEST = 80
+
+
+class Motion(NamedTuple):
+    """A rigid motion: x moves to R x + t.
+
+    Attributes
+    ----------
+    R : (3, 3) float64
+    t : (3,) float64
+    """
+
+    R: np.ndarray
+    t: np.ndarray
+
+    @classmethod
+    def about(cls, pivot: np.ndarray, quaternion: np.ndarray, move: np.ndarray) -> Motion:
+        """Return a rotation about the point `pivot`, followed by the translation `move`.
+
+        Parameters
+        ----------
+        pivot, move : (3,) float64
+        quaternion : (4,) float64
+            Rotation x, y, z, w, of any length but zero.
+        """
+        from scipy.spatial.transform import Rotation
+
+        # A translation must not leave rounding in R: :attr:`Group.rotation` would take it for a rotation.
+        R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
+        return cls(R, pivot - R @ pivot + move)
+
+    def mirrored(self, axis: int, centre: np.ndarray) -> Motion:
+        """Return the mirror image of the motion across a coordinate, in a plane through `centre` (3,)."""
+        S = reflection(axis)
+        R = S @ self.R @ S
+        return Motion(R, S @ (self.R @ centre + self.t - centre) + centre - R @ centre)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Move points (k, 3)."""
+        if np.array_equal(self.R, np.eye(3)) and not self.t.any():
+            return points
+        return points @ self.R.T + self.t
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Vertices that are fixed, or moved rigidly.
+
+    Parameters
+    ----------
+    number : int
+        Unique among all groups of a session.
+    name : str
+    kind : {"static", "moving"}
+    vertices : (k,) int64
+    target : (k, 3) float64
+        Targets of the vertices.
+    weight : float
+        Weight of a soft group, inf for a hard one; see :class:`sshade.Handles`.
+    turn : (3, 3) float64, optional
+        How far the group was turned.
+    is_prescribed : bool
+        Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
+    slide : Slide, optional
+        Set on which the vertices slide; None keeps them at their targets.
+    link : Link, optional
+        How the group follows another group.
+
+    Raises
+    ------
+    InputError
+        On another kind, an empty or too long name, or a weight that is not above 0.
+    """
+
+    number: int
+    name: str
+    kind: Kind
+    vertices: np.ndarray
+    target: np.ndarray
+    weight: float = inf
+    turn: np.ndarray | None = None
+    is_prescribed: bool = False
+    slide: Slide | None = None
+    link: Link | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("static", "moving"):
+            raise InputError(f"a group is static or moving, not {self.kind!r}")
+        if not 0 < len(self.name) <= LONGEST:
+            raise InputError(f"a name has 1 to {LONGEST} characters")
+        if not self.weight > 0:
+            raise InputError("a weight is a number above 0; leave it empty for a hard group")
+        if self.is_free and self.weight < inf:
+            raise InputError("a group with a rotation only has no weight; leave it empty")
+
+    @property
+    def fades(self) -> bool:
+        """Whether the group surrounds another group, whose motion it makes in part."""
+        return self.link is not None and self.link.influence is not None
+
+    def kept(self, keep: np.ndarray) -> Group:
+        """Return the group with some of its vertices, keep (k,) bool."""
+        link = self.link and self.link.kept(keep)
+        return replace(self, vertices=self.vertices[keep], target=self.target[keep], link=link)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the position is free. The targets are then at rest, as files say, and have no effect."""
+        return self.slide is not None and self.slide.free
+
+    @property
+    def rotation(self) -> np.ndarray | None:
+        """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
+        if self.turn is None and self.is_free:
+            return np.eye(3)
+        if self.turn is None or self.is_prescribed or self.slide is not None:
+            return self.turn
+        extents = np.linalg.svd(self.target - self.target.mean(axis=0), compute_uv=False)
+        return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
+
+
+def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[Group, ...]:
+    """Convert handles of a file to groups.
+
+    Parameters
+    ----------
+    handles : Handles
+    names : mapping
+        Names of groups of `handles`. Other groups are named by their number.
+    first : int
+        Number of the first group.
+    """
+    groups = []
+    for number, group in enumerate(np.unique(handles.group), start=first):
+        members = np.flatnonzero(handles.group == group)
+        name = names.get(int(group), "")[:LONGEST] or f"group {number}"
+        kind: Kind = "moving" if handles.dynamic[members].any() else "static"
+        vertices, target = handles.index[members], handles.target[members]
+        one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
+        if handles.rotation is not None and handles.has_rotation[members[0]]:
+            one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
+        if handles.slide is not None:
+            one = replace(one, slide=handles.slide[members[0]])
+        groups.append(one)
+    return tuple(groups)
+
+
+def normal(mesh: Mesh, group: Group) -> np.ndarray:
+    """Return the mean normal (3,) of the rest shape at a group, of any length; z if the mean is 0."""
+    own = np.isin(mesh.F, group.vertices).any(axis=1)
+    a, b, c = mesh.V[mesh.F[own]].transpose(1, 0, 2)
+    mean = np.cross(b - a, c - a).sum(axis=0)
+    return mean if mean.any() else np.array([0.0, 0.0, 1.0])
+
+
+def frame(mesh: Mesh, group: Group) -> np.ndarray:
+    """Return the local axes of a group, columns (3, 3), which turn with it: z is its normal."""
+    z = normal(mesh, group)
+    z = z / np.linalg.norm(z)
+    rest = mesh.V[group.vertices] - mesh.V[group.vertices].mean(axis=0)
+    flat = rest - np.outer(rest @ z, z)
+    x = np.linalg.svd(flat, full_matrices=False)[2][0] if len(flat) > 1 and flat.any() else np.zeros(3)
+    if np.linalg.norm(x - z * (x @ z)) < 0.5:  # a single vertex, or vertices along the normal
+        x = np.eye(3)[np.argmin(np.abs(z))]
+    x = x - z * (x @ z)
+    x = x / np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    return R if group.turn is None else group.turn @ R

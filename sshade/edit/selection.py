@@ -1,0 +1,99 @@
+"""Ways to pick vertices: by set operations, connection and distance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sshade.errors import InputError
+from sshade.mesh.mesh import Mesh
+
+#: Ways to change a selection that take vertices, and all ways.
+TAKING = ("replace", "add", "remove")
+WAYS = (*TAKING, "all", "none", "invert", "grow", "shrink", "linked")
+
+
+def require_vertices(mesh: Mesh, vertices: np.ndarray) -> None:
+    """Raise InputError unless an array holds ids (k,) of vertices."""
+    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
+        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
+
+
+def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
+    """Change a selection.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    before : (j,) int64
+        Selected vertices.
+    vertices : (k,) int
+        Vertices for "replace", "add" and "remove".
+    how : str
+        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
+        vertices with a neighbour that is not selected; "linked" adds all vertices of their components.
+
+    Returns
+    -------
+    (j',) int64
+        Selected vertices, ascending.
+
+    Raises
+    ------
+    InputError
+        When `how` is another word, or a vertex is out of range.
+    """
+    if how not in WAYS:
+        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
+    require_vertices(mesh, vertices)
+    chosen = np.zeros(mesh.n, dtype=bool)
+    chosen[before] = how not in ("replace", "none")
+    if how in ("replace", "add", "remove"):
+        chosen[vertices] = how != "remove"
+    elif how == "all":
+        chosen[:] = True
+    elif how == "invert":
+        chosen = ~chosen
+    elif how in ("grow", "shrink"):
+        ends = chosen[mesh.edges]
+        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
+    elif how == "linked":
+        chosen = np.isin(mesh.component, mesh.component[before])
+    return np.flatnonzero(chosen)
+
+
+def distances(mesh: Mesh, vertices: np.ndarray, limit: float) -> np.ndarray:
+    """Return the distances (n,) from the nearest of some vertices, along the edges of the rest shape.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    vertices : (k,) int64
+    limit : float
+        In the unit of the mesh; distances above are inf.
+
+    Raises
+    ------
+    InputError
+        When there are no vertices, or the limit is not above 0.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    if len(vertices) == 0:
+        raise InputError("no vertex is picked from which a distance could be measured")
+    if not limit > 0:
+        raise InputError(f"a distance is a number above 0, not {limit:g}")
+    found, (i, j) = np.full(mesh.n, np.inf), mesh.edges.T
+    found[vertices] = 0
+    border = np.unique(mesh.edges[(found[i] == 0) != (found[j] == 0)])  # paths from the vertices begin there
+    border = border[found[border] == 0]
+    if len(border) == 0:
+        return found
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
+    return np.minimum(found, dijkstra(graph, directed=False, indices=border, min_only=True, limit=limit))
+
+
+def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
+    """Return (n,) bool: the vertices within a distance of some vertices; see :func:`distances`."""
+    return np.isfinite(distances(mesh, vertices, distance))

@@ -1,0 +1,52 @@
+"""Materials and textures of the mesh as the page draws them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.io import skins
+from sshade.mesh.mesh import repeats_vertex
+
+
+class Skin(NamedTuple):
+    """Vertices and triangles with texture coordinates. A seam has copies of a vertex for its two sides.
+
+    Attributes
+    ----------
+    vertex : (k,) int64
+        Vertex of the mesh.
+    uv : (k, 2) float64
+        Texture coordinates; the second grows downwards.
+    faces : (m, 3) int64
+        Triangles, by material.
+    runs : list of (int, int, int)
+        First triangle, number of triangles, and place in `materials`.
+    materials : list of sshade.io.skins.Material
+    """
+
+    vertex: np.ndarray
+    uv: np.ndarray
+    faces: np.ndarray
+    runs: list[tuple[int, int, int]]
+    materials: list[skins.Material]
+
+
+def drawn(skin: skins.Skin, F: np.ndarray) -> Skin:
+    """Prepare the materials of a file for drawing.
+
+    Parameters
+    ----------
+    skin : sshade.io.skins.Skin
+    F : (m, 3) int64
+        Vertices of the mesh at the corners of the file's triangles; -1 where the mesh has none.
+    """
+    keep = np.flatnonzero((F >= 0).all(axis=1) & ~repeats_vertex(F))
+    keep = keep[np.argsort(skin.material[keep], kind="stable")]
+    key, faces = np.unique(F[keep] * len(skin.uv) + skin.corners[keep], return_inverse=True)
+    material, first, count = np.unique(skin.material[keep], return_index=True, return_counts=True)
+    runs = list(zip(first.tolist(), count.tolist(), range(len(material)), strict=True))
+    materials = [skin.materials[i] for i in material.tolist()]
+    vertex, row = np.divmod(key, len(skin.uv))
+    return Skin(vertex, skin.uv[row], faces.reshape(-1, 3), runs, materials)

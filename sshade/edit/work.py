@@ -1,0 +1,232 @@
+"""The work of a session: its states, its recovery file, and the shape that is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from threading import RLock
+
+import numpy as np
+
+from sshade.edit.document import Document
+from sshade.edit.follower import Follower, converged
+from sshade.edit.following import followed
+from sshade.edit.groups import Group, Motion
+from sshade.edit.keys import Key
+from sshade.edit.links import middle
+from sshade.edit.recovery import Recovery
+from sshade.edit.state import History, Settings, State
+from sshade.errors import InputError
+from sshade.handles import Handles
+from sshade.progress import Progress, silent
+
+
+class Superseded(Exception):
+    """The handles changed during a computation, whose result is therefore out of date."""
+
+
+class Work:
+    """States of a document, and the shape of the current state.
+
+    Every method may be called from any thread. :meth:`undo` reverts all changes, except for files that were
+    saved. A :meth:`drag` counts as a change when :meth:`release` ends it.
+
+    Parameters
+    ----------
+    document : Document
+    settings : Settings
+
+    Attributes
+    ----------
+    document : Document
+    history : History
+    mesh : Mesh
+        The surface in the file that can be deformed.
+    recovery : Recovery
+        Keeps the unsaved work in a file beside the handles.
+    version : int
+        Increases with each change that a page shows, except for steps of a drag.
+    trouble : str
+        Why the recovery file could not be written; empty if it was.
+    shown : (n, 3) float64
+        Latest positions of the mesh: of a drag, or converged.
+    """
+
+    def __init__(self, document: Document, settings: Settings) -> None:
+        self.document, self.mesh = document, document.mesh
+        self.recovery = Recovery(document.outputs["handles"].parent, document.name, self.mesh)
+        self.trouble = ""
+        self.version = 0
+        self.shown = self.mesh.V
+        self.history = History(State(settings=settings, shape=self.mesh.V))
+        self._revision = 0
+        self._saved: tuple[tuple[Group, ...], Settings, tuple[Key, ...]] = (), settings, ()
+        self._saved_selection = self.state.selection
+        self._lock, self._following, self._settling = RLock(), RLock(), RLock()
+        self._follower = Follower(self.mesh)
+        #: Whether the handles moved since the last step of a drag.
+        self._jumped = False
+        #: Groups and handles of the last step of a drag.
+        self._dragged: tuple[tuple[Group, ...], Handles] | None = None
+
+    @property
+    def state(self) -> State:
+        """Current state."""
+        return self.history.state
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the converged shape of the current handles is known and shown."""
+        return self.state.shape is self.shown
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether there are groups that were not saved, or not with the current settings and keys."""
+        groups, settings, keys = self._saved
+        state = self.state
+        other = state.groups is not groups or state.settings != settings or state.keys is not keys
+        return bool(state.groups) and other
+
+    def undo(self) -> None:
+        """Return to the previous state, if there is one."""
+        self._go(-1)
+
+    def redo(self) -> None:
+        """Revert the last undo."""
+        self._go(1)
+
+    def drag(self, number: int, motion: Motion) -> np.ndarray:
+        """Show the mesh with a group moved from the place of its last release.
+
+        Parameters
+        ----------
+        number : int
+            Number of a moving group.
+        motion : Motion
+
+        Returns
+        -------
+        (n, 3) float64
+            Positions of the mesh, which :attr:`shown` holds as well.
+
+        Raises
+        ------
+        InputError
+            When no group has the number, the group is static, or the mesh cannot be bound with these handles.
+        """
+        return self._follow(lambda: self._moved(number, motion), [number])
+
+    def _follow(self, change: Callable[[], State], moved: Sequence[int]) -> np.ndarray:
+        """Show the mesh with groups elsewhere, but in the same order; `moved` are the numbers of some."""
+        with self._following:
+            with self._lock:
+                groups, state = self.state.groups, change()
+                self._revision += 1
+                revision, shape = self._revision, self.shown
+            if self._dragged is None or self._dragged[0] is not groups:
+                self._dragged = groups, state.handles(self.mesh).with_portions(self.mesh)
+            handles = self._dragged[1].at(*state.aims())
+            if self._jumped:
+                self._follower.forget()
+                self._jumped = False
+            shape = np.array(shape, order="C")
+            on = [int(state.group(number).vertices[0]) for number in moved]
+            for vertex in {int(self.mesh.component[vertex]): vertex for vertex in on}.values():
+                self._follower.follow(handles, vertex, state.settings, shape)
+            shape.setflags(write=False)
+            with self._lock:
+                if self._revision == revision:
+                    self.shown = shape
+        return shape
+
+    def release(self, number: int, motion: Motion) -> None:
+        """End a drag; the group stays at its place.
+
+        Raises
+        ------
+        InputError
+            When there is no such group, or it is static.
+        """
+        with self._lock:
+            self._push(self._moved(number, motion))
+
+    def _moved(self, number: int, motion: Motion) -> State:
+        """Return a state with a moved group and its followers. A mirror image moves its leader."""
+        group, axis = self.state.led(number)
+        if axis is not None:
+            motion = motion.mirrored(axis, middle(self.mesh))
+        state = self.state.moved(group.number, motion)
+        return replace(state, groups=followed(self.mesh, state.groups))
+
+    def settle(self, progress: Progress = silent) -> None:
+        """Compute the converged shape, as ``sshade deform`` does, unless it is known, and show it.
+
+        Parameters
+        ----------
+        progress : Progress
+
+        Raises
+        ------
+        InputError
+            When the method refuses the handles.
+        Superseded
+            When the handles changed during the computation.
+        """
+        with self._settling:  # pages that show one session wait for the same shape
+            with self._lock:
+                state, revision = self.state, self._revision
+
+            def watched(stage: str, done: int, total: int, note: str = "") -> None:
+                if self._revision != revision:
+                    raise Superseded
+                progress(stage, done, total, note)
+
+            V = state.shape
+            if V is None:
+                V = converged(self.document.task(state), state.settings, progress=watched).vertices
+            with self._lock:
+                if self._revision != revision:
+                    raise Superseded
+                self.history.store_shape(state, V)
+                self.version += state.shape is None
+                self.shown = V
+
+    def _push(self, state: State) -> None:
+        """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
+        before = self.state
+        if any(group.link for group in state.groups):
+            state = replace(state, groups=followed(self.mesh, state.groups))
+        if not state.same_shape(before):
+            state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
+        self.history.push(state)
+        self._advance(before)
+        self._keep()
+
+    def _keep(self) -> None:
+        """Write the recovery file, or remove it if everything is saved."""
+        picked = self.state.selection
+        self.version += 1
+        self.trouble = ""
+        if not self.is_unsaved and (len(picked) == 0 or picked is self._saved_selection):
+            self.recovery.remove()
+            return
+        try:
+            self.recovery.write(self.state)
+        except InputError as error:  # the work goes on without it
+            self.trouble = str(error)
+
+    def _go(self, step: int) -> None:
+        with self._lock:
+            before = self.state
+            self.history.go(step)
+            self._jumped |= self._advance(before)
+            self._keep()
+
+    def _advance(self, before: State) -> bool:
+        """Return whether groups or settings differ from `before`; then computations are out of date."""
+        if self.state.same_shape(before):
+            return False
+        self._revision += 1
+        if self.state.shape is not None:
+            self.shown = self.state.shape
+        return True

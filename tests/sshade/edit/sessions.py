@@ -1,0 +1,96 @@
+"""Sessions without a browser, for tests."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sshade import Mesh, Slide
+from sshade.edit.groups import Motion
+from sshade.edit.session import Session
+from sshade.io.meshes import write_mesh
+from tests.shapes import beside, bumpy, shifted, strip, torn, torus, tube
+
+BODY = bumpy(3)
+
+
+LIFT = Motion(np.eye(3), np.array([0.0, 0.0, 0.4]))
+
+
+SHAPES = {
+    "a closed body": BODY,
+    "two rings": tube(24, 40),
+    "a torus": torus(40, 20),
+    "a sheet": strip(30, 12),
+}
+
+
+def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
+    write_mesh(name, mesh.V, mesh.F)
+    return Session(Path(name), **given)
+
+
+def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices at both ends of the longest extent."""
+    x = V[:, np.argmax(np.ptp(V, axis=0))]
+    low, high = x.min() + share * np.ptp(x), x.max() - share * np.ptp(x)
+    return np.flatnonzero(x < low), np.flatnonzero(x > high)
+
+
+def marked(session: Session) -> int:
+    """One end held, and the other movable; the number of that."""
+    held, free = ends(session.mesh.V)
+    session.select(held, "replace")
+    session.mark("static")
+    session.select(free, "replace")
+    return session.mark("moving")
+
+
+def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
+    """A session with both ends marked, and the number of the movable one."""
+    session = begun(mesh, **given)
+    return session, marked(session)
+
+
+def settled(session: Session, number: int, motion: Motion) -> np.ndarray:
+    """The shape at rest after a group is released."""
+    session.release(number, motion)
+    session.settle()
+    return session.shown
+
+
+def turned(V: np.ndarray, amount: float) -> Motion:
+    """A turn of an end about its middle, and a shift, both by a share."""
+    _, free = ends(V)
+    quaternion = np.array([0.1, 0.2, 0.3, 1 / max(amount, 1e-3)])
+    return Motion.about(V[free].mean(axis=0), quaternion, amount * np.array([0.2, 0.3, -0.1]))
+
+
+#: Where groups are on the body, as a direction from its middle, and how they move.
+SWITCHED = {
+    "fixed": ([0, 0, -1], {"kind": "static"}),
+    "turned": ([0, 0, 1], {}),
+    "soft": ([0, 1, 0], {"weight": 4.0}),
+    "plane": ([0, -1, 0], {"slide": Slide.plane([0.1, 1, 0]), "kind": "static"}),
+    "line": ([1, 0, 0.2], {"slide": Slide.line([0, 1, 1]), "weight": 30.0}),
+    "axes": ([-1, 0.2, 0], {"slide": Slide.axes("xz")}),
+    "rest": ([-1, -1, 1], {"slide": Slide.on(BODY, name="rest")}),
+    "free": ([1, 1, 1], {"slide": Slide.anywhere()}),
+}
+
+
+def switched(*, single: bool) -> Session:
+    """A session on a body and a copy that follows, with a group of every kind: `single` vertices or caps."""
+    V, F, _ = torn(BODY)
+    V[BODY.n + 1 :] += 3e-7  # a seam that opened
+    pair = beside(Mesh(V[1:], F - 1), shifted(BODY, [4, 0, 0]))
+    session = begun(pair, carry_unconstrained=True, weld=1e-6, repair=True)
+    assert session.mesh.n == 2 * BODY.n < pair.n
+    unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
+    for name, (direction, fields) in SWITCHED.items():
+        near = unit @ (np.array(direction) / np.linalg.norm(direction))
+        session.select(np.flatnonzero(near >= (near.max() if single else 0.95)), "replace")
+        number = session.mark("moving")
+        if name != "fixed":
+            session.release(number, turned(BODY.V, 0.2 if name in ("turned", "free") else 0.05))
+        session.alter(number, name=name, **fields)
+    return session

@@ -1,0 +1,171 @@
+"""A session without a browser: saved files, and the command that repeats them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade import InputError
+from sshade.cli.main import main
+from sshade.edit.commands import Commands
+from sshade.edit.groups import Motion
+from sshade.edit.session import Session
+from sshade.edit.state import Settings
+from sshade.io.handles import read_handles
+from sshade.io.meshes import read_arrays, write_mesh
+from tests.shapes import as_obj, rotation, strip, torn
+from tests.sshade.edit.lent import unpacked
+from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, begun, marked, ready, switched, turned
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
+    session, number = ready(SHAPES[shape], settings=Settings(method))
+    motion = turned(session.mesh.V, 0.5)
+    session.drag(number, turned(session.mesh.V, 0.2))
+    session.drag(number, motion)
+    session.release(number, motion)
+    assert not session.is_converged and session.is_unsaved
+    session.settle()
+    assert session.is_converged
+    assert session.save("handles", "pose.json")[0].name == "pose.json" and not session.is_unsaved
+    path, lost = session.save("mesh", "posed.ply")
+    assert (
+        lost == () and main(["deform", "body.ply", "pose.json", "-o", "again.ply", "--method", method]) == 0
+    )
+    assert Path("again.ply").read_bytes() == path.read_bytes()
+    handles = session.state.handles(session.mesh)
+    assert np.array_equal(read_arrays(path)[0][handles.index], handles.target)
+    assert np.abs(read_arrays(path)[0] - session.mesh.V).max() > 0.05 * session.mesh.diagonal
+
+
+def test_saved_groups_are_opened_as_they_were():
+    session, number = ready()
+    session.alter(number, name="top", weight=7.5)
+    session.select(np.array([300]), "replace")
+    tip = session.mark("moving")
+    session.release(tip, Motion(rotation(1), np.zeros(3)))
+    session.release(number, LIFT)
+    session.save("handles", "pose.json")
+    again = Session(Path("body.ply"), handles=Path("pose.json"))
+    assert not again.history.can_undo and not again.is_unsaved and not again.is_converged
+    session.open(Path("pose.json").read_bytes(), "pose.json")
+    for other in again, session:
+        for group, new in zip(session.state.groups, other.state.groups, strict=True):
+            assert (group.name, group.kind, group.weight) == (new.name, new.kind, new.weight)
+            assert np.array_equal(group.vertices, new.vertices)
+            assert np.array_equal(group.target, new.target)
+    assert session.state.groups[1].name == "top"
+    # Where a vertex goes does not say how it turns; where a region goes does.
+    assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
+    assert np.allclose(again.state.groups[2].rotation, rotation(1))
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+def test_one_command_repeats_a_session_in_which_everything_was_switched(method, single):
+    session = switched(single=single)
+    session.set_up(Settings(method, volume=False, area=False))
+    session.settle()
+    assert session.is_unsaved and session.save("handles", "body_handles.json") and not session.is_unsaved
+    posed = session.shown
+    assert main(session.document.command.split()[1:]) == 0
+    again = read_arrays("body_deformed.ply")[0]
+    session.save("mesh", "posed.ply")
+    expected = read_arrays("posed.ply")[0]
+    assert np.abs(again - expected).max() < 1e-6 * BODY.diagonal
+    assert np.abs(posed - session.mesh.V)[: BODY.n].max() > 0.05
+    opened = Session(Path("body.ply"), handles=Path("body_handles.json"), weld=1e-6, repair=True)
+    for one, new in zip(session.state.groups, opened.state.groups, strict=True):
+        assert (one.slide is None) == (new.slide is None) and one.weight == new.weight
+        assert one.slide is None or one.slide.record == new.slide.record
+    if method != "fine":
+        handles = session.state.handles(session.mesh)
+        number = session.state.groups[1].number
+        for step in 0.02, 0.04:
+            shown = session.drag(number, turned(BODY.V, step))
+        at = np.flatnonzero(handles.exact & handles.slides)
+        gap = np.linalg.norm(shown[handles.index] - handles.goals(shown), axis=1)[at]
+        assert len(at) and gap.max() < 1e-9 * BODY.diagonal
+
+
+def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
+    V, F, seam = torn(strip(20, 8))  # no vertex has the number that it has on the surface
+    Path("sheet.obj").write_text(as_obj(V, F))
+    session = Session(Path("sheet.obj"))
+    number = marked(session)
+    session.release(number, Motion(np.eye(3), np.array([0, 0, 3.0])))
+    path, _ = session.save("mesh", "lifted.obj")
+    assert path.read_text().partition("vt ")[2] == Path("sheet.obj").read_text().partition("vt ")[2]
+    moved, faces = read_arrays(path)
+    assert np.array_equal(faces, F) and np.array_equal(moved[0], V[0])
+    assert np.array_equal(moved[-len(seam) :], moved[seam])
+    session.save("handles", "pose.json")
+    assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
+    assert Path("again.obj").read_bytes() == path.read_bytes()
+    assert session.save("mesh", "plain.ply")[1] != ()  # what PLY does not hold is told
+
+
+@pytest.mark.parametrize("name", ["body.ply", "body.obj", "body.glb"])
+def test_a_mesh_that_changes_on_disk_is_told_and_the_opened_version_is_saved(name):
+    session = begun(name=name)
+    number = marked(session)
+    commands = Commands(session)
+    assert not unpacked(commands.now())["changed"]
+    before = read_arrays(name)
+    session.drag(number, LIFT)
+    write_mesh(name, 2 * BODY.V[:-1], BODY.F[(BODY.n - 1 > BODY.F).all(axis=1)])
+    session.drag(number, LIFT)
+    session.release(number, LIFT)
+    session.settle()
+    assert unpacked(commands.now())["changed"]
+    session.save("handles", "pose.json")
+    session.save("mesh", f"posed{name[4:]}")
+    moved, faces = read_arrays(f"posed{name[4:]}")
+    assert np.array_equal(faces, before[1]) and np.abs(moved - session.shown).max() < 1e-6
+    Path(name).unlink()
+    assert unpacked(commands.now())["changed"]
+    write_mesh(name, *before)
+    assert main(["deform", name, "pose.json", "-o", f"again{name[4:]}"]) == 0
+    assert np.abs(read_arrays(f"again{name[4:]}")[0] - moved).max() < 1e-6
+
+
+def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
+    (here / "out").mkdir()
+    (here / "other.json").write_text("mine")
+    session = begun(output=here / "out" / "posed.obj", handles_output=Path("pose.json"))
+    marked(session)
+    names = ["../pose.json", "/tmp/pose.json", "a/b.json", "a\\b.json", "c:x.json", ".hidden.json", "", ".."]
+    for name in [*names, ".", "x.txt", "pose", "a\0.json", "a\n.json", "x" * 200 + ".json"]:
+        with pytest.raises(InputError):
+            session.save("handles", name, over=True)
+    with pytest.raises(InputError, match="exists already"):
+        session.save("handles", "other.json")
+    assert (here / "other.json").read_text() == "mine"
+    session.save("handles", "other.json", over=True)
+    session.save("handles", "other.json")  # it is the editor's own now
+    second = begun()
+    marked(second)
+    with pytest.raises(InputError, match="exists already"):
+        second.save("handles", "other.json")
+    second.save("handles", "other.json", over=True)
+    theirs = (here / "other.json").read_bytes()
+    session.remove(session.state.groups[0].number)
+    with pytest.raises(InputError, match=r"another program has changed other\.json"):
+        session.save("handles", "other.json")
+    assert (here / "other.json").read_bytes() == theirs
+    session.save("handles", "other.json", over=True)
+    session.save("handles", "other.json")
+    assert read_handles("other.json", BODY).index.size
+    assert session.save("mesh", "posed.obj")[0] == here / "out" / "posed.obj"
+    command = session.document.command
+    assert "out/posed.obj" in command and "other.json --options other.json" in command
+    plain = begun()
+    with pytest.raises(InputError, match="is the mesh"):
+        plain.save("mesh", "body.ply", over=True)
+    for wrong in {"output": "body.ply"}, {"output": "no/out.ply"}, {"handles_output": "a.ply"}:
+        with pytest.raises(InputError):
+            begun(**{name: Path(path) for name, path in wrong.items()})

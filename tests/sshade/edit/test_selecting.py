@@ -1,0 +1,169 @@
+"""A session without a browser: vertices are picked, and groups are marked, limited and mirrored."""
+
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh, Slide
+from sshade.edit.groups import Motion
+from tests.shapes import beside, icosphere, rotation, shifted
+from tests.sshade.edit.sessions import BODY, LIFT, begun, settled, turned
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ways_to_pick_are_those_of_sets(seed):
+    session, rng = begun(), np.random.default_rng(seed)
+    a, b = (set(rng.choice(BODY.n, 90, replace=False).tolist()) for _ in range(2))
+    beside = [set() for _ in range(BODY.n)]
+    for i, j in BODY.edges.tolist():
+        beside[i].add(j)
+        beside[j].add(i)
+    steps = [
+        ("replace", a, a),
+        ("add", b, a | b),
+        ("grow", (), {v for v in range(BODY.n) if v in a | b or beside[v] & (a | b)}),
+        ("replace", b, b),
+        ("shrink", (), {v for v in b if beside[v] <= b}),
+        ("replace", a, a),
+        ("remove", b, a - b),
+        ("invert", (), set(range(BODY.n)) - (a - b)),
+        ("all", (), set(range(BODY.n))),
+        ("none", (), set()),
+    ]
+    for how, given, expected in steps:
+        session.select(np.array(list(given), dtype=np.int64), how)
+        assert session.state.selection.tolist() == sorted(expected), how
+
+
+def reached(mesh: Mesh, sources: list[int], distance: float) -> list[int]:
+    """Vertices within a distance along edges, by relaxing all edges until nothing changes."""
+    found = np.full(mesh.n, np.inf)
+    found[sources] = 0
+    i, j = mesh.edges.T
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    for _ in range(mesh.n):
+        before = found.copy()
+        np.minimum.at(found, j, before[i] + length)
+        np.minimum.at(found, i, before[j] + length)
+        if np.array_equal(before, found):
+            return np.flatnonzero(found <= distance).tolist()
+    raise AssertionError
+
+
+def test_vertices_are_picked_by_connection_and_by_distance_along_edges():
+    mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
+    session = begun(mesh)
+    with pytest.raises(InputError, match="no vertex is picked"):
+        session.reach(0.3)
+    session.select(np.array([3, 90]), "replace")
+    for wrong in 0.0, -1.0, np.nan:
+        with pytest.raises(InputError, match="above 0"):
+            session.reach(wrong)
+    session.reach(0.7)
+    assert session.state.selection.tolist() == reached(mesh, [3, 90], 0.7)
+    assert 10 < len(session.state.selection) < BODY.n
+    session.select(np.zeros(0, dtype=np.int64), "linked")
+    assert session.state.selection.tolist() == list(range(BODY.n))
+
+
+def test_a_limited_group_moves_nothing_beyond_the_distance():
+    session = begun()
+    session.select(np.array([int(np.argmax(BODY.V[:, 2]))]), "replace")
+    session.reach(0.3)
+    number = session.mark("moving")
+    with pytest.raises(InputError, match="no free vertex is farther than 50"):
+        session.limit(number, 50.0)
+    number_beyond = session.limit(number, 1.0)
+    made = session.state.group(number_beyond)
+    own = session.state.group(number).vertices
+    near = reached(BODY, own.tolist(), 1.0)
+    assert made.kind == "static" and sorted([*made.vertices, *near]) == list(range(BODY.n))
+    settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.2])))
+    moved = np.linalg.norm(session.shown - BODY.V, axis=1)
+    assert moved[made.vertices].max() == 0 and np.allclose(moved[own], 0.2)
+    between = np.setdiff1d(near, own)
+    assert len(between) and 0.01 < moved[between].mean() < 0.2
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_mirrored_group_makes_a_symmetric_shape(axis):
+    ball = icosphere(3)  # symmetric in all coordinate planes
+    session = begun(ball)
+    S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
+    aside = np.eye(3)[axis] + 0.2
+    side = ball.V @ (aside / np.linalg.norm(aside))
+    session.select(np.flatnonzero(side > 0.9), "replace")
+    number = session.mark("moving")
+    session.alter(number, slide=Slide.plane(aside), weight=5.0)
+    session.release(number, turned(ball.V, 0.3))
+    partner = session.mirror(number, axis)
+    new = session.state.group(partner)
+    group = session.state.group(number)
+    for one, other in zip(group.vertices, group.target, strict=True):
+        (place,) = np.flatnonzero(np.linalg.norm(ball.V[new.vertices] - ball.V[one] @ S, axis=1) < 1e-9)
+        assert np.allclose(new.target[place], other @ S, atol=1e-9)
+    assert np.allclose(new.turn, S @ group.turn @ S) and new.weight == 5.0
+    assert np.allclose(np.abs(new.slide.across @ S @ group.slide.across.T), 1)
+    session.alter(number, slide=None)
+    session.release(number, turned(ball.V, 0.1))
+    partner = session.mirror(number, axis)  # replaces the mirrored group
+    again = session.state.group(partner)
+    assert [g.number for g in session.state.groups] == [number, again.number] and again.slide is None
+    session.select(np.flatnonzero(np.abs(ball.V[:, axis]) < 1e-9), "replace")
+    with pytest.raises(InputError, match="on both sides"):
+        session.mirror(session.mark("moving"), axis)
+
+
+def test_local_axes_have_the_normal_as_z_and_turn_with_the_group():
+    session = begun()
+    for direction in np.eye(3):
+        along = BODY.V @ direction / np.linalg.norm(BODY.V, axis=1)
+        for vertices in np.flatnonzero(along > 0.9), np.array([int(np.argmax(along))]):
+            session.select(vertices, "replace")
+            number = session.mark("moving")
+            R = session.frame(number)
+            assert np.allclose(R.T @ R, np.eye(3)) and np.linalg.det(R) > 0 and R[:, 2] @ direction > 0.8
+            session.release(number, Motion(rotation(5), np.zeros(3)))
+            assert np.allclose(session.frame(number), rotation(5) @ R)
+
+
+def test_what_cannot_be_picked_or_marked_is_told():
+    session = begun()
+    for vertices, how in ([BODY.n], "add"), ([-1], "add"), ([0], "nearly"):
+        with pytest.raises(InputError):
+            session.select(np.array(vertices), how)
+    with pytest.raises(InputError, match="no vertex is picked"):
+        session.mark("moving")
+    session.select(np.array([0]), "add")
+    with pytest.raises(InputError, match="static or moving"):
+        session.mark("loose")
+    number = session.mark("static")
+    with pytest.raises(InputError, match="is static"):
+        session.drag(number, LIFT)
+    for call in (session.remove, session.restore, lambda n: session.drag(n, LIFT)):
+        with pytest.raises(InputError, match="no group 7"):
+            call(7)
+    for wrong in {"weight": 0.0}, {"weight": np.nan}, {"name": ""}, {"kind": "soft"}:
+        with pytest.raises(InputError):
+            session.alter(number, **wrong)
+    assert len(session.state.groups) == 1
+
+
+def test_a_vertex_is_in_the_group_that_took_it_last():
+    session = begun()
+    session.select(np.arange(10), "replace")
+    first = session.mark("static")
+    session.select(np.arange(5, 20), "replace")
+    second = session.mark("moving")
+    assert {g.number: g.vertices.tolist() for g in session.state.groups} == {
+        first: list(range(5)),
+        second: list(range(5, 20)),
+    }
+    session.select(np.arange(5), "replace")
+    third = session.mark("moving")
+    assert [g.number for g in session.state.groups] == [second, third]
+    session.remove(second)
+    session.alter(third, name="tip", weight=3.0, kind="static")
+    (left,) = session.state.groups
+    assert (left.name, left.weight, left.kind) == ("tip", 3.0, "static")

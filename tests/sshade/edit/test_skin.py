@@ -1,0 +1,196 @@
+"""Textures and materials of files, as trimesh writes them, are drawn on the mesh."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sshade import InputError
+from sshade.edit.commands import Commands
+from sshade.edit.session import Session
+from sshade.io.meshes import read_file, write_mesh
+from tests.browser import changed, pixels
+from tests.shapes import bumpy, strip
+from tests.sshade.edit.lent import ask, lent, unpacked
+
+pytestmark = pytest.mark.usefixtures("here")
+
+BODY = bumpy(3)
+#: Texture of four quarters: red and green above, blue and yellow below.
+QUARTERS = np.array([[[220, 20, 20], [20, 200, 20]], [[20, 20, 220], [220, 220, 20]]], dtype=np.uint8)
+
+
+def picture() -> Image.Image:
+    return Image.fromarray(QUARTERS.repeat(16, axis=0).repeat(16, axis=1))
+
+
+def textured(name: str, V: np.ndarray, F: np.ndarray, uv: np.ndarray, image=None) -> None:
+    """Write a mesh whose texture coordinates grow upwards."""
+    trimesh = pytest.importorskip("trimesh")
+    visual = trimesh.visual.TextureVisuals(uv, image=picture() if image is None else image)
+    made = trimesh.Trimesh(V, F, visual=visual, process=False)
+    files = {}
+    if name.endswith(".obj"):
+        text, files = trimesh.exchange.obj.export_obj(made, return_texture=True, mtl_name="skin.mtl")
+        Path(name).write_text(text)
+    elif name.endswith(".gltf"):
+        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(made))
+        files[name] = files.pop("model.gltf")
+    else:
+        made.export(name)
+    for other, content in files.items():
+        Path(other).write_bytes(content)
+
+
+def colour_at(commands: Commands, skin: dict, corner: int) -> np.ndarray:
+    """Colour of the texture at a corner of the drawn triangles."""
+    (one,) = (i for i, material in enumerate(skin["materials"]) if material["image"])
+    image = np.asarray(Image.open(io.BytesIO(commands.image({"material": str(one)}))).convert("RGB"))
+    u, v = skin["uv"].reshape(-1, 2)[skin["faces"][corner]]
+    h, w = image.shape[:2]
+    return image[min(int(v % 1 * h), h - 1), min(int(u % 1 * w), w - 1)].astype(int)
+
+
+@pytest.mark.parametrize("name", ["sheet.obj", "sheet.glb", "sheet.gltf"])
+def test_every_corner_has_the_colour_that_the_texture_has_there(name):
+    sheet = strip(20, 8)
+    V, seam = sheet.V, 9.0
+    # A seam: the faces beyond x = 9 have copies of its vertices, whose coordinates lie in the other quarter.
+    beyond = V[sheet.F].mean(axis=1)[:, 0] > seam
+    copies = np.flatnonzero(V[:, 0] == seam)
+    at = np.arange(sheet.n)
+    at[copies] = sheet.n + np.arange(len(copies))
+    F = np.where(beyond[:, None], at[sheet.F], sheet.F)
+    V = np.concatenate([V, V[copies]])
+    u = np.where(np.arange(len(V)) >= sheet.n, 0.75, np.where(V[:, 0] <= seam, 0.25, 0.75))
+    uv = np.stack([u, np.where(V[:, 1] > 4, 0.8, 0.2)], axis=1)
+    textured(name, V, F, uv)
+    session = Session(Path(name))
+    assert session.mesh.n == sheet.n  # the seam is joined
+    commands = Commands(session)
+    skin = unpacked(commands.skin())
+    assert [count for _, count, _ in skin["runs"]] == [sheet.m]
+    where, faces = session.mesh.V[skin["vertex"]], skin["faces"]
+    middle = where[faces.reshape(-1, 3)].mean(axis=1).repeat(3, axis=0)
+    assert len(skin["vertex"]) == sheet.n + len(copies)
+    for corner in range(0, len(faces), 7):
+        right, above = middle[corner][0] > seam, where[faces[corner]][1] > 4
+        expected = QUARTERS[0 if above else 1][1 if right else 0].astype(int)
+        assert np.abs(colour_at(commands, skin, corner) - expected).max() < 30
+
+
+def test_colours_of_vertices_of_a_gltf_are_read():
+    trimesh = pytest.importorskip("trimesh")
+    colours = np.random.default_rng(0).integers(0, 256, (BODY.n, 4), dtype=np.uint8)
+    trimesh.Trimesh(BODY.V, BODY.F, vertex_colors=colours, process=False).export("body.glb")
+    found = read_file("body.glb").colours()
+    linear = colours[:, :3] / 255  # the numbers of the file are linear
+    back = np.where(found <= 0.04045, found / 12.92, ((found + 0.055) / 1.055) ** 2.4)
+    assert np.abs(back - linear).max() < 1e-6
+
+
+def test_materials_of_an_obj_are_found_with_options_and_without_a_file():
+    Path("a.mtl").write_text(
+        "Kd 1 0 0\nnewmtl red\nKd 1 0 0\nnewmtl pic\nKd 0 0 0\nmap_Kd -s 2 2 1 -clamp on no such.png\n"
+        "newmtl bad\nKd spectral a.rfl\n"
+    )
+    rows = [f"v {x} {y} 0" for x in range(3) for y in range(2)] + ["vt 0 0", "vt 0.5 1", "vt 1 0"]
+    faces = ["f 1/-3 3/-2 2/-1", "usemtl red", "f 3 4 2", "usemtl pic", "f 3/1 5/2 4/9", "usemtl bad"]
+    faces.append("f 5 6 4")
+    Path("a.obj").write_text("\n".join(["mtllib none.mtl", "mtllib a.mtl", *rows, *faces]) + "\n")
+    session = Session(Path("a.obj"))
+    commands = Commands(session)
+    skin = unpacked(commands.skin())
+    colours = [material["colour"] for material in skin["materials"]]
+    assert colours == [[0.8] * 3, [1, 0, 0], [1] * 3, [0.8] * 3]
+    assert [material["image"] for material in skin["materials"]] == [False, False, True, False]
+    uv = skin["uv"].reshape(-1, 2)[skin["faces"]]
+    assert uv[:3].tolist() == [[0, 1], [0.5, 0], [1, 1]] and uv[6:8].tolist() == [[0, 1], [0.5, 0]]
+    with pytest.raises(InputError, match=r"a\.obj: a texture cannot be shown \(No such file"):
+        commands.image({"material": "2"})
+    Path("no such.png").write_text("secret")
+    with pytest.raises(InputError, match="no PNG, JPEG"):
+        commands.image({"material": "2"})
+    for wrong in "0", "9", "x", "":
+        with pytest.raises(InputError, match="material"):
+            commands.image({"material": wrong})
+
+
+def test_a_file_without_materials_has_none_and_wrong_ones_are_told():
+    textured("body.glb", BODY.V, BODY.F, np.zeros((BODY.n, 2)))
+    whole, index = Path("body.glb").read_bytes(), b'"baseColorTexture":{"index":%d'
+    assert index % 0 in whole
+    Path("broken.glb").write_bytes(whole.replace(index % 0, index % 7))
+    session = Session(Path("broken.glb"))
+    with lent(session) as server:
+        status, _, content = ask(server, "GET", f"/{server.token}/skin")
+        assert status == 400 and b"broken.glb: its materials cannot be read" in content
+    write_mesh("plain.ply", BODY.V, BODY.F)
+    with pytest.raises(InputError, match="has no materials"):
+        Commands(Session(Path("plain.ply"))).skin()
+
+
+def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plain_materials(browser):
+    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in BODY.V.tolist()]
+    faces = [f"f {a}/1 {b}/1 {c}/1" for a, b, c in (BODY.F + 1).tolist()]
+    half = len(faces) // 2
+    names = ["vt 0 0", "usemtl a", *faces[:half], "usemtl b", *faces[half:]]
+    Path("body.obj").write_text("\n".join(["mtllib a.mtl", *rows, *names]) + "\n")
+    library = "newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n"
+    for text, state in (library, "plain"), (f"{library}map_Kd gone.png\n", "shown"):
+        Path("a.mtl").write_text(text)
+        with lent(Session(Path("body.obj"))) as server:
+            page = browser.new_page(viewport={"width": 1280, "height": 800})
+            page.goto(server.address)
+            page.wait_for_selector(f"#stage[data-skin={state}]")
+            page.wait_for_timeout(300)
+            r, g, b = pixels(page.locator("#stage")).transpose(2, 0, 1)
+            assert (((r > 2 * g) & (r > 2 * b) & (r > 60)).mean() > 0.05) == (state == "plain")
+            assert (((b > 2 * g) & (b > 2 * r) & (b > 60)).mean() > 0.02) == (state == "shown")
+            if state == "shown":
+                told = page.locator("#message span").inner_text()
+                assert told == "body.obj: a texture cannot be shown (No such file or directory)."
+            page.close()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser, width):
+    V = BODY.V[:, [1, 2, 0]]
+    high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)
+    textured("body.glb", V, BODY.F, high[:, :2])
+    session = Session(Path("body.glb"))
+    with lent(session) as server:
+        page = browser.new_page(viewport={"width": width, "height": 844})
+        page.goto(server.address)
+        page.wait_for_selector("#stage[data-skin=shown]")
+        page.wait_for_timeout(400)
+        stage = page.locator("#stage")
+        shown = pixels(stage)
+
+        def portion(image: np.ndarray, colour: int, others: tuple[int, int]) -> float:
+            own = image[..., colour]
+            return float(((own > 60) & all_below(image, own, others)).mean())
+
+        def all_below(image: np.ndarray, own: np.ndarray, others: tuple[int, int]) -> np.ndarray:
+            return (own > 2 * image[..., others[0]]) & (own > 2 * image[..., others[1]])
+
+        for colour, others in (0, (1, 2)), (1, (0, 2)), (2, (0, 1)):
+            assert portion(shown, colour, others) > 0.02
+        half = shown.shape[0] // 2
+        assert portion(shown[:half], 2, (0, 1)) < portion(shown[half:], 2, (0, 1))  # blue is below
+        session.select(np.flatnonzero(high[:, 1] > 0.6), "replace")
+        session.mark("static")
+        page.wait_for_timeout(100)
+        page.reload()
+        page.wait_for_selector("#stage[data-skin=shown]")
+        page.wait_for_timeout(400)
+        marked = pixels(stage)
+        assert changed(shown, marked) > 0.03
+        assert portion(marked[:half], 0, (1, 2)) < 0.2 * portion(shown[:half], 0, (1, 2))  # red is covered
+        page.get_by_text("Options").click()
+        page.get_by_label("colours and textures").uncheck()
+        page.wait_for_timeout(300)
+        assert portion(pixels(stage), 1, (0, 2)) < 0.002
+        page.close()

@@ -1,0 +1,199 @@
+"""A whole task in a browser: pick, fix, drag, undo, animate, save, a killed program, recover, export."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade.cli.main import main
+from sshade.edit.session import Session
+from sshade.io.meshes import read_arrays, write_mesh
+from tests.browser import changed, pixels
+from tests.full import few
+from tests.shapes import bumpy
+from tests.sshade.cli.test_edit import get, running
+from tests.sshade.edit.lent import lent, unpacked
+from tests.sshade.edit.test_page import asked, drag, mark, release, where
+
+BODY = bumpy(3)
+#: Sizes of a window in pixels: of a laptop, and of a telephone.
+SIZES = [(1280, 800), (390, 844)]
+
+
+@pytest.fixture
+def session(here) -> Session:
+    write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
+    return Session(Path("body.ply"))
+
+
+def opened(browser, address: str, size: tuple[int, int]):
+    page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.goto(address)
+    page.wait_for_selector("#stage[data-state=converged]")
+    return page
+
+
+def press(page, name: str, answer: str) -> None:
+    """Press a button, wait for an answer and for the converged shape."""
+    asked(page, answer, page.get_by_role("button", name=name, exact=True).click)
+    page.wait_for_selector("#stage[data-state=converged]")
+
+
+def set_time(page, time: float) -> None:
+    page.get_by_label("time in seconds").fill(str(time))
+    page.get_by_label("time in seconds").press("Enter")
+    page.wait_for_timeout(200)
+    page.wait_for_selector("#stage[data-state=converged]")
+
+
+def in_sight(page, locator) -> bool:
+    """Whether an element lies in the window, and nothing covers its middle."""
+    locator.scroll_into_view_if_needed()
+    return locator.evaluate(
+        "it => { const b = it.getBoundingClientRect(); const at = [b.x + b.width / 2, b.y + b.height / 2];"
+        "const top = document.elementFromPoint(...at);"
+        "return b.x >= 0 && b.right <= innerWidth && b.bottom <= innerHeight + 0.5"
+        " && document.documentElement.scrollHeight <= innerHeight && (it === top || it.contains(top)); }"
+    )
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_work_survives_a_killed_program_and_is_exported(browser, session, size):
+    V = session.mesh.V
+    with running("body.ply", "--no-browser") as (process, address):
+        page = opened(browser, address, size)
+        mark(page, session, where(page, V, V))
+        press(page, "Store key", "key")
+        set_time(page, 1)
+        place = page.locator("#stage").get_attribute("data-gizmo")
+        box = page.locator("#stage").bounding_box()
+        drag(page, np.array([float(x) for x in place.split(",")]) + [box["x"], box["y"]], (50, 30))
+        release(page)
+        posed = unpacked(get(f"{address}now"))
+        press(page, "Undo", "undo")
+        resting = unpacked(get(f"{address}now"))["positions"]
+        assert np.abs(resting - posed["positions"]).max() > 0.05
+        press(page, "Redo", "redo")
+        assert np.array_equal(unpacked(get(f"{address}now"))["positions"], posed["positions"])
+        press(page, "Store key", "key")
+        process.kill()
+        page.wait_for_selector("body.ended", timeout=20_000)
+        assert "offers work that was not saved" in page.locator("#message").inner_text()
+        page.close()
+    with running("body.ply", "--no-browser") as (process, address):
+        page = opened(browser, address, size)
+        page.wait_for_selector("#recovery:has-text('2 groups')")
+        press(page, "Recover", "recover")
+        page.wait_for_selector("#groups li:nth-child(2)")
+        assert page.locator("#recovery").is_hidden()
+        again = unpacked(get(f"{address}now"))
+        for name in "labels", "positions":
+            assert np.array_equal(again[name], posed[name])
+        assert again["groups"] == posed["groups"] and again["keys"] == [0, 1]
+        for name in "Save handles", "Save mesh", "Save animation", "Undo", "End":
+            assert in_sight(page, page.get_by_role("button", name=name)), name
+        press(page, "Save mesh", "save")
+        press(page, "Save animation", "save")
+        page.wait_for_selector("#saved:has-text('animation')")
+        run = page.locator("#command").inner_text().split()
+        press(page, "Save handles", "save")
+        page.wait_for_selector("#saved:has-text('body_handles')")
+        still = page.locator("#command").inner_text().split()
+        page.get_by_role("button", name="End").click()
+        assert process.wait(20) == 0
+        page.close()
+    assert list(Path().glob("*.npz")) == []
+    assert main([*still[1:-1], "again.ply"]) == 0 and main([*run[1:-1], "out_%04d.ply"]) == 0
+    final = read_arrays("body_deformed.ply")[0]
+    assert np.abs(read_arrays("again.ply")[0] - final).max() < 1e-9
+    frames = [read_arrays(path)[0] for path in sorted(Path().glob("out_*.ply"))]
+    assert len(frames) == 13 and np.abs(frames[0] - V).max() < 1e-6
+    assert np.linalg.norm(frames[-1] - final, axis=1).mean() < 0.01 * session.mesh.diagonal
+
+
+@pytest.mark.parametrize("size", few(SIZES, SIZES[1]))
+def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size):
+    height = (session.mesh.V[:, 1] - session.mesh.V[:, 1].min()) / np.ptp(session.mesh.V[:, 1])
+    for inside, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
+        session.select(np.flatnonzero(inside), "replace")
+        session.mark(kind)
+    with lent(session) as server:
+        page = opened(browser, server.address, size)
+        stage = page.locator("#stage")
+        assert page.get_by_role("button", name="Play").is_disabled() and page.locator("#slider").is_disabled()
+        press(page, "Store key", "key")
+        set_time(page, 2)
+        page.get_by_role("button", name="choose group 2").click()
+        page.get_by_label("move x", exact=True).fill("0.8")
+        press(page, "apply", "release")
+        press(page, "Store key", "key")
+        page.get_by_role("button", name="choose group 2").click()  # without arrows
+        group = session.state.groups[1]
+        rest = session.mesh.V[group.vertices]
+        page.wait_for_timeout(200)
+        last = pixels(stage)[100:]
+        with page.expect_response("**/pose"):
+            page.get_by_role("button", name="go to the key at 0 s").click()
+        page.wait_for_selector("#stage[data-state=converged]")
+        page.wait_for_timeout(200)
+        first = pixels(stage)[100:]
+        assert changed(first, last) > 0.01 and np.array_equal(session.state.groups[1].target, rest)
+        before = session.state
+        page.get_by_role("button", name="Play").click()
+        seen = []
+        for _ in range(6):
+            page.wait_for_timeout(300)
+            seen.append((float(page.get_by_label("time in seconds").input_value()), pixels(stage)[100:]))
+        assert len({time for time, _ in seen}) > 3 and session.state is before
+        assert any(changed(first, image) > 0.005 and changed(last, image) > 0.005 for _, image in seen)
+        with page.expect_response("**/pose"):
+            page.get_by_role("button", name="Stop").click()
+        page.wait_for_selector("#stage[data-state=converged]")
+        time = float(page.get_by_label("time in seconds").input_value())
+        shift = (session.state.groups[1].target - rest).mean(axis=0)
+        assert np.allclose(shift, [0.4 * time, 0, 0], atol=1e-6) and 0 < time < 2
+        with page.expect_response("**/pose"):
+            page.get_by_label("time", exact=True).focus()
+            page.keyboard.press("End")  # a second behind the last key
+        page.wait_for_selector("#stage[data-state=converged]")
+        assert np.allclose(session.state.groups[1].target - rest, [0.8, 0, 0], atol=1e-6)
+        set_time(page, 2)
+        press(page, "Delete key", "unkey")
+        assert [key.time for key in session.state.keys] == [0]
+        page.close()
+
+
+def test_all_controls_have_names_and_messages_are_announced(browser, session):
+    session.select(np.arange(9), "replace")
+    session.mark("moving")
+    session.key(0.0)
+    with lent(session) as server:
+        page = opened(browser, server.address, SIZES[0])
+        page.get_by_role("button", name="choose group 1").click()
+        unnamed = page.evaluate(
+            "[...document.querySelectorAll('button, input, select, summary')].filter((it) => !["
+            "it.textContent, it.getAttribute('aria-label'), it.closest('label')?.textContent"
+            "].some((text) => text?.trim()))"
+            ".map((it) => it.outerHTML)"
+        )
+        assert unnamed == []
+        for place in "#hint", "#busy", "#loose", "#saved", "#changed":
+            assert page.locator(place).get_attribute("role") == "status"
+        for place in "#message", "#trouble":
+            assert page.locator(place).get_attribute("role") == "alert"
+        # Tab reaches the tools first, then the panel from its top to its end.
+        page.goto(server.address)
+        page.wait_for_selector("#groups li")
+        order, focused = [], "document.activeElement.id || document.activeElement.name"
+        while len(order) < 90 and "open" not in order:
+            page.keyboard.press("Tab")
+            order.append(page.evaluate(focused))
+        wanted = ("tool", "rest", "undo", "how", "symmetry", "method", "key", "open")
+        reached = [order.index(name) for name in wanted]
+        assert reached == sorted(reached), order
+        page.get_by_role("button", name="Delete key").focus()
+        with page.expect_response("**/unkey"):
+            page.keyboard.press("Enter")
+        assert session.state.keys == ()
+        page.close()
