@@ -1,6 +1,7 @@
 """Old names of methods, options and facts: the renaming is one to one."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from eval.configure.compose import read_choice, resolved
 from eval.rows.csv_rows import COUNT
 from eval.rows.frame import read_csv, write_csv
-from eval.rows.old_names import FACTS, METHODS, new_column, new_label, with_new_names
+from eval.rows.old_names import FACTS, LEFT_OUT, METHODS, new_column, new_label, with_new_names
 from sshade.errors import InputError
+from sshade.options import OLD_NAMES
 
 RESULTS = Path(__file__).parents[3] / "results"
 METHOD_FILES = sorted((RESULTS.parent / "conf/method").rglob("*.yaml"))
@@ -76,3 +78,18 @@ def test_an_old_method_is_refused_with_its_new_name(old):
         resolved("method", read_choice("fast parts=0.1"))
     assert METHODS[old] in {path.stem for path in METHOD_FILES}
     assert old not in {path.stem for path in METHOD_FILES}
+
+
+def test_the_change_log_lists_every_old_name_with_its_new_name():
+    text = (RESULTS.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    renamed = text.partition("### Renamed\n")[2].partition("\n\nNames of the first days")[0]
+    listed = {}
+    for old, new in re.findall(r"^\|[^|]*\|([^|]+)\|([^|]+)\|$", renamed, re.M):
+        names = [[name.rpartition("/")[2] for name in re.findall(r"`([^`]+)`", cell)] for cell in (old, new)]
+        for name, renamed_to in zip(*names, strict=True):
+            listed.setdefault(name, set()).add(renamed_to)
+    columns = {old: new for old, (new, _) in FACTS.items() if old != new}
+    values = FACTS["extra.proxy_basin"][1]
+    every = [*METHODS.items(), *OLD_NAMES.items(), *LEFT_OUT.items(), *columns.items(), *values.items()]
+    assert [(old, new) for old, new in every if new not in listed.get(old, ())] == []
+    assert len(every) > 15
