@@ -50,6 +50,20 @@ EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 on success, 1 if verify finds faults, 2 on bad input."""
+
+    def run() -> int:
+        args = make_parser().parse_args(argv)
+        logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
+        if args.command != "info":
+            require_memory()
+        command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
+        return command(args)
+
+    return run_command(run)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = CommandParser(
         prog="defaust",
         description="Build and check DeFAUST, a benchmark for the deformation of large meshes.",
@@ -85,16 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, text in (("verify", "check every file of a dataset"), ("info", "print the card of a dataset")):
         command = commands.add_parser(name, help=text, description=f"{text.capitalize()}.")
         command.add_argument("folder", type=Path, metavar="DIR", help="folder of the dataset")
-
-    def run() -> int:
-        args = parser.parse_args(argv)
-        logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
-        if args.command != "info":
-            require_memory()
-        command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
-        return command(args)
-
-    return run_command(run)
+    return parser
 
 
 def _example(args: argparse.Namespace) -> int:

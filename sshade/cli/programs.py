@@ -94,6 +94,11 @@ class Program(NamedTuple):
 
     def complete(self, arguments: Sequence[str]) -> int:
         """Print the script of ``--print-completion SHELL``. This imports the modules of all sub-commands."""
+        self.parser().parse_args(["--print-completion", *arguments])
+        return 0
+
+    def parser(self) -> argparse.ArgumentParser:
+        """Return a parser of all sub-commands. This imports the modules of all sub-commands."""
         from sshade.cli.console import CommandParser
 
         parser = CommandParser(prog=self.name)
@@ -103,8 +108,7 @@ class Program(NamedTuple):
             command, module = commands.add_parser(name, help=summary), import_module(module_name)
             if hasattr(module, "add_arguments"):
                 module.add_arguments(command)
-        parser.parse_args(["--print-completion", *arguments])
-        return 0
+        return parser
 
     def call(self, name: str, arguments: Sequence[str]) -> int:
         """Run a sub-command.

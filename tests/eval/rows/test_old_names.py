@@ -1,6 +1,7 @@
 """Old names of methods and options are refused with the new ones, and committed rows have none."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,16 @@ def test_an_old_method_is_refused_with_its_new_name(old):
         resolved("method", read_choice("fast parts=0.1"))
     assert METHODS[old] in {path.stem for path in METHOD_FILES}
     assert old not in {path.stem for path in METHOD_FILES}
+
+
+def test_the_change_log_lists_every_old_name_with_its_new_name():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    renamed = text.partition("### Renamed\n")[2].partition("\n\nNames of the first days")[0]
+    listed = {}
+    for old, new in re.findall(r"^\|[^|]*\|([^|]+)\|([^|]+)\|$", renamed, re.M):
+        names = [[name.rpartition("/")[2] for name in re.findall(r"`([^`]+)`", cell)] for cell in (old, new)]
+        for name, renamed_to in zip(*names, strict=True):
+            listed.setdefault(name, set()).add(renamed_to)
+    every = [*METHODS.items(), *OLD_NAMES.items()]
+    assert [(old, new) for old, new in every if new not in listed.get(old, ())] == []
+    assert len(every) > 6
