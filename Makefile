@@ -7,7 +7,11 @@
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # make cover        the picture of the README, by methods at full size (ten minutes)
+# make verify       claims of the README and the paper on your copies: FAUST=DIR TOSCA=DIR (15 hours for FAUST; go on
+#                   with the same command)
 # make docs         the documentation as a site, out/site; all its examples run (five minutes)
+# make release      wheel, source archive, site, Blender extension and dataset with its card: built and checked in
+#                   dist, nothing uploaded (ten minutes)
 # The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench and scaling need a quiet
 # machine.
 
@@ -17,6 +21,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 QUICK  := data/defaust_20k
 CI     := data/defaust_5k
+VERIFY := data
 
 FULL   := data/defaust_170k
 SIZES  := 10000 15625 19532
@@ -40,7 +45,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test ci-benchmark bench scaling robustness corpus ablations transfers cover docs clean
+.PHONY: tables test ci-benchmark bench scaling robustness corpus ablations transfers cover verify docs release clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -128,11 +133,43 @@ cover: $(READY) data/cover/dataset.json
 	$(BIN)/sshade-eval collect cover
 	$(BIN)/sshade-eval figures cover
 
+# BUILD and RUN have further settings, such as BUILD=subjects=[0,1] and RUN="subject=0 pose=1" for a first look.
+verify: $(READY)
+	@test -n "$(FAUST)$(TOSCA)" || { echo "name the folder of your copy: make verify FAUST=MPI-FAUST TOSCA=..."; exit 2; }
+ifdef FAUST
+	$(BIN)/defaust build source=faust source.root="$(FAUST)" out=$(VERIFY)/faust $(BUILD)
+	$(call verify,faust,bodies_170k)
+	$(call verify,faust,ablation_samplings)
+	$(call verify,faust,ablation_vertices)
+	$(call verify,faust,table1_lowres)
+	$(call verify,faust,table1)
+endif
+ifdef TOSCA
+	$(BIN)/defaust build source=tosca source.root="$(TOSCA)" out=$(VERIFY)/tosca $(BUILD)
+	$(call verify,tosca,isometric)
+endif
+	$(BIN)/sshade-eval claims $(if $(FAUST),faust) $(if $(TOSCA),tosca)
+
+# Runs of an experiment on a dataset. A failed run (exit code 1) has a row, and the next experiment begins.
+verify = { $(BIN)/sshade-eval run -m experiment=$(2) dataset=$(1) dataset.root=$(VERIFY)/$(1) $($(2)) $(RUN) \
+	  || test $$? -eq 1; } && $(BIN)/sshade-eval collect $(2)_$(1)
+
+bodies_170k        := subject=all pose=1,2,3,4 method=accelerated_elastic,deformation_graph,paper,fast,fine
+ablation_samplings := method.samplings=1,5 proxy.vertices=6000
+ablation_vertices  := proxy.vertices=3000,12000
+table1_lowres      := dataset.resolution=low method=arap,elastic,arap_sr
+table1             := method=arap,elastic,arap_sr,implicit_arap_cpu,paper_plain
+isometric          := pose=all method.frames=triangle,blended_affine method.samplings=10
+
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'
 	$(BIN)/python -m mkdocs build
 	$(BIN)/sshade-eval site -o out/site/leaderboard
 	@echo "the site is in out/site"
+
+release: docs
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[release]'
+	$(BIN)/python -m tools.release --site out/site --data $(QUICK)
 
 $(FULL)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(FULL) subjects=[0]

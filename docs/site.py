@@ -42,7 +42,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def _outside(file: File) -> list[str]:
     """Return the files of the repository outside ``docs`` that a page links to."""
     targets = (_target(file.src_uri, link) for _, link, *_ in LINK.findall(_text(file)))
-    return [target for target in targets if target and not target.startswith("docs/")]
+    return [target for target in targets if target and not _is_in_docs(target)]
+
+
+def _is_in_docs(target: str) -> bool:
+    """Whether mkdocs adds a file by itself. The configuration excludes the scripts of ``docs``."""
+    return target.startswith("docs/") and not target.endswith(".py")
 
 
 def _text(file: File) -> str:
@@ -69,7 +74,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target = _target(here, link)
         if target is None:
             return found[0]
-        there = target.removeprefix("docs/") if target.startswith("docs/") else f"files/{target}"
+        there = target.removeprefix("docs/") if _is_in_docs(target) else f"files/{target}"
         return f"{start}{posixpath.relpath(there, posixpath.dirname(here) or '.')}{anchor or ''}{end}"
 
     parts = FENCE.split(markdown)
