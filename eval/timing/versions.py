@@ -13,8 +13,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from eval.rows.store import Row
 from eval.run.provenance import config_hash, library_versions, task_facts
 from eval.timing.cases import TimedCase
@@ -22,6 +20,7 @@ from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.turns import Job, take_turns
 from sshade.cli.console import say
 from sshade.errors import InputError
+from sshade.io.meshes import write_mesh
 from sshade.task import DeformationTask
 
 #: Methods of :func:`sshade.deform` and :class:`sshade.Deformer` whose drags are timed.
@@ -64,11 +63,11 @@ def time_versions(
             task = case.load()
             if not isinstance(task, DeformationTask) or not task.handles.hard.all():
                 raise InputError(f"{task.name}: versions times deformations with hard handles")
-            path, name, handles = Path(files, f"{number}.npz"), f"{number} {task.name}", task.handles
-            arrays = {"index": handles.index, "target": handles.target, "group": handles.group}
-            np.savez(path, V=task.mesh.V, F=task.mesh.F, **arrays)
+            path, name, handles = str(Path(files, f"{number}.ply")), f"{number} {task.name}", task.handles
+            write_mesh(path, task.mesh.V, task.mesh.F)
+            lists = {key: getattr(handles, key).tolist() for key in ("index", "target", "group")}
             for worker in workers.values():
-                worker.ask(load=str(path), name=name)
+                worker.ask(load=path, name=name, **lists)
             facts = task_facts(task)
             jobs += [
                 _job(method, version, worker, name, facts)

@@ -4,7 +4,7 @@ Each line of the input is a request in JSON, and each line of the output is its 
 names of :mod:`sshade` that all versions have, and imports nothing from :mod:`eval`: the folder of the version
 comes first in ``PYTHONPATH``.
 
-- ``{"load": FILE, "name": NAME}`` reads V, F, index, target and group from an ``.npz`` file.
+- ``{"load": FILE, "name": NAME, "index": [...], "target": [...], "group": [...]}`` reads a mesh file.
 - ``{"name": NAME, "method": METHOD}`` deforms. With ``"drag": STEPS`` and ``"tolerance"`` it drags from rest
   to the targets.
 
@@ -20,14 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from sshade import DeformationTask, Deformer, Handles, Mesh, deform
+from sshade import DeformationTask, Deformer, Handles, Mesh, deform, read
 
 
-def load(path: str, name: str) -> DeformationTask:
+def load(request: dict[str, Any]) -> DeformationTask:
     """Read a case."""
-    with np.load(path) as data:
-        handles = Handles(data["index"], data["target"], data["group"])
-        return DeformationTask(name, Mesh(data["V"], data["F"]), handles)
+    handles = Handles(*(np.array(request[name]) for name in ("index", "target", "group")))
+    return DeformationTask(request["name"], Mesh(*read(request["load"])), handles)
 
 
 def timed_deform(task: DeformationTask, method: str) -> dict[str, Any]:
@@ -60,7 +59,7 @@ def main() -> None:
         request = json.loads(line)
         name, answer = request["name"], dict[str, Any]()
         if "load" in request:
-            tasks[name] = load(request["load"], name)
+            tasks[name] = load(request)
         elif "drag" in request:
             answer = timed_drag(tasks[name], request["method"], request["drag"], request["tolerance"])
         else:
