@@ -40,7 +40,7 @@ def shifted(
         V itself where no move is needed.
     """
     n, origin, half = len(V), V[F[0, 0]], -(-len(F) // 2)
-    with ThreadTeam(min(2, available_cpus())) as team:
+    with ThreadTeam(available_cpus() if len(F) > CHUNK else 1) as team:
         # Each half of the faces has its own sums, so that results do not depend on the number of threads.
         G, Z = np.zeros((2, n, 3)), np.empty_like(V)
         team(lambda i: add_gradients(F[i * half :][:half], V, 1.0, 0.0, G[i], G[i], 0, n), 2)
