@@ -66,9 +66,14 @@ def task_facts(task: DeformationTask | TransferTask) -> dict[str, Any]:
 
 def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
     """Return the columns ``method.*``, and the versions of the libraries that the method uses."""
-    plain, versions = settings(config), library_versions(code_of(config))
+    plain = settings(config)
     facts = {"method.name": name, "method.hash": config_hash(plain)} | flat(plain, "method")
-    return facts | {f"env.version.{library}": version for library, version in versions.items()}
+    return facts | library_facts(code_of(config))
+
+
+def library_facts(functions: Iterable[str]) -> dict[str, str]:
+    """Return the columns ``env.version.*`` of :func:`library_versions`."""
+    return {f"env.version.{name}": version for name, version in library_versions(functions).items()}
 
 
 def library_versions(functions: Iterable[str]) -> dict[str, str]:

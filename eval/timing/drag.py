@@ -12,6 +12,7 @@ from eval.rows.store import Row
 from eval.run.provenance import method_facts, task_facts
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
+from eval.timing.worker import timed_steps
 from sshade.errors import InputError
 from sshade.options import accepted
 from sshade.pipeline.deform import deform
@@ -103,16 +104,14 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     minimum = deformer.settle().vertices
     deformer.reset()
     before = deformer(rest, tolerance=TOLERANCE).vertices
-    steps, out = [], np.empty_like(before)
+    out = np.empty_like(before)
 
-    def step(number: int) -> None:
-        start = perf_counter()
-        result = deformer(rest + number / STEPS * (target - rest), tolerance=TOLERANCE, out=out)
-        steps.append((perf_counter() - start, result.seconds["solve"], result.seconds["carry"]))
+    def follow(numbers: range) -> np.ndarray:
+        path = (rest + number / STEPS * (target - rest) for number in numbers)
+        return timed_steps(deformer, path, TOLERANCE, out)
 
-    for number in range(1, STEPS + 1):
-        step(number)
-    last, forth = out.copy(), np.array(steps)
+    forth = follow(range(1, STEPS + 1))
+    last = out.copy()
     start = perf_counter()
     settled = deformer.settle(out=out).vertices
     settling = perf_counter() - start
@@ -121,8 +120,7 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
         "drag.last": apart(last, first.vertices),
         "drag.settled": apart(settled, minimum),
     }
-    for number in range(STEPS - 1, -1, -1):
-        step(number)
+    follow(range(STEPS - 1, -1, -1))
     whole, solve, carry = np.median(forth, axis=0)
     return {
         "seconds.bind": bound - begin,

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from eval.rows.store import Row
-from eval.run.provenance import config_hash, library_versions, task_facts
+from eval.run.provenance import config_hash, library_facts, task_facts
 from eval.timing.cases import TimedCase
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.turns import Job, take_turns
@@ -82,7 +82,7 @@ def _job(method: str, version: str, worker: Worker, case: str, facts: Row) -> Jo
     request: dict[str, Any] = {"name": case, "method": name}
     if kind:
         request |= {"drag": STEPS, "tolerance": TOLERANCE}
-    facts = facts | {f"env.version.{library}": text for library, text in library_versions([]).items()}
+    facts = facts | library_facts([])
     facts |= {"method.base": method, "method.version": version, "method.name": f"{method}, {version}"}
     facts["method.hash"] = config_hash({"method": method})
     return Job(facts, partial(worker.ask, **request))

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 
 from eval.rows.store import Row
-from eval.run.provenance import config_hash, library_versions, task_facts
+from eval.run.provenance import config_hash, library_facts, task_facts
 from eval.run.warmup import tiny_task
 from eval.timing.cases import TimedCase
 from eval.timing.turns import Job, take_turns
@@ -70,9 +70,8 @@ def time_commands(methods: Sequence[str], cases: Sequence[TimedCase], *, rounds:
 
 def _job(method: str, files: Sequence[str], facts: Row) -> Job:
     options = ["deform", "--method", method]
-    name, versions = f"sshade {' '.join(options)}", library_versions([])
-    facts = facts | {"method.name": name, "method.hash": config_hash({"command": options})}
-    facts |= {f"env.version.{library}": version for library, version in versions.items()}
+    facts = facts | {"method.name": f"sshade {' '.join(options)}"} | library_facts([])
+    facts["method.hash"] = config_hash({"command": options})
     return Job(facts, partial(_call, [*options, *files]))
 
 

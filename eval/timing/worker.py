@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from time import perf_counter
 from typing import Any
 
@@ -36,19 +37,26 @@ def timed_deform(task: DeformationTask, method: str) -> dict[str, Any]:
     return {"seconds.total": perf_counter() - begin, "iterations": float(result.iterations)}
 
 
+def timed_steps(
+    deformer: Deformer, path: Iterable[np.ndarray], tolerance: float, out: np.ndarray
+) -> np.ndarray:
+    """Follow targets (h, 3); return the seconds (k, 3) of each step, of its solve and of its prolongation."""
+    seconds = []
+    for targets in path:
+        begin = perf_counter()
+        parts = deformer(targets, tolerance=tolerance, out=out).seconds
+        seconds.append((perf_counter() - begin, parts["solve"], parts["carry"]))
+    return np.array(seconds)
+
+
 def timed_drag(task: DeformationTask, method: str, steps: int, tolerance: float) -> dict[str, Any]:
     """Drag from rest to the targets; return the median seconds of a step and of its parts."""
     handles, out = task.handles, np.empty_like(task.mesh.V)
     rest = task.mesh.V[handles.index]
     deformer = Deformer(task.mesh, handles.index, group=handles.group, method=method)
     deformer(rest, tolerance=tolerance, out=out)
-    seconds = []
-    for number in range(1, steps + 1):
-        begin = perf_counter()
-        targets = rest + number / steps * (handles.target - rest)
-        parts = deformer(targets, tolerance=tolerance, out=out).seconds
-        seconds.append((perf_counter() - begin, parts["solve"], parts["carry"]))
-    whole, solve, carry = np.median(seconds, axis=0)
+    path = (rest + number / steps * (handles.target - rest) for number in range(1, steps + 1))
+    whole, solve, carry = np.median(timed_steps(deformer, path, tolerance, out), axis=0)
     return {"seconds.total": whole, "seconds.step_solve": solve, "seconds.step_carry": carry}
 
 

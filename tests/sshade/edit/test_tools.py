@@ -176,15 +176,19 @@ def test_buttons_mirror_limit_and_pick_by_distance(page, session):
     page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
 
 
-def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
-    ball = icosphere(3)
-    write_mesh("ball.ply", ball.V, ball.F)
+def open_mesh(page, name):
     page.reload()
     page.wait_for_selector("#change:visible")
     page.once("dialog", lambda dialog: dialog.accept())
     with page.expect_navigation():
-        page.get_by_label("open another mesh").select_option("ball.ply")
-    page.wait_for_selector("#name:text-is('ball.ply')")
+        page.get_by_label("open another mesh").select_option(name)
+    page.wait_for_selector(f"#name:text-is('{name}')")
+
+
+def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
+    ball = icosphere(3)
+    write_mesh("ball.ply", ball.V, ball.F)
+    open_mesh(page, "ball.ply")
     asked(page, "symmetry", lambda: page.get_by_label("symmetry").select_option("x"))
     page.locator("#tools label", has_text="Click").click()
     box = page.locator("#stage").bounding_box()
@@ -221,12 +225,7 @@ def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
     V, F = session.mesh.V, session.mesh.F
     rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in V.tolist()]
     Path("red.obj").write_text("\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (F + 1).tolist()]))
-    page.reload()
-    page.wait_for_selector("#change:visible")
-    page.once("dialog", lambda dialog: dialog.accept())
-    with page.expect_navigation():
-        page.get_by_label("open another mesh").select_option("red.obj")
-    page.wait_for_selector("#name:text-is('red.obj')")
+    open_mesh(page, "red.obj")
     page.wait_for_selector("#stage[data-state=converged]")
     page.wait_for_timeout(300)
     stage = page.locator("#stage")
