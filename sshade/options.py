@@ -16,6 +16,8 @@ from math import inf
 from numbers import Real
 from typing import Any, Literal, NamedTuple, TypeVar
 
+import numpy as np
+
 from sshade.errors import InputError
 
 Energy = Literal["spokes", "spokes_and_rims"]
@@ -118,6 +120,10 @@ class Options:
     warm_start : bool
         Start later proxies from the result of the first proxy. Fewer iterations are needed, and all results
         are in the same local minimum.
+    detail : float
+        Position between the smooth shape of `fast`, at 0, and the least stretch with the sharpest creases, at
+        1. Lower it to come nearer to true poses or to soften creases. It chooses `attachment`,
+        `proxy_attachment`, `bending` and `strain_limit`, unless they have values of their own.
     proxy_attachment : float
         Weight of the attachment on the proxy; `attachment` applies to the polish alone.
     proxy_bending : float
@@ -159,6 +165,7 @@ class Options:
     guide_attachment: float = _option(0.0, "[0, inf)", FAST)
     coarse: Callable[..., Any] | None = _option(None, "", PAPER)
     warm_start: bool = _option(False, "", PAPER)
+    detail: float = _option(0.75, "[0, 1]", FINE)
     proxy_attachment: float = _option(0.0, "[0, inf)", FINE)
     proxy_bending: float = _option(0.0, "[0, inf)", FINE)
     proxy_stiffness: float = _option(1.0, "(0, 1]", FINE)
@@ -191,7 +198,14 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Warp": ("warp",),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start"),
-    "Polish": ("proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations", "polish_seconds"),
+    "Polish": (
+        "detail",
+        "proxy_attachment",
+        "proxy_bending",
+        "proxy_stiffness",
+        "polish_iterations",
+        "polish_seconds",
+    ),
 }
 #: Options of functions that sample proxies.
 PROXIES = GROUPS["Proxy"]
@@ -215,19 +229,34 @@ _FAST = Options(
     guide_attachment=3.0,
     coarser_start=True,
 )
-# The polish attaches less, so that it stretches less. Half of the attachment on the proxy finds local minima
-# nearer to the ground truth. Fine triangles can crease, and proxies cannot: hence the strain limit. An
-# area weight of 1 leaves an error of half a percent and changes edges and angles a twentieth less than inf.
+#: Values that `detail` chooses at 0, 1/4, 1/2, 3/4 and 1, with lines between them. A strong attachment on the
+#: proxy finds local minima nearer to the ground truth; a weak one in the polish stretches less. Fine
+#: triangles can crease, and proxies cannot: hence the bending, and the strain limit, here as 1 / strain.
+_ALONG_DETAIL = {
+    "proxy_attachment": (0.3, 0.3, 0.3, 0.05, 0.0),
+    "attachment": (0.1, 0.03, 0.01, 0.01, 0.0),
+    "bending": (0.003, 0.001, 0.0, 0.0, 0.0),
+    "strain_limit": (4.0, 4.0, 4.0, 4.0, 0.0),
+}
+
+
+def _at_detail(detail: float) -> dict[str, float]:
+    """Return the values that `detail` chooses."""
+    knots = np.linspace(0.0, 1.0, 5)
+    found = {name: float(np.interp(detail, knots, values)) for name, values in _ALONG_DETAIL.items()}
+    limit = found["strain_limit"]
+    return {**found, "strain_limit": 1.0 / limit if limit > 0 else inf}
+
+
+# An area weight of 1 leaves an error of half a percent, and changes edges and angles less than inf.
 _FINE = replace(
     _FAST,
     area=1.0,
     stiffness=0.03,
-    strain_limit=0.25,
-    attachment=0.01,
-    proxy_attachment=0.05,
     proxy_stiffness=0.06,
     polish_iterations=50,
     polish=True,
+    **_at_detail(Options.detail),
 )
 #: The methods.
 PRESETS: Mapping[str, Options] = {
@@ -238,14 +267,14 @@ PRESETS: Mapping[str, Options] = {
     "fine_free": replace(_FINE, volume=0.0, area=0.0),
 }
 # Strain and folds gather at the edges of handle regions. A region that moves away stretches the surface
-# between regions; with an exact area the rest of the surface would pay for it. The polish has a strain limit
-# against folds and no bending, which costs time and more stretch.
+# between regions; with an exact area the rest of the surface would pay for it. More attachment on the proxy
+# brings bodies nearer to the ground truth, and stretches other shapes no more.
 _REGIONS: Mapping[str, Any] = {"area": 0.1, "stiffness": 0.08}
 #: Differences of the methods where handles are regions.
 REGIONS: Mapping[str, Mapping[str, Any]] = {
     "fast": {**_REGIONS, "bending": 0.003},
-    "fine": {**_REGIONS, "proxy_bending": 0.003},
-    "fine_free": {**_REGIONS, "area": 0.0, "proxy_bending": 0.003},
+    "fine": {**_REGIONS, "detail": 0.5, "proxy_bending": 0.003},
+    "fine_free": {**_REGIONS, "area": 0.0, "detail": 0.5, "proxy_bending": 0.003},
 }
 
 #: Names of options and methods before they were renamed.
@@ -407,8 +436,10 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
         On an unknown method, and as :func:`checked`.
     """
     values = checked(values, accepted(method), subject=f"the method {method!r}")
-    differences = REGIONS.get(method, {}) if regions else {}
-    options = replace(PRESETS[method], **{**differences, **values})
+    values = {**(REGIONS.get(method, {}) if regions else {}), **values}
+    if "detail" in values:
+        values = {**_at_detail(values["detail"]), **values}
+    options = replace(PRESETS[method], **values)
     if options.volume_goal is not None and options.volume == 0:
         raise InputError("volume_goal needs a weight of the volume, which is 0 here; give volume=inf")
     if options.volume_goal is not None and options.coarse is not None:

@@ -1,4 +1,4 @@
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import inf, nan
 
 import numpy as np
@@ -6,6 +6,7 @@ import pytest
 
 from sshade import InputError
 from sshade.options import (
+    FINE,
     GROUPS,
     OLD_METHODS,
     PRESETS,
@@ -88,8 +89,25 @@ def test_handle_regions_change_what_is_not_given(method):
     changed = {
         entry.name for entry in fields(Options) if getattr(plain, entry.name) != getattr(regional, entry.name)
     }
-    assert changed <= set(REGIONS.get(method, {})) and bool(changed) == (method in REGIONS)
+    assert changed - {"proxy_attachment"} <= set(REGIONS.get(method, {}))
+    assert bool(changed) == (method in REGIONS)
     assert resolve(method, {"area": 0.7}, regions=True).area == 0.7
+
+
+def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():
+    chosen = ("attachment", "proxy_attachment", "bending", "strain_limit")
+    for method in FINE:
+        assert resolve(method, {"detail": PRESETS[method].detail}) == PRESETS[method]
+        along = [resolve(method, {"detail": detail}) for detail in np.linspace(0, 1, 9)]
+        for name in chosen:
+            values = [getattr(options, name) for options in along]
+            assert values == sorted(values, reverse=name != "strain_limit") and values[0] != values[-1]
+            assert getattr(resolve(method, {"detail": 0.1, name: 0.07}), name) == 0.07
+        others = [replace(options, detail=0, **dict.fromkeys(chosen, 1.0)) for options in along[:-1]]
+        assert all(other == others[0] for other in others)
+    assert resolve("fine", {"detail": 0.0}, regions=True).proxy_bending == REGIONS["fine"]["proxy_bending"]
+    with pytest.raises(InputError, match="detail must be a number in "):
+        resolve("fine", {"detail": 1.5})
 
 
 def test_the_guide_is_off_without_attachment_on_the_proxy_unless_asked_for():

@@ -90,23 +90,6 @@ CLAIMS = {
             f"{table} held_out | spike | fine > fast" for table in ("bodies_170k", "bodies_25k")
         ],
     },
-    "docs/beyond_fine.md": {
-        "a weight of 0.3 brings the polished result nearer to the true pose, and makes creases sharper": [
-            "front_parts held_out | truth | fine-0.3 < fine-0.0",
-            "front_parts held_out | bend 99.9 | fine-0.3 > fine-0.0",
-        ],
-        "Smaller weights cannot be told apart from no attachment there": [
-            "front_parts held_out | truth | fine-0.0 = fine-0.025 fine-0.05 fine-0.1"
-        ],
-        "On the ten bodies of the tuning cases, they are a little nearer as well": [
-            "front_parts tuning | truth | fine-0.0 > fine-0.025 fine-0.05 fine-0.1"
-        ],
-        "A smaller strain limit gives softer creases and more stretch: the interval of each step": [
-            f"front_creases held_out | {column} | fine-{smaller} {sign} fine-{larger}"
-            for column, sign in (("bend 99.9", "<"), ("EL", ">"))
-            for smaller, larger in (("0.15", "0.2"), ("0.2", "0.25"), ("0.25", "0.4"), ("0.4", "inf"))
-        ],
-    },
 }
 
 
