@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationResult, Deformer, InputError, Mesh, bind_points
 from sshade.carry.points import FARTHEST
-from sshade.carry.trees import LEAF, Tree, curve_order, squared_distances, triangles_of_leaves
+from sshade.carry.trees import LEAF, box_tree, curve_order, squared_distances, triangles_of_leaves
 from tests.shapes import bent, icosphere, jittered
 
 BALL = jittered(icosphere(3), 0.05)
@@ -185,8 +185,8 @@ def test_distances_from_triangles_are_those_of_dense_points_on_them():
     )
     expected = cKDTree(dense).query(X)[0]
     order = curve_order(corners.mean(axis=1))
-    tree = Tree.of(corners[order].min(axis=1), corners[order].max(axis=1), leaf=LEAF)
+    tree = box_tree(corners[order].min(axis=1), corners[order].max(axis=1), leaf=LEAF)
     found = np.empty(len(X))
-    squared_distances(0, len(X), X, triangles_of_leaves(corners[order]), tree.boxes, found)
+    squared_distances(0, len(X), X, triangles_of_leaves(corners[order]), tree, found)
     assert (np.sqrt(found) <= expected + 1e-12).all() and (np.sqrt(found) >= expected - 0.03).all()
     assert np.sqrt(found[100:]).max() < 1e-7
