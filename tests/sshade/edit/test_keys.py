@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from sshade import InputError, Slide
 from sshade.cli.main import main
-from sshade.edit import keys as module
 from sshade.edit import recovery
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
@@ -191,10 +190,3 @@ def test_a_group_made_after_a_key_is_at_rest_there_and_a_smaller_one_keeps_its_p
     session.pose(3.0)
     assert np.array_equal(session.state.group(new).target, BODY.V[own[::2]])
     assert np.abs(session.state.group(number).target - expected(own, 3.0)[1::2]).max() < 1e-12
-
-
-def test_frames_have_the_times_of_keys_and_a_rate_between_them():
-    keys = [module.Key(time, ()) for time in (0.5, 0.8, 2.0)]
-    assert module.frame_times(keys, 0) == [0.5, 0.8, 2.0]
-    assert np.allclose(module.frame_times(keys, 2), [0.5, 0.8, 1.0, 1.5, 2.0])
-    assert len(module.frame_times(keys[:1], 24)) == 1

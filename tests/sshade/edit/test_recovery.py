@@ -130,14 +130,3 @@ def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(mo
     session.select(np.arange(5), "replace")
     session.mark("moving")
     assert len(session.state.groups) == 1 and "No space left" in session.trouble
-
-
-def test_editors_of_one_mesh_do_not_take_each_other_s_files():
-    first = begun()
-    first.select(np.arange(5), "replace")
-    first.mark("moving")
-    second = begun()
-    assert second.recovery.offers == []  # the process of the first still runs
-    second.select(np.arange(9), "replace")
-    second.mark("moving")
-    assert files() == sorted([first.recovery.path, second.recovery.path])

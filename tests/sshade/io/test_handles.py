@@ -65,11 +65,6 @@ def test_static_handles_ignore_a_target_unless_raw(write, body):
     assert read_handles(write(entries), body, raw=True).target.tolist() == [[9, 9, 9]]
 
 
-def test_the_kind_follows_from_the_target_where_it_is_left_out(write, body):
-    entries = [{"vertices": [1]}, {"vertices": [2], "target": [[0, 0, 0]]}]
-    assert read_handles(write(entries), body).dynamic.tolist() == [False, True]
-
-
 def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
     V = body.V
     low, high = V.min(axis=0), V.max(axis=0)
