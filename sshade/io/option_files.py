@@ -48,8 +48,7 @@ def _parsed_yaml(text: str) -> Any:
         data = yaml.safe_load(text)
         return {} if data is None else data
     except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
-        why = " ".join(str(error).split()).replace(
-            ' in "<unicode string>",', " in"
-        )  # PyYAML's name of a text
+        # PyYAML calls a text by this name.
+        why = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
         why = "nested too deeply" if isinstance(error, RecursionError) else why
         raise InputError(f"not readable as YAML ({why})") from error

@@ -120,13 +120,7 @@ BAND = moebius()
         (V, F, Handles(POSE.index + 1, POSE.target), "", "2 vertices without a face stay at their places"),
         (TWO.V, TWO.F, POSE, "--carry-unconstrained", "1 components without handles rigidly follow"),
         (TWO.V, TWO.F, BOTH, "", "2 components were deformed separately and divide the proxy vertices"),
-        (
-            TWO.V,
-            TWO.F,
-            Handles([0, BODY.n], TWO.V[[0, BODY.n]]),
-            "",
-            "2 components move rigidly with their h",
-        ),
+        (TWO.V, TWO.F, Handles([0, BODY.n], TWO.V[[0, BODY.n]]), "", "2 components move rigidly"),
     ],
 )
 def test_what_is_unusual_is_told(folder, capsys, V, F, handles, options, words):
@@ -158,10 +152,7 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(folder, cap
         ([*DEFORM, "--method", "fsat"], "did you mean 'fast'"),
         (["deform", "body.ply", "pose.json"], "-o/--output; see `sshade deform --help`"),
         (["remesh", "body.ply", "-o", "a.ply", "--map", "m.npz", "--vertices", "many"], "--vertices"),
-        (
-            ["show", "body.ply", "--deformed", "less.ply", "-o", "a.png"],
-            "less.ply has 3 vertices and body.ply",
-        ),
+        (["show", "body.ply", "--deformed", "less.ply", "-o", "a.png"], "less.ply has 3 vertices"),
         (["reconstruct", "body.ply", "less.ply", "-o", "a.ply"], "they must correspond"),
         (["reconstruct", "body.ply", "nan.ply", "-o", "a.ply"], "NaN or infinite"),
     ],

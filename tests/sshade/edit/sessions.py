@@ -24,6 +24,11 @@ SHAPES = {
 }
 
 
+def upright(mesh: Mesh) -> Mesh:
+    """The mesh with y upwards."""
+    return Mesh(mesh.V[:, [1, 2, 0]], mesh.F)
+
+
 def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
     write_mesh(name, mesh.V, mesh.F)
     return Session(Path(name), **given)

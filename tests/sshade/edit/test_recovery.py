@@ -11,16 +11,9 @@ from sshade.edit.session import Session
 from sshade.edit.state import Settings
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
-from tests.sshade.edit.sessions import SWITCHED, switched, turned
-
-BODY = bumpy(2)
+from tests.sshade.edit.sessions import BODY, SWITCHED, begun, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
-
-
-def begun(mesh=BODY, **given) -> Session:
-    write_mesh("body.ply", mesh.V, mesh.F)
-    return Session(Path("body.ply"), **given)
 
 
 def abandoned(session: Session, monkeypatch) -> Path:
@@ -85,7 +78,7 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
     session.mark("static")
     path = abandoned(session, monkeypatch)
     content = path.read_bytes()
-    other = begun(bumpy(3))
+    other = begun(bumpy(2))
     for call in other.recover, lambda: other.recover(path):
         with pytest.raises(InputError, match="recovery file of another mesh") as told:
             call()
