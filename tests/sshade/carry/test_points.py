@@ -63,13 +63,11 @@ def test_points_on_the_surface_stay_at_their_place_on_it():
 
 def test_maps_are_the_derivative_of_a_smooth_map():
     """The linear map approaches the derivative of a bend of space as the mesh becomes finer."""
-    step, X = 1e-5, 0.9 * around(BALL, 100)
-    error = []
+    step, error = 1e-5, []
     for level in (3, 5):
         ball = icosphere(level)
-        true = np.stack([(bent(X + e) - bent(X - e)) / (2 * step) for e in step * np.eye(3)], axis=2)
-        found = bind_points(ball, on_faces(ball, ball.V)[::7]).with_maps(bent(ball.V))
         X = on_faces(ball, ball.V)[::7]
+        found = bind_points(ball, X).with_maps(bent(ball.V))
         true = np.stack([(bent(X + e) - bent(X - e)) / (2 * step) for e in step * np.eye(3)], axis=2)
         tangential = true - np.einsum("nij,nj,nk->nik", true, X, X)
         own = found.maps - np.einsum("nij,nj,nk->nik", found.maps, X, X)

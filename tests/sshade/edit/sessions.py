@@ -34,6 +34,20 @@ def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
     return Session(Path(name), **given)
 
 
+def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
+    """Distances (n,) from the nearest source along edges, by relaxing all edges until nothing changes."""
+    found = np.full(mesh.n, np.inf)
+    found[sources] = 0
+    i, j = mesh.edges.T
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    before = None
+    while not np.array_equal(before, found):
+        before = found.copy()
+        np.minimum.at(found, j, before[i] + length)
+        np.minimum.at(found, i, before[j] + length)
+    return found
+
+
 def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
     """The vertices at both ends of the longest extent."""
     x = V[:, np.argmax(np.ptp(V, axis=0))]

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from sshade import InputError, Mesh, Slide
+from sshade import InputError, Slide
 from sshade.cli.main import main
 from sshade.edit import recovery
 from sshade.edit.groups import Motion
@@ -17,7 +15,7 @@ from sshade.edit.links import SOFT
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from tests.shapes import beside, bumpy, icosphere, shifted
-from tests.sshade.edit.sessions import BODY, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, along_edges, begun, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -128,13 +126,6 @@ def test_an_image_has_the_kind_weight_and_slide_of_its_leader_until_it_is_unlink
     session.remove(number)
     (left,) = session.state.groups
     assert left.link is None and left.vertices is before.vertices
-
-
-def along_edges(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
-    i, j = mesh.edges.T
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return dijkstra(graph, directed=False, indices=vertices).min(axis=0)
 
 
 @pytest.mark.parametrize("turns", [False, True])
