@@ -14,7 +14,7 @@ from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from sshade.io.poses import read_poses
-from tests.sshade.edit.sessions import BODY, begun, ready
+from tests.sshade.edit.sessions import BODY, added, begun, ready
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -142,15 +142,13 @@ def test_rotations_slides_and_followers_are_in_the_frames(kind, monkeypatch):
     session, number = ready()
     top = int(np.argmax(BODY.V[:, 2])) if kind == "single" else None
     if top is not None:
-        session.select(np.array([top]), "replace")
-        number = session.mark("moving")
+        number = added(session, np.array([top]), "moving")
     if kind == "free":
         session.alter(number, slide=Slide.anywhere())
     if kind == "plane":
         session.alter(number, slide=Slide.plane([1, 0, 0]))
     if kind == "image":
-        session.select(np.flatnonzero(BODY.V[:, 0] > 0.9), "replace")
-        number = session.mark("moving")
+        number = added(session, np.flatnonzero(BODY.V[:, 0] > 0.9), "moving")
         partner = session.mirror(number, 0)
     session.key(0.0)
     session.release(number, Motion.about(np.zeros(3), TURN.as_quat(), 0.2 * MOVE))
@@ -185,8 +183,7 @@ def test_a_group_made_after_a_key_is_at_rest_there_and_a_smaller_one_keeps_its_p
     session, number = animated()
     own = session.state.group(number).vertices
     session.pose(1.0)
-    session.select(own[::2], "replace")
-    new = session.mark("moving")
+    new = added(session, own[::2], "moving")
     session.pose(3.0)
     assert np.array_equal(session.state.group(new).target, BODY.V[own[::2]])
     assert np.abs(session.state.group(number).target - expected(own, 3.0)[1::2]).max() < 1e-12

@@ -18,7 +18,7 @@ from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import lent
-from tests.sshade.edit.sessions import begun, marked, upright
+from tests.sshade.edit.sessions import added, begun, marked, upright
 
 BODY = bumpy(4)
 
@@ -360,8 +360,7 @@ def test_at_800_pixels_undo_and_files_stay_in_sight_and_what_is_loose_is_told(pa
     page.set_viewport_size({"width": 1280, "height": 800})
     loose = page.locator("#loose")
     for k, kind in enumerate(("moving", "moving", "static", "static")):
-        session.select(np.arange(20 * k, 20 * k + 20), "replace")
-        session.mark(kind)
+        added(session, np.arange(20 * k, 20 * k + 20), kind)
     page.reload()
     page.wait_for_selector("#groups li:nth-child(4)")
     page.get_by_role("button", name="choose group 4").click()

@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError, Slide
 from sshade.edit.groups import Motion
 from tests.shapes import beside, icosphere, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, along_edges, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -78,8 +78,7 @@ def test_a_mirrored_group_makes_a_symmetric_shape(axis):
     S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
     aside = np.eye(3)[axis] + 0.2
     side = ball.V @ (aside / np.linalg.norm(aside))
-    session.select(np.flatnonzero(side > 0.9), "replace")
-    number = session.mark("moving")
+    number = added(session, np.flatnonzero(side > 0.9), "moving")
     session.alter(number, slide=Slide.plane(aside), weight=5.0)
     session.release(number, turned(ball.V, 0.3))
     partner = session.mirror(number, axis)
@@ -105,8 +104,7 @@ def test_local_axes_have_the_normal_as_z_and_turn_with_the_group():
     for direction in np.eye(3):
         along = BODY.V @ direction / np.linalg.norm(BODY.V, axis=1)
         for vertices in np.flatnonzero(along > 0.9), np.array([int(np.argmax(along))]):
-            session.select(vertices, "replace")
-            number = session.mark("moving")
+            number = added(session, vertices, "moving")
             R = session.frame(number)
             assert np.allclose(R.T @ R, np.eye(3)) and np.linalg.det(R) > 0 and R[:, 2] @ direction > 0.8
             session.release(number, Motion(rotation(5), np.zeros(3)))
@@ -137,16 +135,13 @@ def test_what_cannot_be_picked_or_marked_is_told():
 
 def test_a_vertex_is_in_the_group_that_took_it_last():
     session = begun()
-    session.select(np.arange(10), "replace")
-    first = session.mark("static")
-    session.select(np.arange(5, 20), "replace")
-    second = session.mark("moving")
+    first = added(session, np.arange(10), "static")
+    second = added(session, np.arange(5, 20), "moving")
     assert {g.number: g.vertices.tolist() for g in session.state.groups} == {
         first: list(range(5)),
         second: list(range(5, 20)),
     }
-    session.select(np.arange(5), "replace")
-    third = session.mark("moving")
+    third = added(session, np.arange(5), "moving")
     assert [g.number for g in session.state.groups] == [second, third]
     session.remove(second)
     session.alter(third, name="tip", weight=3.0, kind="static")

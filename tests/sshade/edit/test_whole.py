@@ -12,7 +12,7 @@ from tests.browser import changed, pixels
 from tests.full import few
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked
-from tests.sshade.edit.sessions import BODY, begun, marked, upright
+from tests.sshade.edit.sessions import BODY, added, begun, marked, upright
 from tests.sshade.edit.test_page import asked, drag, mark, release, where
 
 #: Sizes of a window in pixels: of a laptop, and of a telephone.
@@ -160,8 +160,7 @@ def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size)
 
 
 def test_all_controls_have_names_and_messages_are_announced(browser, session):
-    session.select(np.arange(9), "replace")
-    session.mark("moving")
+    added(session, np.arange(9), "moving")
     session.key(0.0)
     with lent(session) as server:
         page = opened(browser, server.address, SIZES[0])
