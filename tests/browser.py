@@ -3,6 +3,7 @@
 import io
 import os
 import shutil
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -25,6 +26,19 @@ def browser():
         opened = running.chromium.launch(executable_path=path, args=flags)
         yield opened
         opened.close()
+
+
+@contextmanager
+def opened(browser, address: str, *, width: int = 1280, height: int = 900):
+    """Open a page, which lists what it printed as `said`, and the addresses that it asked for as `asked`."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.said, page.asked = [], []
+    page.on("console", lambda message: page.said.append(message.text))
+    page.on("pageerror", lambda error: page.said.append(str(error)))
+    page.on("request", lambda asked: page.asked.append(asked.url))
+    page.goto(address)
+    yield page
+    page.close()
 
 
 def pixels(locator) -> np.ndarray:

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
@@ -190,35 +193,28 @@ def tell(obj: bpy.types.Object, message: str) -> None:
         obj.sshade.message = message
 
 
-def running(obj: bpy.types.Object | None) -> Live | None:
-    """Return the live mode of an object, None if it has none."""
-    return RUNNING.get(obj.session_uid) if obj is not None else None
+def _of_all(step: Callable[[Live], Any]) -> list[Any]:
+    """Return what a method returns for each live mode; one that fails ends with a message.
 
-
-def start(obj: bpy.types.Object) -> None:
-    """Start the live mode of an object; see :class:`Live` for errors."""
-    live = Live(obj)
-    RUNNING[obj.session_uid] = live
-
-
-def _end(uid: int, error: Exception) -> None:
-    """End a live mode with a message; the last shape stays."""
-    obj = RUNNING.pop(uid).object
-    if obj is not None:
-        tell(obj, str(error))
-    print(f"sshade: {error}")  # noqa: T201
+    The last shape stays.
+    """
+    results = []
+    for uid, live in list(RUNNING.items()):
+        try:
+            results.append(step(live))
+        except FAILURES as error:
+            obj = RUNNING.pop(uid).object
+            if obj is not None:
+                tell(obj, str(error))
+            print(f"sshade: {error}")  # noqa: T201
+    return results
 
 
 @persistent
 def follow_handles(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Let all live modes follow their handles after a change of the scene."""
-    moved = False
-    for uid, live in list(RUNNING.items()):
-        try:
-            moved |= live.follow()
-        except FAILURES as error:
-            _end(uid, error)
-    if moved and not bpy.app.background:
+    moved = _of_all(Live.follow)
+    if any(moved) and not bpy.app.background:
         if bpy.app.timers.is_registered(settle_all):
             bpy.app.timers.unregister(settle_all)
         bpy.app.timers.register(settle_all, first_interval=PAUSE)
@@ -226,23 +222,14 @@ def follow_handles(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> No
 
 def settle_all() -> float | None:
     """Take a further step of all live modes; return the seconds to the next one, None at the end."""
-    intervals = []
-    for uid, live in list(RUNNING.items()):
-        try:
-            intervals.append(live.settle())
-        except FAILURES as error:
-            _end(uid, error)
+    intervals = _of_all(Live.settle)
     return BEAT if any(intervals) else None
 
 
 @persistent
 def after_undo(scene: bpy.types.Scene, *_: object) -> None:
     """Let all live modes take the handles of an earlier state."""
-    for uid, live in list(RUNNING.items()):
-        try:
-            live.undone()
-        except FAILURES as error:
-            _end(uid, error)
+    _of_all(Live.undone)
 
 
 @persistent

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import bpy
 
 from sshade.errors import InputError
@@ -18,8 +16,8 @@ class _OfMesh:
     """Base of all operators: they need a mesh in object mode, and report mistakes in one sentence."""
 
     bl_options = {"REGISTER", "UNDO"}
-    #: Whether the operator needs a live mode; None if it runs with and without one.
-    needs_live: bool | None = None
+    #: Whether the operator needs a live mode; the others refuse one.
+    needs_live = False
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -31,7 +29,7 @@ class _OfMesh:
             found = "Switch to Object Mode"
         elif obj.library or obj.data.library:
             found = "The mesh belongs to another file; make it local"
-        elif cls.needs_live is not None and cls.needs_live != (live.running(obj) is not None):
+        elif cls.needs_live != (obj.session_uid in live.RUNNING):
             found = "Start the live mode" if cls.needs_live else "End the live mode"
         if found:
             cls.poll_message_set(found)  # type: ignore[attr-defined]
@@ -59,12 +57,10 @@ class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
     """Deform the mesh so that its handles are where their empties and transforms say"""
 
     bl_idname, bl_label = "sshade.deform", "Deform"
-    needs_live = False
 
     def run(self, obj: bpy.types.Object) -> None:
         rig, settings = read_rig(obj), obj.sshade
-        progress: Callable[..., None] = lambda stage, done, total, note="": _show(done, total)  # noqa: E731
-        V = rig.deform(read_motions(obj, rig), method=settings.method, progress=progress)
+        V = rig.deform(read_motions(obj, rig), method=settings.method, progress=_show)
         if settings.output == "KEY":
             write_key(obj, add_key(obj), V)
         else:
@@ -72,7 +68,7 @@ class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
             rest_here(obj)
 
 
-def _show(done: int, total: int) -> None:
+def _show(stage: str, done: int, total: int, note: str = "") -> None:
     bpy.context.window_manager.progress_update(done / max(total, 1))
 
 
@@ -80,10 +76,9 @@ class SSHADE_OT_live_start(_OfMesh, bpy.types.Operator):
     """Bind the mesh, and let a new shape key follow the handles while they move"""
 
     bl_idname, bl_label = "sshade.live_start", "Start Live Mode"
-    needs_live = False
 
     def run(self, obj: bpy.types.Object) -> None:
-        live.start(obj)
+        live.RUNNING[obj.session_uid] = live.Live(obj)
 
 
 class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
@@ -111,7 +106,6 @@ class SSHADE_OT_handle_add(_OfMesh, bpy.types.Operator):
     """Make the active vertex group a handle"""
 
     bl_idname, bl_label = "sshade.handle_add", "Add Handle"
-    needs_live = False
 
     def run(self, obj: bpy.types.Object) -> None:
         group = obj.vertex_groups.active
@@ -127,7 +121,6 @@ class SSHADE_OT_handle_remove(_OfMesh, bpy.types.Operator):
     """Remove the handle from the list; its vertex group stays"""
 
     bl_idname, bl_label = "sshade.handle_remove", "Remove Handle"
-    needs_live = False
 
     def run(self, obj: bpy.types.Object) -> None:
         obj.sshade.handles.remove(_active(obj))
@@ -138,7 +131,6 @@ class SSHADE_OT_empty_add(_OfMesh, bpy.types.Operator):
     """Add an empty at the centre of the group, which moves the handle. It is a child of the object"""
 
     bl_idname, bl_label = "sshade.empty_add", "Add Empty"
-    needs_live = False
 
     def run(self, obj: bpy.types.Object) -> None:
         number = _active(obj)

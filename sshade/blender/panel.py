@@ -28,7 +28,7 @@ class SSHADE_PT_panel(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         obj, layout = context.object, self.layout
-        settings, is_live = obj.sshade, live.running(obj) is not None
+        settings, is_live = obj.sshade, obj.session_uid in live.RUNNING
         layout.use_property_split = True
         if settings.message:
             layout.label(text=settings.message, icon="ERROR")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,12 @@ from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.carry.projection import Projection
 from sshade.carry.triangle import TriangleFrames
 from sshade.errors import InputError
-from sshade.io.files import reason
+from sshade.io.files import expecting, naming, read_npz
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.proxy import Sampling, proxy_mesh
 
+#: What a file of a binding is, in messages.
+WHAT = "a map written by `sshade remesh`"
 #: Fields of a sampling and of a projection, by their names in a file.
 SAMPLING = {"samples": "samples", "faces": "faces", "region": "cell", "distance": "distance"}
 PROJECTION = {"face": "face", "barycentric": "barycentric", "to_proxy": "distance"}
@@ -56,8 +57,8 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     InputError
         If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
     """
-    arrays = _read(path)
-    try:
+    arrays = read_npz(path, what=WHAT)
+    with expecting(WHAT, path), naming(path):
         remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"
         if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
             vertices = arrays["vertices"]
@@ -75,24 +76,7 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
             at_rest = TriangleFrames.of_values(proxy, arrays["values"])
         elif frames:
             at_rest = frame_maker(frames, mesh)(proxy, sampling.samples)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise _not_a_map(path, error) from error
     return Binding(mesh, sampling, proxy, on_proxy, at_rest, at_rest.encode(mesh.V, on_proxy), {})
-
-
-def _read(path: str | os.PathLike[str]) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
-    except Exception as error:  # a damaged file makes zipfile and numpy fail in many ways
-        raise _not_a_map(path, error) from error
-
-
-def _not_a_map(path: str | os.PathLike[str], error: Exception) -> InputError:
-    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
-    return InputError(f"{path}: not a map written by `sshade remesh` ({why})")
 
 
 def _digest(F: np.ndarray) -> str:

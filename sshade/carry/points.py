@@ -30,7 +30,7 @@ import numpy as np
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.surface_samples import SurfaceSamples, sample_surface
-from sshade.carry.trees import LEAF, Tree, curve_order, squared_distances, triangles_of_leaves, weigh
+from sshade.carry.trees import LEAF, box_tree, curve_order, squared_distances, triangles_of_leaves, weigh
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.mesh import Mesh, bounds
@@ -119,7 +119,7 @@ class PointBinder:
         order = curve_order(corners.mean(axis=1))
         faces, corners = faces[order], corners[order]
         self._F, self._areas = np.ascontiguousarray(mesh.F[faces]), mesh.face_areas[faces]
-        self._tree = Tree.of(corners.min(axis=1), corners.max(axis=1), leaf=LEAF).boxes
+        self._tree = box_tree(corners.min(axis=1), corners.max(axis=1), leaf=LEAF)
         self._triangles, self._corners = triangles_of_leaves(corners), corners.reshape(-1, 9)
         self._inverse = np.empty((len(faces), 9))
         in_ranges(lambda first, end: _invert(first, end, self._corners, self._inverse), len(faces))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.carry.trees import Tree, curve_order
+from sshade.carry.trees import box_tree, curve_order
 from sshade.kernels import kernel, subroutine
 
 #: Spacing of the first level, over the root of the area of a triangle that most of the surface exceeds.
@@ -50,7 +50,7 @@ class SurfaceSamples(NamedTuple):
     levels : (l + 1, 2) int64
         Where samples and boxes of each level begin; at last, where they end.
     boxes : (b, 6) float64
-        Trees of all levels; see :class:`sshade.carry.trees.Tree`.
+        Trees of all levels; see :func:`sshade.carry.trees.box_tree`.
     begin : (s + 1,) int64
         Where the parts of each sample begin. Parts of the first level are points on triangles, and parts of
         each further level are samples of the level before.
@@ -104,7 +104,7 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
     for k in range(1, len(sets)):
         finer = sets[k - 1]
         low, high, end, of_level = _parts(finer.centres, finer.areas, parents[k - 1], len(sets[k].points))
-        trees.append(Tree.of(low, high, leaf=1).boxes)
+        trees.append(box_tree(low, high, leaf=1))
         begin.append(begin[-1][-1] + end)
         parts.append(of_level)
     sizes = [len(one.points) for one in sets[1:]]
@@ -144,20 +144,6 @@ class _Set(NamedTuple):
     centres: np.ndarray
     areas: np.ndarray
     normals: np.ndarray
-
-
-def _refined(one: _Set, corners: np.ndarray, row: np.ndarray, single: np.ndarray) -> tuple[_Set, np.ndarray]:
-    """Replace the only point of a triangle by three, whose quadrature is exact for quadratic functions.
-
-    Returns the set, and for each of its points the point that it replaces.
-    """
-    fine = np.repeat(np.arange(len(row)), np.where(single, 3, 1))
-    points, three = one.points[fine], np.flatnonzero(single[fine])
-    of = corners[row[fine[three]]]
-    corner = np.take_along_axis(of, np.tile(np.arange(3), len(three) // 3)[:, None, None], axis=1)[:, 0]
-    points[three] = 0.5 * (of.mean(axis=1) + corner)
-    areas = (one.areas / np.where(single, 3, 1))[fine]
-    return _Set(points, points, areas, one.normals[fine]), fine
 
 
 def _points(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -21,8 +21,6 @@ is continuous, too.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sshade.kernels import kernel, subroutine
@@ -48,25 +46,26 @@ MOST = 1000
 BITS = 16
 
 
-class Tree(NamedTuple):
-    """A complete binary tree of boxes; items are in the order of a space-filling curve.
+def box_tree(low: np.ndarray, high: np.ndarray, *, leaf: int) -> np.ndarray:
+    """Build a complete binary tree of boxes around items in the order of a space-filling curve.
 
-    Attributes
+    Parameters
     ----------
-    boxes : (2 p, 6) float64
+    low, high : (k, 3) float64
+        Lowest and highest corners of the items.
+    leaf : int
+        Number of items in each leaf.
+
+    Returns
+    -------
+    (2 p, 6) float64
         Lowest and highest corners of node i, whose children are 2 i and 2 i + 1. Node 1 is the root, and the
-        last p nodes are leaves of as many items as :meth:`of` is told.
+        last p nodes are leaves.
     """
-
-    boxes: np.ndarray
-
-    @classmethod
-    def of(cls, low: np.ndarray, high: np.ndarray, *, leaf: int) -> Tree:
-        """Build the tree of items with lowest and highest corners (k, 3), with `leaf` items in each leaf."""
-        leaves = 1 << (-(-len(low) // leaf) - 1).bit_length()
-        boxes = np.empty((2 * leaves, 6))
-        _build(low, high, leaf, boxes)
-        return cls(boxes)
+    leaves = 1 << (-(-len(low) // leaf) - 1).bit_length()
+    boxes = np.empty((2 * leaves, 6))
+    _build(low, high, leaf, boxes)
+    return boxes
 
 
 def curve_order(points: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from sshade.cli.arguments import read
 from sshade.cli.console import say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile, check_input
-from sshade.io.files import check_output
+from sshade.io.files import check_output, expecting, naming
 
 if TYPE_CHECKING:
     from sshade.carry.points import BoundPoints
@@ -66,7 +66,6 @@ def bind_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
         When a file cannot be read, or a vertex is too far from the mesh. The message names the file.
     """
     from sshade.carry.points import PointBinder
-    from sshade.io.files import naming
 
     if not sources:
         return []
@@ -82,11 +81,8 @@ def _read(source: Path) -> MeshFile | PointFile:
     from sshade.io.splats import read_points
 
     if source.suffix.lower() == ".ply" and source.stat().st_size > 0:
-        try:
+        with expecting("a readable PLY file", source):
             points = read_points(source)
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"{source}: not a readable PLY file ({reason})") from error
         if points is not None:
             return points
     file = read(source)

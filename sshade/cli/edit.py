@@ -36,7 +36,6 @@ from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
-from sshade.io.files import reason
 from sshade.io.poses import is_animation
 from sshade.options import require_method
 
@@ -107,12 +106,8 @@ def _edit(options: argparse.Namespace) -> int:
     for offer in session.recovery.offers:
         when = strftime("%d %b, %H:%M", localtime(offer.time))
         say(f"note: {offer.path} has unsaved work of {when}; recover it on the page or with --recover")
-    try:
-        server = Server(
-            session, port=options.port, up=options.up, another=partial(Session, settings=settings, **further)
-        )
-    except OSError as error:
-        raise InputError(f"port {options.port} of this machine cannot be used ({reason(error)})") from error
+    another = partial(Session, settings=settings, **further)
+    server = Server(session, port=options.port, up=options.up, another=another)
     try:
         _serve(server, browser=not options.no_browser)
     finally:  # also when a signal ends the program

@@ -42,12 +42,11 @@ from sshade.cli.arguments import (
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.sequence import add_fps, is_sequence_output
-from sshade.cli.transfer_sequence import DEFAULTS, posed_files, transfer_poses
+from sshade.cli.transfer_sequence import DEFAULTS, OPTIONS, posed_files, transfer_poses
 from sshade.io.document import SUFFIXES, check_input
 from sshade.options import PROXIES, checked
 
 POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices; with --marks, any mesh"
-OPTIONS = (*DEFAULTS, "workers")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,13 +12,7 @@ import numpy as np
 
 from sshade.cli.arguments import corresponding, read, read_surface
 from sshade.cli.console import announced_compilation, say
-from sshade.cli.sequence import (
-    Solve,
-    check_sequence,
-    inputs_key,
-    is_sequence_output,
-    write_poses,
-)
+from sshade.cli.sequence import Solve, check_sequence, inputs_key, is_sequence_output, write_poses
 from sshade.errors import InputError
 from sshade.io.document import CACHES, SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output, naming
@@ -37,6 +31,7 @@ DEFAULTS: dict[str, Any] = {
     "frames": "triangle",
     "seed": 0,
 }
+OPTIONS = (*DEFAULTS, "workers")
 
 
 def posed_files(given: list[Path]) -> list[Path]:
@@ -74,8 +69,7 @@ def transfer_poses(options: argparse.Namespace, posed: list[Path]) -> int:
         check_output(options.output, SUFFIXES, inputs=inputs, overwrite=options.overwrite)
     else:
         check_sequence(options, inputs)
-    names = (*DEFAULTS, "workers")
-    sampling = checked({name: getattr(options, name) for name in names}, PROXIES, subject="transfer")
+    sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for path in (options.mesh, *posed, options.edited):
         check_input(path, SUFFIXES)
     if options.marks is not None:

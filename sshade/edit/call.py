@@ -16,7 +16,6 @@ from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.files import reason
 from sshade.io.objects import opened
 from sshade.mesh.mesh import Mesh
 from sshade.options import require_method
@@ -86,11 +85,7 @@ def edit_handles(
     session = Session(
         path, handles=handles, settings=settings, carry_unconstrained=carry_unconstrained, file=file
     )
-    try:
-        server = Server(session, port=port, up=up)
-    except (OSError, OverflowError) as error:
-        why = reason(error) if isinstance(error, OSError) else "a port is a number from 0 to 65535"
-        raise InputError(f"port {port} of this machine cannot be used ({why})") from error
+    server = Server(session, port=port, up=up)
     try:
         with server:
             text = f"The editor is open at {server.address} until you click Return to Python on its page."

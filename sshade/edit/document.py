@@ -24,7 +24,7 @@ from sshade.io.entries import (
     LINKS,
     HandleFile,
     handle_file_of,
-    parsed_json,
+    parsed_handles,
     read_handle_file,
 )
 from sshade.io.files import check_output, is_same_file, naming
@@ -201,7 +201,7 @@ class Document:
         """
         folder = self.outputs["handles"].parent if folder is None else folder
         with naming(name):
-            data = parsed_json(content)
+            data = parsed_handles(content)
             still = {key: value for key, value in data.items() if key != FRAMES}
             file = handle_file_of(still, raw=False, folder=folder)
             given = self._given(file, first)

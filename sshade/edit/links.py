@@ -10,6 +10,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.entries import REST
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.seams import connected
 from sshade.slides import Slide
 
 #: Greatest portion of a group whose mirror image may lie in the group itself.
@@ -88,15 +89,11 @@ def mirrored_slide(slide: Slide | None, axis: int, name: str) -> Slide | None:
 
 def sides(mesh: Mesh, vertices: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Divide vertices (k,) into connected pieces above, below and across the middle of the mesh."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     place = np.full(mesh.n, -1)
     place[vertices] = np.arange(len(vertices))
     i, j = place[mesh.edges].T
     inside = (i >= 0) & (j >= 0)
-    graph = coo_array((np.ones(inside.sum()), (i[inside], j[inside])), shape=(len(vertices),) * 2)
-    _, piece = connected_components(graph, directed=False)
+    _, piece = np.unique(connected(len(vertices), i[inside], j[inside]), return_inverse=True)
     above = mesh.V[vertices, axis] > middle(mesh)[axis]
     portion = np.bincount(piece, above) / np.bincount(piece)
     return vertices[portion[piece] == 1], vertices[portion[piece] == 0], vertices[portion[piece] % 1 > 0]

@@ -22,11 +22,13 @@ from sshade.edit.links import Link
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
-from sshade.io.files import reason, replacing
+from sshade.io.files import expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
 from sshade.options import require_method
 from sshade.slides import Slide
 
+#: What a recovery file is, in messages.
+WHAT = "a recovery file of `sshade edit`"
 #: Fields of a group that its record in a recovery file has under the same name.
 FIELDS = ("name", "kind", "is_prescribed")
 #: Largest difference in seconds between two readings of the time at which a process began.
@@ -81,7 +83,7 @@ class Recovery:
         self.offers: list[Offer] = []
         for path in folder.glob(f"{escape(name)}.recovery-*.npz"):
             with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
-                facts = json.loads(str(_read(path, "facts")["facts"]))
+                facts = json.loads(str(read_npz(path, "facts", what=WHAT)["facts"]))
                 if path in _ENDED or not _is_running(facts["process"]):
                     self.offers.append(Offer(path, path.stat().st_mtime, len(facts["groups"])))
         self.offers.sort(key=lambda offer: -offer.time)
@@ -126,8 +128,8 @@ class Recovery:
         InputError
             When the file is unreadable or belongs to another mesh.
         """
-        arrays = _read(path)
-        try:
+        arrays = read_npz(path, what=WHAT)
+        with expecting(WHAT, path):
             facts = json.loads(str(arrays["facts"]))
             if facts["mesh"] != self._of_mesh():
                 other = "another mesh, or of this mesh with another --weld or --repair"
@@ -154,10 +156,6 @@ class Recovery:
                 places = zip(groups, targets, turns, strict=True)
                 keys.append(Key(time, tuple(replace(g, target=a, turn=b) for g, a, b in places)))
             return State(arrays["selection"], tuple(groups), settings, keys=tuple(keys))
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise _not_a_recovery(path, error) from error
 
     def end(self, *, keep: bool) -> None:
         """End the session; later sessions offer its file if it is kept."""
@@ -201,20 +199,6 @@ def slide_of(record: dict[str, Any], mesh: Mesh, folder: Path = Path()) -> Slide
         return Slide.anywhere()
     slide = parsed_slide(record["slide"], folder)
     return Slide.on(mesh, name=REST) if isinstance(slide, str) else slide
-
-
-def _read(path: Path, *names: str) -> dict[str, Any]:
-    """Return the named arrays of a recovery file, or all."""
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            return {name: data[name] for name in names or data.files}
-    except Exception as error:  # a damaged file makes zipfile and numpy fail in many ways
-        raise _not_a_recovery(path, error) from error
-
-
-def _not_a_recovery(path: Path, error: Exception) -> InputError:
-    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
-    return InputError(f"{path}: not a recovery file of `sshade edit` ({why})")
 
 
 def _process(pid: int | None = None) -> list[Any]:

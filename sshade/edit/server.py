@@ -33,6 +33,7 @@ from sshade.edit.document import FileExists
 from sshade.edit.session import Session
 from sshade.edit.work import Superseded
 from sshade.errors import InputError
+from sshade.io.files import reason
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +41,8 @@ log = logging.getLogger(__name__)
 PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
 SCRIPTS = ("view", "picking", "look", "guides", "panel", "strip", "page")
 PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
+#: Methods of :class:`Commands` that answer to a request alone, and to a request with a query.
+ANSWERS, ANSWERS_TO_QUERIES = ("now", "rest", "colours", "skin"), ("whole", "image", "surface")
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -78,8 +81,8 @@ class Server(ThreadingHTTPServer):
 
     Raises
     ------
-    OSError
-        When the port is in use.
+    InputError
+        When the port is in use, or is no port.
     """
 
     daemon_threads = True
@@ -95,7 +98,11 @@ class Server(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(24)
         self._up, self._another, self._number = up, another, 0
         self._use(session)
-        super().__init__(("127.0.0.1", port), _Handler)
+        try:
+            super().__init__(("127.0.0.1", port), _Handler)
+        except (OSError, OverflowError) as error:
+            why = reason(error) if isinstance(error, OSError) else "a port is a number from 0 to 65535"
+            raise InputError(f"port {port} of this machine cannot be used ({why})") from error
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
         self._changed = Condition()
@@ -199,20 +206,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(text.encode(), f"{kind}; charset=utf-8")
         elif name == "three.js":
             self._send(threejs.source().encode(), "text/javascript; charset=utf-8")
-        elif name == "whole":
-            self._send(self.server.commands.whole(self._query))
-        elif name == "now":
-            self._send(self.server.commands.now())
-        elif name == "rest":
-            self._send(self.server.commands.rest())
-        elif name == "colours":
-            self._send(self.server.commands.colours())
-        elif name == "skin":
-            self._send(self.server.commands.skin())
-        elif name == "image":
-            self._send(self.server.commands.image(self._query))
-        elif name == "surface":
-            self._send(self.server.commands.surface(self._query))
+        elif name in ANSWERS:
+            self._send(getattr(self.server.commands, name)())
+        elif name in ANSWERS_TO_QUERIES:
+            self._send(getattr(self.server.commands, name)(self._query))
         elif name == "alive":
             self.close_connection = True
             self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})

@@ -14,10 +14,9 @@ from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import LONGEST, require_known, unique_keys
+from sshade.io.keys import LONGEST, parsed_json, require_known
 from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
-from sshade.io.text import decoded
 from sshade.io.volumes import VolumeEntry, volume_entries
 
 if TYPE_CHECKING:
@@ -133,19 +132,15 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
 
 def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
     """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
-    data = parsed_json(content)
+    data = parsed_handles(content)
     if FRAMES in data:
         raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
     return handle_file_of(data, raw=raw, folder=folder)
 
 
-def parsed_json(content: bytes) -> dict[str, Any]:
+def parsed_handles(content: bytes) -> dict[str, Any]:
     """Return the object of this project's JSON, whose "handles" are a list."""
-    try:
-        data = json.loads(decoded(content), object_pairs_hook=unique_keys)
-    except (ValueError, RecursionError, InputError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise InputError(f"not readable as JSON ({why})") from error
+    data = parsed_json(content)
     if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
         raise InputError('expected an object with a list "handles"')
     return data

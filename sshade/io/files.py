@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from sshade.errors import InputError
 
@@ -126,6 +127,41 @@ def naming(place: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}: {error}") from error
+
+
+@contextmanager
+def expecting(what: str, path: str | os.PathLike[str]) -> Iterator[None]:
+    """Report every failure to read a damaged file in one sentence: it is not `what`.
+
+    Raises
+    ------
+    InputError
+        On any error but MemoryError. The message of an InputError stays.
+    """
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # damaged files fail in many ways
+        raise _not_expected(what, path, error) from error
+
+
+def read_npz(path: str | os.PathLike[str], *names: str, what: str) -> dict[str, Any]:
+    """Return the named arrays of a .npz file, or all arrays; raise InputError if the file is not `what`."""
+    import numpy as np  # here, so that commands print their help without it
+
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            return {name: data[name] for name in names or data.files}
+    except (
+        Exception
+    ) as error:  # also MemoryError, because the header of a damaged array may announce any size
+        raise _not_expected(what, path, error) from error
+
+
+def _not_expected(what: str, path: str | os.PathLike[str], error: Exception) -> InputError:
+    why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
+    return InputError(f"{path}: not {what} ({why})")
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

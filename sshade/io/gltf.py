@@ -23,7 +23,7 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.gltf_materials import gltf_colours, gltf_skin
 from sshade.io.gltf_own import with_own_numbers
-from sshade.io.gltf_scene import accessor_bytes, array_of, mesh_matrices, require_plain, triangles_of
+from sshade.io.gltf_scene import accessor_bytes, array_of, bounds, mesh_matrices, require_plain, triangles_of
 from sshade.io.normals import vertex_turns
 from sshade.io.text import decoded
 from sshade.mesh.mesh import unit_rows
@@ -263,8 +263,7 @@ def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None
     """Update the least and greatest values of an accessor, if it has them."""
     accessor = tree["accessors"][number]
     values = array_of(tree, buffers, number)
-    for name in accessor.keys() & {"min", "max"}:
-        accessor[name] = getattr(values, name)(axis=0).astype(np.float64).tolist()
+    accessor |= bounds(values, accessor.keys() & {"min", "max"})
 
 
 def gltf_bytes(tree: dict[str, Any], buffers: list[bytearray], gltf: Gltf, path: Path) -> bytes:
@@ -306,13 +305,8 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
     return len(content).to_bytes(4, "little") + kind + content
 
 
-def write_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> None:
-    """Write positions (n, 3), as float32, and triangles (m, 3) as a .glb or a .gltf of one mesh."""
-    path.write_bytes(plain_gltf(path, V, F))
-
-
 def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
-    """Return the bytes that :func:`write_gltf` writes."""
+    """Return a .glb or a .gltf of one mesh with positions (n, 3), as float32, and triangles (m, 3)."""
     positions, corners = V.astype("<f4").tobytes(), F.astype("<u4").tobytes()
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": len(positions), "target": 34962},

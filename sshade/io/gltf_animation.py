@@ -13,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from sshade.errors import InputError
+from sshade.io.files import expecting
 from sshade.io.gltf import Gltf, parsed_gltf
-from sshade.io.gltf_scene import dense, node_matrix
+from sshade.io.gltf_scene import ancestors, dense, node_matrix, parents
 
 #: Properties of a node that move it, and their numbers of components.
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -98,14 +99,8 @@ def read_node_motions(path: Path, names: Sequence[str], *, fps: float) -> NodeMo
     InputError
         When the file cannot be read, has no animation, lacks nodes with these names, or moves none of them.
     """
-    try:
-        gltf = parsed_gltf(path.read_bytes(), path)
-        return _motions(gltf, path, names, fps)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # damaged files fail in many ways
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
+    with expecting(f"a readable {path.suffix[1:].upper()} file", path):
+        return _motions(parsed_gltf(path.read_bytes(), path), path, names, fps)
 
 
 def _motions(gltf: Gltf, path: Path, names: Sequence[str], fps: float) -> NodeMotions:
@@ -123,7 +118,7 @@ def _motions(gltf: Gltf, path: Path, names: Sequence[str], fps: float) -> NodeMo
     if twice:
         raise InputError(f"{path}: {len(twice)} nodes have the name {twice[0]!r}, which one group has")
     channels = _channels(gltf, animations[0])
-    chains = {name: _ancestors(nodes, number) for number, name in found}
+    chains = {name: ancestors(number, parents(nodes)) for number, name in found}
     moving = [
         curve for chain in chains.values() for node in chain for curve in channels.get(node, {}).values()
     ]
@@ -184,17 +179,6 @@ def _placed(node: dict[str, Any], curves: dict[str, Channel], times: np.ndarray)
     found[:, :3, :3] = turned * values["scale"][:, None, :]
     found[:, :3, 3] = values["translation"]
     return found
-
-
-def _ancestors(nodes: list[dict[str, Any]], number: int) -> list[int]:
-    """Return a node and its ancestors, up to the root."""
-    parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-    chain = [number]
-    while chain[-1] in parent:
-        chain.append(parent[chain[-1]])
-        if len(chain) > len(nodes):
-            raise ValueError("its nodes are their own ancestors")
-    return chain
 
 
 def _listed(names: list[str]) -> str:

@@ -17,7 +17,7 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile
 from sshade.io.files import replacing
 from sshade.io.gltf import Gltf, gltf_bytes, parsed_gltf, plain_gltf
-from sshade.io.gltf_scene import CHANGED, FLOAT, array_of, mesh_matrices
+from sshade.io.gltf_scene import CHANGED, FLOAT, array_of, bounds, mesh_matrices
 from sshade.io.point_cache import as_floats
 
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
@@ -95,7 +95,7 @@ class _Morphs:
         """Add the displacements of a pose, which has the accessors of the rest shape."""
         self._targets.append(
             {
-                number: self._added.add(_vectors(pose, number) - values, bounds=True)
+                number: self._added.add(_vectors(pose, number) - values, bounded=True)
                 for number, values in self._values.items()
             }
         )
@@ -108,7 +108,7 @@ class _Morphs:
             primitive["targets"] = [{name: new[number] for name, number in changed} for new in targets]
         for number in self._shown:
             tree["meshes"][number]["weights"] = [0.0] * len(targets)
-        clock = added.add(times.astype(np.float32)[:, None], bounds=True, of_vertices=False)
+        clock = added.add(times.astype(np.float32)[:, None], bounded=True, of_vertices=False)
         weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), of_vertices=False)
         nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in self._shown]
         channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
@@ -126,7 +126,7 @@ class _Accessors:
         self._tree, self._buffer = tree, buffer
         del buffer[tree["buffers"][0]["byteLength"] :]
 
-    def add(self, values: np.ndarray, *, bounds: bool = False, of_vertices: bool = True) -> int:
+    def add(self, values: np.ndarray, *, bounded: bool = False, of_vertices: bool = True) -> int:
         """Append numbers (k, 1) or (k, 3) float32; return the number of their accessor."""
         self._buffer += bytes(-len(self._buffer) % 4)
         view = {"buffer": 0, "byteOffset": len(self._buffer), "byteLength": values.nbytes}
@@ -136,10 +136,8 @@ class _Accessors:
         self._tree["bufferViews"].append(view)
         accessor: dict[str, Any] = {"bufferView": len(self._tree["bufferViews"]) - 1, "componentType": FLOAT}
         accessor |= {"count": len(values), "type": "VEC3" if values.shape[1] == 3 else "SCALAR"}
-        if bounds:
-            accessor |= {
-                name: getattr(values, name)(axis=0).astype(float).tolist() for name in ("min", "max")
-            }
+        if bounded:
+            accessor |= bounds(values)
         self._tree["accessors"].append(accessor)
         return len(self._tree["accessors"]) - 1
 

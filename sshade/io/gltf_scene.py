@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -162,28 +163,41 @@ def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
     shown node flattens its mesh.
     """
     nodes = tree.get("nodes", [])
-    roots = (
-        {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
-        if "scenes" in tree
-        else None
-    )
-    parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    roots = None
+    if "scenes" in tree:
+        roots = {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
+    parent = parents(nodes)
     found: dict[int, np.ndarray] = {}
-    for number, node in enumerate(nodes):
-        if "mesh" not in node:
-            continue
-        matrix, above, steps = node_matrix(node), number, 0
-        while above in parent:
-            above, steps = parent[above], steps + 1
-            if steps > len(nodes):
-                raise ValueError("its nodes are their own ancestors")
+    for number in (number for number, node in enumerate(nodes) if "mesh" in node):
+        chain, matrix = ancestors(number, parent), np.eye(4)
+        for above in chain:
             matrix = node_matrix(nodes[above]) @ matrix
-        if roots is not None and above not in roots:
+        if roots is not None and chain[-1] not in roots:
             continue
         if not abs(np.linalg.det(matrix[:3, :3])) > 0:
             raise ValueError(f"its node {number} has a scale of zero, which leaves a mesh no volume")
         found[number] = matrix
     return found
+
+
+def parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
+    """Return the parent of each node that has one."""
+    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def ancestors(number: int, parent: dict[int, int]) -> list[int]:
+    """Return a node and its ancestors, up to the root; raise ValueError if it is its own ancestor."""
+    chain = [number]
+    while chain[-1] in parent:
+        chain.append(parent[chain[-1]])
+        if len(chain) > len(parent) + 1:
+            raise ValueError("its nodes are their own ancestors")
+    return chain
+
+
+def bounds(values: np.ndarray, names: Collection[str] = ("min", "max")) -> dict[str, list[float]]:
+    """Return the least and the greatest values (w,) of the numbers (k, w) of an accessor, or one of both."""
+    return {name: getattr(values, name)(axis=0).astype(np.float64).tolist() for name in names}
 
 
 def node_matrix(node: dict[str, Any]) -> np.ndarray:

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from sshade.errors import InputError
+from sshade.io.text import decoded
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"
@@ -23,6 +24,15 @@ def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[st
             near = get_close_matches(short, known, n=1, cutoff=0.0)[0]
             meant = f'did you mean "{near}"? Keys of your own begin with {OWN}'
             raise InputError(f"there is no key {json.dumps(short)}; {meant}")
+
+
+def parsed_json(content: bytes) -> Any:
+    """Return the content of a JSON text; raise InputError if it is none, or an object has a key twice."""
+    try:
+        return json.loads(decoded(content), object_pairs_hook=unique_keys)
+    except (ValueError, RecursionError, InputError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"not readable as JSON ({why})") from error
 
 
 def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

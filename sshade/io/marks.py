@@ -12,7 +12,6 @@ A place is the id of a vertex, or a position, which is snapped to the nearest ve
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,9 +20,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import require_known, unique_keys
+from sshade.io.keys import parsed_json, require_known
 from sshade.io.points import as_array
-from sshade.io.text import decoded
 
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
@@ -91,11 +89,7 @@ def read_marks(path: Path) -> Marks:
     """
     check_input(path, (".json",))
     with naming(path):
-        try:
-            data = json.loads(decoded(path.read_bytes()), object_pairs_hook=unique_keys)
-        except (ValueError, RecursionError, InputError) as error:
-            why = "nested too deeply" if isinstance(error, RecursionError) else error
-            raise InputError(f"not readable as JSON ({why})") from error
+        data = parsed_json(path.read_bytes())
         if not isinstance(data, dict) or not isinstance(data.get("marks"), list):
             raise InputError('expected an object with a list "marks"')
         require_known(data, ("marks",))

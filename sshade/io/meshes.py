@@ -9,8 +9,8 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile, check_input
-from sshade.io.files import check_output, naming, replacing
-from sshade.io.gltf import read_gltf, write_gltf
+from sshade.io.files import check_output, expecting, naming, replacing
+from sshade.io.gltf import plain_gltf, read_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
@@ -39,7 +39,9 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         When the file is missing, unreadable, empty, of another format, or holds no valid
         :class:`Mesh`.
     """
-    return mesh_of(read_file(path), path)
+    file = read_file(path)
+    with naming(path):
+        return Mesh(file.V, file.F)
 
 
 def read_surface(
@@ -75,18 +77,6 @@ def surface_of(
         return surface(file.V, file.F, weld=weld, rounding=file.rounding, repair=repair)
 
 
-def mesh_of(file: MeshFile, path: str | os.PathLike[str]) -> Mesh:
-    """Return the mesh of a file that was read from `path`.
-
-    Raises
-    ------
-    InputError
-        When the file holds no valid :class:`Mesh`. The message names `path`.
-    """
-    with naming(path):
-        return Mesh(file.V, file.F)
-
-
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return copies of the vertices and faces of a mesh file, without validation."""
     file = read_file(path)
@@ -105,13 +95,8 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
     check_input(path, SUFFIXES)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
-    try:
+    with expecting(f"a readable {path.suffix[1:].upper()} file", path):
         return _READERS[path.suffix.lower()](path)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # readers fail in many ways on a damaged file: report each in one sentence
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
 
 
 def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> None:
@@ -166,7 +151,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         if suffix == ".ply":
             write_ply(temporary, V, F)
         elif suffix in (".glb", ".gltf"):
-            write_gltf(temporary, V, F)
+            temporary.write_bytes(plain_gltf(temporary, V, F))
         elif suffix == ".stl":
             write_stl(temporary, V, F)
         elif suffix == ".obj":

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from sshade.errors import InputError
 from sshade.io.document import check_input
-from sshade.io.keys import unique_keys
+from sshade.io.keys import parsed_json, unique_keys
 from sshade.io.text import decoded
 
 #: Suffixes of files of options.
@@ -26,7 +25,8 @@ def read_option_file(path: Path) -> dict[Any, Any]:
         When the file is missing, of another format, no mapping, or a handle file without options.
     """
     check_input(path, FORMATS)
-    data = _parsed(decoded(path.read_bytes()), is_json=path.suffix.lower() == ".json")
+    content = path.read_bytes()
+    data = parsed_json(content) if path.suffix.lower() == ".json" else _parsed_yaml(decoded(content))
     if isinstance(data, dict) and "handles" in data:
         if not isinstance(data.get("made"), dict):
             raise InputError('it has handles and no options; the editor saves options under the key "made"')
@@ -36,13 +36,8 @@ def read_option_file(path: Path) -> dict[Any, Any]:
     return data
 
 
-def _parsed(text: str, *, is_json: bool) -> Any:
-    """Return the content of a JSON or YAML text. An empty YAML text is an empty mapping."""
-    if is_json:
-        try:
-            return json.loads(text, object_pairs_hook=unique_keys)
-        except (ValueError, RecursionError, InputError) as error:
-            raise InputError(f"not readable as JSON ({_reason(error)})") from error
+def _parsed_yaml(text: str) -> Any:
+    """Return the content of a YAML text. An empty text is an empty mapping."""
     import yaml
 
     try:
@@ -53,10 +48,7 @@ def _parsed(text: str, *, is_json: bool) -> Any:
         data = yaml.safe_load(text)
         return {} if data is None else data
     except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
-        raise InputError(f"not readable as YAML ({_reason(error)})") from error
-
-
-def _reason(error: Exception) -> str:
-    """Return the reason in one line, without the name that PyYAML gives a text."""
-    text = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
-    return "nested too deeply" if isinstance(error, RecursionError) else text
+        # PyYAML calls a text by this name.
+        why = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
+        why = "nested too deeply" if isinstance(error, RecursionError) else why
+        raise InputError(f"not readable as YAML ({why})") from error

@@ -30,7 +30,7 @@ from sshade.io.entries import (
     HandleFile,
     checked_entry,
     handle_file_of,
-    parsed_json,
+    parsed_handles,
     read_handle_file,
 )
 from sshade.io.files import naming
@@ -181,7 +181,7 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
 
 def _parsed(path: Path, content: bytes) -> dict[str, Any]:
     with naming(path):
-        return parsed_json(content)
+        return parsed_handles(content)
 
 
 def poses_of(data: dict[str, Any], path: Path, *, raw: bool = False) -> Poses:

@@ -10,12 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sshade.errors import InputError
 from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh, unit_rows
+from sshade.mesh.seams import connected
 from sshade.mesh.sides import EdgeSides, sides_by_edge
 
 #: Difference below which two cosines count as equal. Between faces that continue a face equally well, the
@@ -228,10 +227,7 @@ def _fans(mesh: Mesh, edges: EdgeSides, pairs: np.ndarray) -> tuple[np.ndarray, 
         for end in edges.ends[pairs[2]].T
     ]
     one, other = np.concatenate(links, axis=1)
-    corners = 3 * mesh.m
-    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(corners, corners))
-    _, fan = connected_components(graph, directed=False)
-    _, first, fan = np.unique(fan, return_index=True, return_inverse=True)
+    first, fan = np.unique(connected(3 * mesh.m, one, other), return_inverse=True)
     vertex = mesh.F.ravel()[first]
     order = np.lexsort([first, vertex])
     further = np.append(False, np.diff(vertex[order]) == 0)

@@ -71,7 +71,7 @@ def same_places(P: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     pairs = tree.query_pairs(radius, p=np.inf, output_type="ndarray")
     if not len(pairs):
         return ids
-    group = _groups(len(Q), pairs[:, 0], pairs[:, 1])
+    group = connected(len(Q), pairs[:, 0], pairs[:, 1])
     low, high = np.full((2, len(Q), 3), [[[np.inf]], [[-np.inf]]])
     np.minimum.at(low, group, Q)
     np.maximum.at(high, group, Q)
@@ -80,7 +80,7 @@ def same_places(P: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     return group[ids]
 
 
-def _groups(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def connected(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return (n,) int64: the least number of each group that pairs `one` (k,) and `other` (k,) link."""
     graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(n, n))
     _, group = connected_components(graph, directed=False)
@@ -137,7 +137,7 @@ def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     twin = first[edge[matched]]
     one = np.concatenate([low[matched], high[matched], low[point]])
     other = np.concatenate([low[twin], high[twin], high[point]])
-    return _with_faces(mesh, _groups(mesh.n, one, other))
+    return _with_faces(mesh, connected(mesh.n, one, other))
 
 
 def _with_faces(mesh: Mesh, first: np.ndarray) -> np.ndarray:

@@ -120,10 +120,7 @@ def test_a_result_with_positions_that_are_not_finite_is_a_failure():
         (lambda s: 1000 * s, "times 0.001 they would be on it, in another unit"),
         (lambda s: s / 1000, "times 1000 they would be on it"),
         (lambda s: s * 1000 / 25.4, "times 0.0254 they would"),
-        (
-            lambda s: s + [5, 0, 0],
-            "their box has a diagonal of .*, that of the mesh .*; another frame, or an offset",
-        ),
+        (lambda s: s + [5, 0, 0], "their box has a diagonal of .*, that of the mesh .*; another frame"),
         (lambda s: np.concatenate([s[:-1], s[-1:] + [9, 0, 0]]), "1 of 10 .*: mend or remove these"),
     ],
 )

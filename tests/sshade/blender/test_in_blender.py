@@ -115,14 +115,10 @@ def test_a_scaled_empty_pauses_the_live_mode(report):
 @pytest.mark.parametrize(
     ("mistake", "said"),
     {
-        "overlap": "vertex groups 'fixed' and 'moving' share 63 vertices; remove them from one of the groups",
         "scaled": "empty 'moving' was scaled; a handle only moves and turns, so set its scale back",
-        "mirrored": "empty 'moving' was scaled; a handle only moves and turns, so set its scale back",
         "unequal": "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
         "no group": "object 'Body' has no vertex group 'moving'",
-        "empty group": "vertex group 'moving' has no vertex of a face with a weight above 0",
         "no empty": "handle 'moving' follows an empty, but has none; choose or add one",
-        "all fixed": "all handles are fixed; let one follow an empty, or give one a transform",
         "no handles": "there are no handles; add vertex groups as handles in the panel SShaDe",
         "twice": "vertex group 'moving' is a handle twice; remove one of the two handles",
     }.items(),

@@ -48,11 +48,7 @@ def test_deforming_needs_no_extra_in_any_format(example):
     ("program", "arguments", "missing"),
     [
         ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}figures,"),
-        (
-            "sshade.cli.main",
-            "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply",
-            "igl is not installed; {1}bench,",
-        ),
+        ("sshade.cli.main", "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply", "igl is not installed; {1}"),
         ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}bench,"),
         ("eval.main", "run method=fast", "is not installed; {1}bench,"),
         ("eval.main", "collect", "pandas is not installed; {1}bench,"),

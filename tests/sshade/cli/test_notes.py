@@ -1,8 +1,5 @@
 """The sentences on a result: each is true, and is there once."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +8,7 @@ from sshade.cli.main import main
 from sshade.cli.notes import notes
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
-from tests.shapes import beside, bumpy, end_handles, shifted
+from tests.shapes import beside, bumpy, end_handles
 
 BODY = bumpy(2)
 PLAIN = {
@@ -28,21 +25,11 @@ PLAIN = {
     ("facts", "words"),
     [
         ({}, []),
-        (
-            {"samples": 40},
-            ["has 40 vertices instead of 100: at most one for every 4 vertices of a component"],
-        ),
-        (
-            {"samples": 40, "options": {"coarser": 2}},
-            ["one for every 2 vertices of a component, or one for e"],
-        ),
+        ({"samples": 40, "options": {"coarser": 2}}, ["40 vertices instead of 100: at most one for every 2"]),
         ({"samples": 130}, ["130 vertices instead of 100: each component has one for each"]),
         ({"samples": 99, "components": 3}, ["3 components were deformed separately"]),  # rounding
         ({"samples": 0}, ["no proxy was made: the handles alone determine the result"]),
-        (
-            {"copies": 5, "gap": 0.01},
-            ["5 vertices were duplicated, and joined again over gaps of at most 1 %"],
-        ),
+        ({"copies": 5, "gap": 0.01}, ["5 vertices were duplicated, and joined again over gaps of"]),
         ({"snap": 0.02}, ["were snapped by at most 0.02, 2 % of the diagonal"]),
         ({"warped": 1.0}, ["the handles determine the shape"]),
         ({"warped": 1.0, "options": {"coarser": 4, "warp": "always"}}, []),
@@ -74,41 +61,3 @@ def test_many_components_share_one_note(here, capfd):
     assert len(set(lines)) == len(lines) < 8
     assert sum("the volume constraint is off in 1 of 501" in line for line in lines) == 1
     assert all(line.startswith(("note: ", "out.ply: ")) for line in lines)
-
-
-def test_a_command_says_what_will_come_apart(here, capsys, caplog):
-    write_mesh("body.ply", *torn_at_corners())
-    V = torn_at_corners()[0]
-    low, high = int(np.argmin(V[:, 2])), int(np.argmax(V[:, 2]))
-    put = [{"vertices": [low]}, {"vertices": [high], "target": (V[[high]] + [0.5, 0, 0.5]).tolist()}]
-    Path("pose.json").write_text(json.dumps({"handles": put}))
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 2
-    said = capsys.readouterr().err
-    assert "--repair" in said and "--carry-unconstrained" in said
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--carry-unconstrained"]) == 0
-    assert "components without handles touch other components, and come apart" in caplog.text
-    said = capsys.readouterr().err
-    assert said.count("components without handles touch other components, and come apart") == 1
-    assert said.index("note: 1") < said.index("out.ply: ") < said.index("note: components that touched")
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", "--repair"]) == 0
-    assert "came apart" not in capsys.readouterr().err
-
-
-def torn_at_corners() -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of a surface without a common edge, each with vertices of its own."""
-    kept, edges = [], set()
-    for face in BODY.F.tolist():
-        own = {tuple(sorted((face[i], face[i - 1]))) for i in range(3)}
-        if not own & edges:
-            kept.append(face)
-            edges |= own
-    return BODY.V[np.array(kept)].reshape(-1, 3), np.arange(3 * len(kept)).reshape(-1, 3)
-
-
-def test_a_repaired_mesh_is_not_told_to_be_repaired(here, capsys):
-    mesh = beside(BODY, shifted(BODY, 9))
-    write_mesh("body.ply", mesh.V, mesh.F)
-    write_handles("pose.json", end_handles(BODY.V, count=8))
-    for options in ([], ["--repair"]):
-        assert main(["deform", "body.ply", "pose.json", "-o", "out.ply", *options]) == 2
-        assert "repair" not in capsys.readouterr().err

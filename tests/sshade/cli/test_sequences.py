@@ -286,12 +286,8 @@ def test_an_animation_of_handles_is_a_sequence_with_its_times(folder):
 
 def test_frames_move_groups_rigidly_too(folder):
     quaternion = Rotation.from_rotvec([0, 0.2, 0]).as_quat()
-    move = {
-        "landmark": "high",
-        "rotation": quaternion.tolist(),
-        "translation": [0, 0, 0.1],
-        "center": "centroid",
-    }
+    move = {"landmark": "high", "rotation": quaternion.tolist(), "center": "centroid"}
+    move["translation"] = [0, 0, 0.1]
     data = animation([{"time": 0}, {"time": 1, "handles": [move]}])
     data["handles"][1]["kind"] = "dynamic"
     data["handles"][1]["translation"] = [0.0, 0.05, 0.0]
@@ -376,10 +372,6 @@ def other_groups() -> None:
     write_handles("pose_1.json", Handles(ENDS.index, ENDS.target, group=group))
 
 
-def two_animations() -> None:
-    frames_with({"time": 0}, {"time": 1})
-
-
 def no_animation() -> None:
     write_mesh("rig.glb", BODY.V, BODY.F)
     rig = Path("rig.glb").read_bytes()
@@ -387,8 +379,9 @@ def no_animation() -> None:
     Path("rig.glb").write_bytes(rig)
 
 
-RIG = ["groups.json", "--animation", "rig.glb", "-o", "out_%d.ply"]
-MOVES = ["moves.json", "-o", "out_%d.ply"]
+OUT = ["-o", "out_%d.ply"]
+RIG = ["groups.json", "--animation", "rig.glb", *OUT]
+MOVES = ["moves.json", *OUT]
 BAD = {
     "no number": (None, [*poses(), "-o", "out.ply"], "out.ply: one such file cannot hold a sequence; number"),
     "two numbers": (None, [*poses(), "-o", "o%d_%d.ply"], "one place for the number, such as out_%04d.ply"),
@@ -396,13 +389,9 @@ BAD = {
     "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
     "numbered cache": (None, [*poses(), "-o", "out_%d.pc2"], "unknown format '.pc2'"),
     "output is input": (None, [*poses(), "-o", "pose_%d.ply", "--fps", "-1"], "--fps takes a number above 0"),
-    "other mesh": (other_mesh, [*poses(), "-o", "out_%d.ply"], "pose_1.json: "),
-    "other groups": (
-        other_groups,
-        [*poses(), "-o", "out_%d.ply"],
-        "pose_1.json: its handles have other groups",
-    ),
-    "missing pose": (None, ["pose_0.json", "pose_9.json", "-o", "out_%d.ply"], "pose_9.json: no such file"),
+    "other mesh": (other_mesh, [*poses(), *OUT], "pose_1.json: "),
+    "other groups": (other_groups, [*poses(), *OUT], "pose_1.json: its handles have other groups"),
+    "missing pose": (None, ["pose_0.json", "pose_9.json", *OUT], "pose_9.json: no such file"),
     "times": (lambda: frames_with({"time": 0.5}, {"time": 0.5}), MOVES, "its time 0.5 is not larger than"),
     "no time": (lambda: frames_with({"handles": []}), MOVES, 'frame 0: it needs a "time" in seconds'),
     "time without a number": (lambda: frames_with({"time": float("nan")}), MOVES, '"time" in seconds'),
@@ -413,22 +402,10 @@ BAD = {
         'there is no group "tail"; the groups are low, high',
     ),
     "unknown key": (lambda: frames_with({"time": 0, "speed": 1}), MOVES, 'there is no key "speed"'),
-    "two animations": (
-        two_animations,
-        ["pose_0.json", "moves.json", "-o", "out_%d.ply"],
-        "one pose is needed",
-    ),
-    "no node": (
-        lambda: rig_with(names=("a", "b")),
-        RIG,
-        "no node has the name of a group of handles; the nodes",
-    ),
+    "two animations": (lambda: frames_with({"time": 0}), ["pose_0.json", *MOVES], "one pose is needed"),
+    "no node": (lambda: rig_with(names=("a", "b")), RIG, "no node has the name of a group of handles"),
     "twice": (lambda: rig_with(names=("high", "high")), RIG, "2 nodes have the name 'high'"),
-    "no channel": (
-        lambda: rig_with(channels=False),
-        RIG,
-        "its animation moves no node with the name of a group",
-    ),
+    "no channel": (lambda: rig_with(channels=False), RIG, "moves no node with the name of a group"),
     "no animation": (no_animation, RIG, "rig.glb: it holds no animation"),
     "reversed times": (lambda: rig_with(times=(1.0, 0.0)), RIG, "the times of its animation do not increase"),
     "several files": (rig_with, [*poses(), *RIG[1:]], "moves the groups of one handle file; 4 are given"),
@@ -453,11 +430,10 @@ def test_numbered_files_never_replace_the_mesh(here, capsys):
 
 
 def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch, capsys):
-    for output in ("out.glb", "out.pc2"):
-        module, write = {
-            "out.glb": (gltf_morph, "write_morphs"),
-            "out.pc2": (point_cache, "write_point_cache"),
-        }[output]
+    for output, module, write in (
+        ("out.glb", gltf_morph, "write_morphs"),
+        ("out.pc2", point_cache, "write_point_cache"),
+    ):
         real = getattr(module, write)
 
         def failing(path, *given, real=real, **more):

@@ -24,9 +24,28 @@ SHAPES = {
 }
 
 
+def upright(mesh: Mesh) -> Mesh:
+    """The mesh with y upwards."""
+    return Mesh(mesh.V[:, [1, 2, 0]], mesh.F)
+
+
 def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
     write_mesh(name, mesh.V, mesh.F)
     return Session(Path(name), **given)
+
+
+def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
+    """Distances (n,) from the nearest source along edges, by relaxing all edges until nothing changes."""
+    found = np.full(mesh.n, np.inf)
+    found[sources] = 0
+    i, j = mesh.edges.T
+    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
+    before = None
+    while not np.array_equal(before, found):
+        before = found.copy()
+        np.minimum.at(found, j, before[i] + length)
+        np.minimum.at(found, i, before[j] + length)
+    return found
 
 
 def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
@@ -36,13 +55,17 @@ def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(x < low), np.flatnonzero(x > high)
 
 
+def added(session: Session, vertices: np.ndarray, kind: str) -> int:
+    """Make a group of some vertices; return its number."""
+    session.select(vertices, "replace")
+    return session.mark(kind)
+
+
 def marked(session: Session) -> int:
     """One end held, and the other movable; the number of that."""
     held, free = ends(session.mesh.V)
-    session.select(held, "replace")
-    session.mark("static")
-    session.select(free, "replace")
-    return session.mark("moving")
+    added(session, held, "static")
+    return added(session, free, "moving")
 
 
 def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
@@ -88,8 +111,7 @@ def switched(*, single: bool) -> Session:
     unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
     for name, (direction, fields) in SWITCHED.items():
         near = unit @ (np.array(direction) / np.linalg.norm(direction))
-        session.select(np.flatnonzero(near >= (near.max() if single else 0.95)), "replace")
-        number = session.mark("moving")
+        number = added(session, np.flatnonzero(near >= (near.max() if single else 0.95)), "moving")
         if name != "fixed":
             session.release(number, turned(BODY.V, 0.2 if name in ("turned", "free") else 0.05))
         session.alter(number, name=name, **fields)

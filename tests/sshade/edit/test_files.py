@@ -15,7 +15,7 @@ from sshade.io.handles import read_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.shapes import as_obj, rotation, strip, torn
 from tests.sshade.edit.lent import unpacked
-from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, begun, marked, ready, switched, turned
+from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, added, begun, marked, ready, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -45,8 +45,7 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
 def test_saved_groups_are_opened_as_they_were():
     session, number = ready()
     session.alter(number, name="top", weight=7.5)
-    session.select(np.array([300]), "replace")
-    tip = session.mark("moving")
+    tip = added(session, np.array([300]), "moving")
     session.release(tip, Motion(rotation(1), np.zeros(3)))
     session.release(number, LIFT)
     session.save("handles", "pose.json")

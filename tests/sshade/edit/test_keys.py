@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from sshade import InputError, Slide
 from sshade.cli.main import main
-from sshade.edit import keys as module
 from sshade.edit import recovery
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from sshade.io.poses import read_poses
-from tests.sshade.edit.sessions import BODY, begun, ready
+from tests.sshade.edit.sessions import BODY, added, begun, ready
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -143,15 +142,13 @@ def test_rotations_slides_and_followers_are_in_the_frames(kind, monkeypatch):
     session, number = ready()
     top = int(np.argmax(BODY.V[:, 2])) if kind == "single" else None
     if top is not None:
-        session.select(np.array([top]), "replace")
-        number = session.mark("moving")
+        number = added(session, np.array([top]), "moving")
     if kind == "free":
         session.alter(number, slide=Slide.anywhere())
     if kind == "plane":
         session.alter(number, slide=Slide.plane([1, 0, 0]))
     if kind == "image":
-        session.select(np.flatnonzero(BODY.V[:, 0] > 0.9), "replace")
-        number = session.mark("moving")
+        number = added(session, np.flatnonzero(BODY.V[:, 0] > 0.9), "moving")
         partner = session.mirror(number, 0)
     session.key(0.0)
     session.release(number, Motion.about(np.zeros(3), TURN.as_quat(), 0.2 * MOVE))
@@ -186,15 +183,7 @@ def test_a_group_made_after_a_key_is_at_rest_there_and_a_smaller_one_keeps_its_p
     session, number = animated()
     own = session.state.group(number).vertices
     session.pose(1.0)
-    session.select(own[::2], "replace")
-    new = session.mark("moving")
+    new = added(session, own[::2], "moving")
     session.pose(3.0)
     assert np.array_equal(session.state.group(new).target, BODY.V[own[::2]])
     assert np.abs(session.state.group(number).target - expected(own, 3.0)[1::2]).max() < 1e-12
-
-
-def test_frames_have_the_times_of_keys_and_a_rate_between_them():
-    keys = [module.Key(time, ()) for time in (0.5, 0.8, 2.0)]
-    assert module.frame_times(keys, 0) == [0.5, 0.8, 2.0]
-    assert np.allclose(module.frame_times(keys, 2), [0.5, 0.8, 1.0, 1.5, 2.0])
-    assert len(module.frame_times(keys[:1], 24)) == 1

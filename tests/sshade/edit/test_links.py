@@ -5,11 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from sshade import InputError, Mesh, Slide
+from sshade import InputError, Slide
 from sshade.cli.main import main
 from sshade.edit import recovery
 from sshade.edit.groups import Motion
@@ -17,7 +15,7 @@ from sshade.edit.links import SOFT
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from tests.shapes import beside, bumpy, icosphere, shifted
-from tests.sshade.edit.sessions import BODY, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -86,13 +84,11 @@ def test_a_piece_across_the_middle_moves_alone_and_fixed_groups_stay_one():
     session = begun(BALL)
     session.mirror_picks(0)
     top = np.flatnonzero(BALL.V[:, 1] > 0.95)
-    session.select(np.union1d(caps(both=False), top), "replace")
-    session.mark("moving")
+    added(session, np.union1d(caps(both=False), top), "moving")
     middle, one, other = session.state.groups
     assert middle.vertices.tolist() == top.tolist() and middle.link is None
     assert other.link.leader == one.number
-    session.select(caps(), "replace")
-    session.mark("static")
+    added(session, caps(), "static")
     assert len(session.state.groups) == 2
     session.mirror_picks(None)
     session.select(caps(both=False), "replace")
@@ -101,8 +97,7 @@ def test_a_piece_across_the_middle_moves_alone_and_fixed_groups_stay_one():
 
 def test_an_image_has_the_kind_weight_and_slide_of_its_leader_until_it_is_unlinked():
     session = begun(BALL)
-    session.select(caps(both=False), "replace")
-    number = session.mark("moving")
+    number = added(session, caps(both=False), "moving")
     partner = session.mirror(number, 0)
     with pytest.raises(InputError, match="follows another group"):
         session.mirror(partner, 0)
@@ -128,13 +123,6 @@ def test_an_image_has_the_kind_weight_and_slide_of_its_leader_until_it_is_unlink
     session.remove(number)
     (left,) = session.state.groups
     assert left.link is None and left.vertices is before.vertices
-
-
-def along_edges(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
-    i, j = mesh.edges.T
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return dijkstra(graph, directed=False, indices=vertices).min(axis=0)
 
 
 @pytest.mark.parametrize("turns", [False, True])
@@ -181,13 +169,11 @@ def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance
 def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_continues(monkeypatch):
     session = begun(BALL)
     session.mirror_picks(0)
-    session.select(caps(both=False), "replace")
-    number = session.mark("moving")
+    number = added(session, caps(both=False), "moving")
     with pytest.raises(InputError, match="no free vertex is nearer than 0.01"):
         session.fade(number, 0.01)
     session.fade(number, 0.8)
-    session.select(np.flatnonzero(BALL.V[:, 1] < -0.9), "replace")
-    session.mark("static")
+    added(session, np.flatnonzero(BALL.V[:, 1] < -0.9), "static")
     settled(session, number, turned(BALL.V, 0.2))
     groups = session.state.groups
     assert [group.fades for group in groups] == [False, False, True, True, False]
@@ -226,8 +212,7 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
 def test_records_of_links_that_another_program_changed_are_left_out(record):
     session = begun()
     for k in range(2):
-        session.select(np.arange(20 * k, 20 * k + 20), "replace")
-        session.mark("moving")
+        added(session, np.arange(20 * k, 20 * k + 20), "moving")
     session.save("handles", "pose.json")
     data = json.loads(Path("pose.json").read_text())
     Path("pose.json").write_text(json.dumps({**data, "links": record}))
@@ -243,8 +228,7 @@ def test_vertices_that_another_group_takes_leave_a_follower_with_their_parts():
     ring = session.fade(number, 1.2)
     around = session.state.group(ring)
     taken = around.vertices[::2]
-    session.select(taken, "replace")
-    session.mark("static")
+    added(session, taken, "static")
     left = session.state.group(ring)
     assert left.vertices.tolist() == around.vertices[1::2].tolist()
     assert np.array_equal(left.link.influence, around.link.influence[1::2])
@@ -253,7 +237,6 @@ def test_vertices_that_another_group_takes_leave_a_follower_with_their_parts():
 
 def test_a_mesh_without_symmetry_has_no_images():
     session = begun(beside(BODY, shifted(icosphere(1), [5, 4, 0])))
-    session.select(np.arange(BODY.n, BODY.n + 5), "replace")
-    number = session.mark("moving")
+    number = added(session, np.arange(BODY.n, BODY.n + 5), "moving")
     with pytest.raises(InputError, match="no vertices on the other side"):
         session.mirror(number, 0)

@@ -14,35 +14,28 @@ from sshade.edit import preview
 from sshade.edit.commands import Commands
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays, write_mesh
-from tests.browser import changed, pixels
+from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import lent
+from tests.sshade.edit.sessions import added, begun, marked, upright
 
 BODY = bumpy(4)
 
 
 @pytest.fixture
 def session(here) -> Session:
-    # Upright, as the page looks at it.
-    write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
-    return Session(Path("body.ply"))
+    return begun(upright(BODY))
 
 
 @pytest.fixture
 def page(request, browser, session):
     """At a width of 1280 pixels, unless a test asks for others."""
-    with lent(session) as server:
-        opened = browser.new_page(viewport={"width": getattr(request, "param", 1280), "height": 900})
-        opened.said, opened.asked = [], []
-        opened.on("console", lambda message: opened.said.append(message.text))
-        opened.on("pageerror", lambda error: opened.said.append(str(error)))
-        opened.on("request", lambda asked: opened.asked.append(asked.url))
-        opened.goto(server.address)
-        opened.wait_for_selector("#stage[data-state=converged]")
-        yield opened
-        assert all(url.startswith((server.address, "data:")) for url in opened.asked)
-        opened.close()
+    width = getattr(request, "param", 1280)
+    with lent(session) as server, opened(browser, server.address, width=width) as page:
+        page.wait_for_selector("#stage[data-state=converged]")
+        yield page
+        assert all(url.startswith((server.address, "data:")) for url in page.asked)
 
 
 def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -296,11 +289,7 @@ def large(session, monkeypatch) -> None:
     """A session with groups, whose mesh counts as large."""
     monkeypatch.setattr(preview, "LARGE", 1.2)
     monkeypatch.setitem(preview.VERTICES, "processor", 800)
-    V = session.mesh.V
-    height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
-    for inside, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
-        session.select(np.flatnonzero(inside), "replace")
-        session.mark(kind)
+    marked(session)
 
 
 def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large, page, session):
@@ -371,8 +360,7 @@ def test_at_800_pixels_undo_and_files_stay_in_sight_and_what_is_loose_is_told(pa
     page.set_viewport_size({"width": 1280, "height": 800})
     loose = page.locator("#loose")
     for k, kind in enumerate(("moving", "moving", "static", "static")):
-        session.select(np.arange(20 * k, 20 * k + 20), "replace")
-        session.mark(kind)
+        added(session, np.arange(20 * k, 20 * k + 20), kind)
     page.reload()
     page.wait_for_selector("#groups li:nth-child(4)")
     page.get_by_role("button", name="choose group 4").click()

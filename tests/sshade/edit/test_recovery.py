@@ -11,16 +11,9 @@ from sshade.edit.session import Session
 from sshade.edit.state import Settings
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
-from tests.sshade.edit.sessions import SWITCHED, switched, turned
-
-BODY = bumpy(2)
+from tests.sshade.edit.sessions import BODY, SWITCHED, added, begun, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
-
-
-def begun(mesh=BODY, **given) -> Session:
-    write_mesh("body.ply", mesh.V, mesh.F)
-    return Session(Path("body.ply"), **given)
 
 
 def abandoned(session: Session, monkeypatch) -> Path:
@@ -81,11 +74,10 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
 
 def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):
     session = begun()
-    session.select(np.arange(5), "replace")
-    session.mark("static")
+    added(session, np.arange(5), "static")
     path = abandoned(session, monkeypatch)
     content = path.read_bytes()
-    other = begun(bumpy(3))
+    other = begun(bumpy(2))
     for call in other.recover, lambda: other.recover(path):
         with pytest.raises(InputError, match="recovery file of another mesh") as told:
             call()
@@ -109,8 +101,7 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
 def test_a_surface_that_vanished_is_told_and_its_recovery_file_stays(monkeypatch):
     write_mesh("tool.ply", 2 * BODY.V, BODY.F)
     session = begun()
-    session.select(np.arange(5), "replace")
-    number = session.mark("moving")
+    number = added(session, np.arange(5), "moving")
     session.alter(number, slide=Slide.on(bumpy(3), name=str(Path("tool.ply").resolve())))
     path = abandoned(session, monkeypatch)
     Path("tool.ply").unlink()
@@ -127,17 +118,5 @@ def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(mo
         raise InputError("body.ply.recovery-1.npz: cannot be written (No space left on device)")
 
     monkeypatch.setattr(session.recovery, "write", refused)
-    session.select(np.arange(5), "replace")
-    session.mark("moving")
+    added(session, np.arange(5), "moving")
     assert len(session.state.groups) == 1 and "No space left" in session.trouble
-
-
-def test_editors_of_one_mesh_do_not_take_each_other_s_files():
-    first = begun()
-    first.select(np.arange(5), "replace")
-    first.mark("moving")
-    second = begun()
-    assert second.recovery.offers == []  # the process of the first still runs
-    second.select(np.arange(9), "replace")
-    second.mark("moving")
-    assert files() == sorted([first.recovery.path, second.recovery.path])

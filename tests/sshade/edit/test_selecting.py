@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh, Slide
+from sshade import InputError, Slide
 from sshade.edit.groups import Motion
 from tests.shapes import beside, icosphere, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -36,21 +36,6 @@ def test_ways_to_pick_are_those_of_sets(seed):
         assert session.state.selection.tolist() == sorted(expected), how
 
 
-def reached(mesh: Mesh, sources: list[int], distance: float) -> list[int]:
-    """Vertices within a distance along edges, by relaxing all edges until nothing changes."""
-    found = np.full(mesh.n, np.inf)
-    found[sources] = 0
-    i, j = mesh.edges.T
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    for _ in range(mesh.n):
-        before = found.copy()
-        np.minimum.at(found, j, before[i] + length)
-        np.minimum.at(found, i, before[j] + length)
-        if np.array_equal(before, found):
-            return np.flatnonzero(found <= distance).tolist()
-    raise AssertionError
-
-
 def test_vertices_are_picked_by_connection_and_by_distance_along_edges():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh)
@@ -61,7 +46,7 @@ def test_vertices_are_picked_by_connection_and_by_distance_along_edges():
         with pytest.raises(InputError, match="above 0"):
             session.reach(wrong)
     session.reach(0.7)
-    assert session.state.selection.tolist() == reached(mesh, [3, 90], 0.7)
+    assert np.array_equal(session.state.selection, np.flatnonzero(along_edges(mesh, [3, 90]) <= 0.7))
     assert 10 < len(session.state.selection) < BODY.n
     session.select(np.zeros(0, dtype=np.int64), "linked")
     assert session.state.selection.tolist() == list(range(BODY.n))
@@ -77,7 +62,7 @@ def test_a_limited_group_moves_nothing_beyond_the_distance():
     number_beyond = session.limit(number, 1.0)
     made = session.state.group(number_beyond)
     own = session.state.group(number).vertices
-    near = reached(BODY, own.tolist(), 1.0)
+    near = np.flatnonzero(along_edges(BODY, own) <= 1.0)
     assert made.kind == "static" and sorted([*made.vertices, *near]) == list(range(BODY.n))
     settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.2])))
     moved = np.linalg.norm(session.shown - BODY.V, axis=1)
@@ -93,8 +78,7 @@ def test_a_mirrored_group_makes_a_symmetric_shape(axis):
     S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
     aside = np.eye(3)[axis] + 0.2
     side = ball.V @ (aside / np.linalg.norm(aside))
-    session.select(np.flatnonzero(side > 0.9), "replace")
-    number = session.mark("moving")
+    number = added(session, np.flatnonzero(side > 0.9), "moving")
     session.alter(number, slide=Slide.plane(aside), weight=5.0)
     session.release(number, turned(ball.V, 0.3))
     partner = session.mirror(number, axis)
@@ -120,8 +104,7 @@ def test_local_axes_have_the_normal_as_z_and_turn_with_the_group():
     for direction in np.eye(3):
         along = BODY.V @ direction / np.linalg.norm(BODY.V, axis=1)
         for vertices in np.flatnonzero(along > 0.9), np.array([int(np.argmax(along))]):
-            session.select(vertices, "replace")
-            number = session.mark("moving")
+            number = added(session, vertices, "moving")
             R = session.frame(number)
             assert np.allclose(R.T @ R, np.eye(3)) and np.linalg.det(R) > 0 and R[:, 2] @ direction > 0.8
             session.release(number, Motion(rotation(5), np.zeros(3)))
@@ -152,16 +135,13 @@ def test_what_cannot_be_picked_or_marked_is_told():
 
 def test_a_vertex_is_in_the_group_that_took_it_last():
     session = begun()
-    session.select(np.arange(10), "replace")
-    first = session.mark("static")
-    session.select(np.arange(5, 20), "replace")
-    second = session.mark("moving")
+    first = added(session, np.arange(10), "static")
+    second = added(session, np.arange(5, 20), "moving")
     assert {g.number: g.vertices.tolist() for g in session.state.groups} == {
         first: list(range(5)),
         second: list(range(5, 20)),
     }
-    session.select(np.arange(5), "replace")
-    third = session.mark("moving")
+    third = added(session, np.arange(5), "moving")
     assert [g.number for g in session.state.groups] == [second, third]
     session.remove(second)
     session.alter(third, name="tip", weight=3.0, kind="static")

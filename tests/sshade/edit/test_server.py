@@ -164,6 +164,11 @@ def test_a_request_says_how_long_it_is_and_is_not_too_long(server, monkeypatch):
         ("save", {"what": "handles", "name": "x.json"}, "no handles"),
         ("save", {"what": "secrets", "name": "x.json"}, "cannot be saved"),
         ("alter", {"group": 1, "weight": "NaN"}, '"weight"'),
+        ("reach", {"distance": "far"}, '"distance"'),
+        ("limit", {"group": 9, "distance": 1}, "no group 9"),
+        ("mirror", {"group": 1, "axis": "w"}, "an axis is"),
+        ("frame", {}, '"group"'),
+        ("recover", {}, "nothing to recover"),
     ],
 )
 def test_a_mistaken_command_is_told_in_a_sentence_and_changes_nothing(server, name, given, words):
@@ -182,6 +187,8 @@ def test_bytes_that_are_no_command_are_told(server):
         assert post(server, path, body) == 400
     status, _, content = ask(server, "POST", f"/{server.token}/open?name=mine.json", b'{"handles": 3}')
     assert status == 400 and "mine.json" in json.loads(content)["error"]
+    for path in "surface?group=1", "surface?group=x", "surface", "colours":
+        assert ask(server, "GET", f"/{server.token}/{path}")[0] == 400
     assert state(server) is before
 
 
@@ -295,23 +302,6 @@ def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its
         assert len(command(server, "recover")["groups"]) == 2 and not first.recovery.path.exists()
         server._another = None
         assert post(server, "change?name=other.ply") == 400
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "words"),
-    [
-        ("reach", {"distance": "far"}, '"distance"'),
-        ("limit", {"group": 9, "distance": 1}, "no group 9"),
-        ("mirror", {"group": 1, "axis": "w"}, "an axis is"),
-        ("frame", {}, '"group"'),
-        ("recover", {}, "nothing to recover"),
-    ],
-)
-def test_a_mistaken_tool_is_told_in_a_sentence(server, name, given, words):
-    answer = command(server, name, given)
-    assert answer["status"] == 400 and words in answer["error"]
-    for path in "surface?group=1", "surface?group=x", "surface", "colours":
-        assert ask(server, "GET", f"/{server.token}/{path}")[0] == 400
 
 
 def test_it_ends_when_the_page_says_so(tmp_path):

@@ -13,7 +13,7 @@ from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
 from sshade.edit.work import Superseded
 from tests.shapes import beside, bumpy, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, begun, ends, marked, ready, settled, turned
+from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, added, begun, ends, marked, ready, settled, turned
 from tests.sshade.mesh.test_cutting import t_fin
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -38,8 +38,7 @@ def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
 
 def test_a_group_alone_takes_the_mesh_along_rigidly():
     session = begun()
-    session.select(ends(BODY.V)[1], "replace")
-    number = session.mark("moving")
+    number = added(session, ends(BODY.V)[1], "moving")
     motion = Motion(rotation(3), np.array([0.3, -0.2, 0.1]))
     session.drag(number, Motion(np.eye(3), np.array([0.1, 0.0, 0.0])))
     settled(session, number, motion)
@@ -147,8 +146,7 @@ def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
     session, number = ready()
     before = settled(session, number, LIFT)
     middle = np.flatnonzero(np.abs(BODY.V[:, 2]) < 0.1)
-    session.select(middle, "replace")
-    session.mark("static")
+    added(session, middle, "static")
     session.settle()
     assert np.array_equal(session.shown[middle], before[middle])
     assert np.abs(session.shown - before).max() < 0.05 * BODY.diagonal
@@ -190,8 +188,7 @@ def test_free_constraints_change_the_shape_and_are_written_down():
 def test_a_group_slides_from_where_it_is_and_stays_where_it_slid():
     session, number = ready()
     top = int(np.argmax(BODY.V[:, 2]))
-    session.select(np.array([top]), "replace")
-    tip = session.mark("moving")
+    tip = added(session, np.array([top]), "moving")
     session.alter(tip, slide=Slide.plane(session.normal(tip)))
     settled(session, number, LIFT)
     there = session.shown[top]
@@ -205,10 +202,8 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh, carry_unconstrained=True)
     left = np.flatnonzero(mesh.V[:, 0] < 2)
-    session.select(left[mesh.V[left, 2] < -0.6], "replace")
-    session.mark("static")
-    session.select(left[mesh.V[left, 2] > 0.6], "replace")
-    number = session.mark("moving")
+    added(session, left[mesh.V[left, 2] < -0.6], "static")
+    number = added(session, left[mesh.V[left, 2] > 0.6], "moving")
     shown = session.drag(number, LIFT)
     moved = np.abs(shown - mesh.V).max(axis=1)
     free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
@@ -224,10 +219,8 @@ def test_a_mesh_that_is_no_manifold_follows_when_the_mouse_rests():
     mesh = t_fin(4)
     session = begun(mesh)
     x = mesh.V[:, 0]
-    session.select(np.flatnonzero(x <= x.min() + 1), "replace")
-    session.mark("static")
-    session.select(np.flatnonzero(x >= x.max() - 1), "replace")
-    number = session.mark("moving")
+    added(session, np.flatnonzero(x <= x.min() + 1), "static")
+    number = added(session, np.flatnonzero(x >= x.max() - 1), "moving")
     own = session.state.group(number).vertices
     shown = session.drag(number, LIFT)
     assert np.flatnonzero(np.abs(shown - mesh.V).max(axis=1)).tolist() == own.tolist()
@@ -247,8 +240,7 @@ def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
         bound.clear()
         number = marked(session)
         session.drag(number, LIFT)
-        session.select(np.flatnonzero(np.abs(body.V[:, 2]) < 0.1), "replace")
-        session.mark("static")
+        added(session, np.flatnonzero(np.abs(body.V[:, 2]) < 0.1), "static")
         shown = session.drag(number, LIFT)
         target = session.state.moved(number, LIFT).group(number)
         assert np.abs(shown[target.vertices] - target.target).max() < 0.01 * body.diagonal

@@ -11,7 +11,7 @@ from sshade import InputError
 from sshade.edit.commands import Commands
 from sshade.edit.session import Session
 from sshade.io.meshes import read_file, write_mesh
-from tests.browser import changed, pixels
+from tests.browser import changed, opened, pixels
 from tests.shapes import bumpy, strip
 from tests.sshade.edit.lent import ask, lent, unpacked
 
@@ -141,9 +141,7 @@ def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plai
     library = "newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n"
     for text, state in (library, "plain"), (f"{library}map_Kd gone.png\n", "shown"):
         Path("a.mtl").write_text(text)
-        with lent(Session(Path("body.obj"))) as server:
-            page = browser.new_page(viewport={"width": 1280, "height": 800})
-            page.goto(server.address)
+        with lent(Session(Path("body.obj"))) as server, opened(browser, server.address) as page:
             page.wait_for_selector(f"#stage[data-skin={state}]")
             page.wait_for_timeout(300)
             r, g, b = pixels(page.locator("#stage")).transpose(2, 0, 1)
@@ -152,7 +150,6 @@ def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plai
             if state == "shown":
                 told = page.locator("#message span").inner_text()
                 assert told == "body.obj: a texture cannot be shown (No such file or directory)."
-            page.close()
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -161,9 +158,7 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser, width):
     high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)
     textured("body.glb", V, BODY.F, high[:, :2])
     session = Session(Path("body.glb"))
-    with lent(session) as server:
-        page = browser.new_page(viewport={"width": width, "height": 844})
-        page.goto(server.address)
+    with lent(session) as server, opened(browser, server.address, width=width, height=844) as page:
         page.wait_for_selector("#stage[data-skin=shown]")
         page.wait_for_timeout(400)
         stage = page.locator("#stage")
@@ -193,4 +188,3 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser, width):
         page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
         assert portion(pixels(stage), 1, (0, 2)) < 0.002
-        page.close()

@@ -10,41 +10,27 @@ from scipy.spatial.transform import Rotation
 from sshade.edit.session import Session
 from sshade.io.handles import read_handles
 from sshade.io.meshes import write_mesh
-from tests.browser import changed, pixels
-from tests.shapes import bumpy, icosphere
+from tests.browser import changed, opened, pixels
+from tests.shapes import icosphere
 from tests.sshade.edit.lent import lent
+from tests.sshade.edit.sessions import BODY, ready, upright
 from tests.sshade.edit.test_page import asked, drag, release
-
-BODY = bumpy(3)
 
 
 @pytest.fixture
 def session(here) -> Session:
     """With the lower end fixed, and the upper end movable and chosen."""
-    write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
-    session = Session(Path("body.ply"))
-    V = session.mesh.V
-    height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
-    for inside, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
-        session.select(np.flatnonzero(inside), "replace")
-        session.mark(kind)
-    return session
+    return ready(upright(BODY))[0]
 
 
 @pytest.fixture
 def page(browser, session):
-    with lent(session) as server:
-        opened = browser.new_page(viewport={"width": 1280, "height": 900})
-        opened.said = []
-        opened.on("console", lambda message: opened.said.append(message.text))
-        opened.on("pageerror", lambda error: opened.said.append(str(error)))
-        opened.goto(server.address)
-        opened.wait_for_selector("#stage[data-state=converged]")
-        opened.get_by_role("button", name="choose group 2").click()
-        opened.wait_for_selector("#gizmo-bar:visible")
-        yield opened
-        assert opened.said == []
-        opened.close()
+    with lent(session) as server, opened(browser, server.address) as page:
+        page.wait_for_selector("#stage[data-state=converged]")
+        page.get_by_role("button", name="choose group 2").click()
+        page.wait_for_selector("#gizmo-bar:visible")
+        yield page
+        assert page.said == []
 
 
 def group(session: Session):

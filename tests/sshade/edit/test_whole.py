@@ -7,23 +7,21 @@ import pytest
 
 from sshade.cli.main import main
 from sshade.edit.session import Session
-from sshade.io.meshes import read_arrays, write_mesh
+from sshade.io.meshes import read_arrays
 from tests.browser import changed, pixels
 from tests.full import few
-from tests.shapes import bumpy
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked
+from tests.sshade.edit.sessions import BODY, added, begun, marked, upright
 from tests.sshade.edit.test_page import asked, drag, mark, release, where
 
-BODY = bumpy(3)
 #: Sizes of a window in pixels: of a laptop, and of a telephone.
 SIZES = [(1280, 800), (390, 844)]
 
 
 @pytest.fixture
 def session(here) -> Session:
-    write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)
-    return Session(Path("body.ply"))
+    return begun(upright(BODY))
 
 
 def opened(browser, address: str, size: tuple[int, int]):
@@ -114,10 +112,7 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
 
 @pytest.mark.parametrize("size", few(SIZES, SIZES[1]))
 def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size):
-    height = (session.mesh.V[:, 1] - session.mesh.V[:, 1].min()) / np.ptp(session.mesh.V[:, 1])
-    for inside, kind in (height < 0.12, "static"), (height > 0.88, "moving"):
-        session.select(np.flatnonzero(inside), "replace")
-        session.mark(kind)
+    marked(session)
     with lent(session) as server:
         page = opened(browser, server.address, size)
         stage = page.locator("#stage")
@@ -165,8 +160,7 @@ def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size)
 
 
 def test_all_controls_have_names_and_messages_are_announced(browser, session):
-    session.select(np.arange(9), "replace")
-    session.mark("moving")
+    added(session, np.arange(9), "moving")
     session.key(0.0)
     with lent(session) as server:
         page = opened(browser, server.address, SIZES[0])

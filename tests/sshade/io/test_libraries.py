@@ -55,10 +55,8 @@ def rewritten(path):
 def test_files_of_trimesh(tmp_path, suffix):
     for name, content in SHAPES.items():
         for options in TRIMESH[suffix]:
-            shape, path = (
-                trimesh.Trimesh(SPHERE.V, SPHERE.F, process=False, **content),
-                tmp_path / f"a{suffix}",
-            )
+            shape = trimesh.Trimesh(SPHERE.V, SPHERE.F, process=False, **content)
+            path = tmp_path / f"a{suffix}"
             shape.export(path, **options)
             old, new = (trimesh.load_mesh(p, process=False) for p in (path, rewritten(path)))
             assert np.allclose(new.vertices, moved(old.vertices), atol=1e-6), name

@@ -118,14 +118,8 @@ def test_all_properties_of_a_file_are_kept(tmp_path, text, kind):
 @pytest.mark.parametrize(
     ("properties", "words"),
     [
-        (
-            [n for n in names() if n != "scale_2"],
-            "need scale_0, scale_1, scale_2, and the file has scale_0, scale_1;",
-        ),
-        (
-            [n for n in names() if not n.startswith("rot_")],
-            "need rot_0, rot_1, rot_2, rot_3, and the file has none",
-        ),
+        ([n for n in names() if n != "scale_2"], "scale_2, and the file has scale_0, scale_1;"),
+        ([n for n in names() if not n.startswith("rot_")], "rot_3, and the file has none"),
         (names(44), "has 44 properties f_rest_"),
         (["packed_position", "packed_scale"], "compressed splats"),
     ],

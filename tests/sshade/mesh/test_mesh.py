@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import InputError, Mesh
-from sshade.mesh.mesh import MOST_FACES, Topology
-from tests.shapes import block, double_torus, icosphere, jittered, rotation, strip, tetrahedron, torus, tube
+from sshade.mesh.mesh import MOST_FACES
+from tests.shapes import block, icosphere, jittered, rotation, tetrahedron
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
@@ -16,11 +16,7 @@ FAR = np.array([[5.0, 5, 5], [6, 6, 6]])
     [
         (np.zeros(9), [[0, 1, 2]], ["(n, 3)", "(9,)"]),
         (TRIANGLE, [0, 1, 2], ["(m, 3)", "(3,)"]),
-        (
-            np.concatenate([FAR, TRIANGLE]),
-            [[2, 3, 4]],
-            ["2 vertices belong to no face", "is 0", "leaves them out"],
-        ),
+        (np.concatenate([FAR, TRIANGLE]), [[2, 3, 4]], ["2 vertices belong to no face", "leaves them out"]),
         (1e61 * TRIANGLE, [[0, 1, 2]], ["scale it to between 1e-60 and 1e+60"]),
         (1e-3 * TRIANGLE - 1e10, [[0, 1, 2]], ["fewer than four digits", "move it towards the origin"]),
     ],
@@ -75,22 +71,6 @@ def test_area_volume_and_topology_follow_rigid_motions_and_scale(seed, shift, sc
     assert moved.area == pytest.approx(scale**2 * mesh.area, rel=1e-11)
     assert moved.volume == pytest.approx(scale**3 * mesh.volume, rel=1e-10)
     assert moved.topology == mesh.topology
-
-
-@pytest.mark.parametrize(
-    ("mesh", "expected"),
-    [
-        (tetrahedron(), Topology(2, 1, 0)),
-        (torus(), Topology(0, 1, 0)),
-        (double_torus(), Topology(-2, 1, 0)),
-        (tube(), Topology(0, 1, 2)),
-        (strip(5, 2), Topology(1, 1, 1)),
-        (Mesh(TRIANGLE, [[0, 1, 2]]), Topology(1, 1, 1)),
-    ],
-)
-def test_topology_of_known_surfaces(mesh, expected):
-    assert mesh.topology == expected
-    assert mesh.is_manifold and mesh.is_oriented
 
 
 @pytest.mark.parametrize("shift", [2.0**20, -(2.0**35), 1e9 + 0.5])

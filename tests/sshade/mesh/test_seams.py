@@ -118,11 +118,8 @@ def test_a_rim_that_is_finer_than_the_tolerance_is_no_seam():
 
 def test_merging_takes_no_vertex_its_last_face():
     """A sliver of no width: the two ends of its short side are one vertex, and the third is another."""
-    V, F = (
-        np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 2, 0], [1, 2, 0]]),
-        [[0, 1, 2], [3, 4, 5]],
-    )
-    joined, vertex, facts = surface(V, np.array(F))
+    V = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 2, 0], [1, 2, 0]])
+    joined, vertex, facts = surface(V, np.array([[0, 1, 2], [3, 4, 5]]))
     assert joined.n == 6 and facts["doubled"] == 0 and (vertex >= 0).all()
 
 

@@ -121,11 +121,7 @@ def test_values_colour_all_shapes_from_the_least_to_the_greatest():
         ((icosphere(1), RESULT), {}, "a result has shape .162, 3., and the mesh 42 vertices"),
         ((Mesh(2 * REST.V, REST.F), TASK), {}, "not the rest shape that comes first"),
         ((REST, HANDLES, HANDLES), {}, "one object of handles"),
-        (
-            (icosphere(1), Handles([100], [[0, 0, 0]])),
-            {},
-            "handle id 100 is out of range",
-        ),
+        ((icosphere(1), Handles([100], [[0, 0, 0]])), {}, "handle id 100 is out of range"),
         ((Mesh(np.eye(3)[[0, 0, 0]], [[0, 1, 2]]),), {}, "all vertices of the mesh coincide"),
         ((REST, RESULT), {"names": ["a", "b"]}, "1 poses follow the rest shape, and names has 2"),
         ((REST, RESULT), {"names": "a"}, "names has 1"),

@@ -1,12 +1,14 @@
 """Figures in a browser, in frames as a notebook shows them: they draw, react, and need no network."""
 
+from contextlib import ExitStack
+
 import numpy as np
 import pytest
 
 pytest.importorskip("playwright")
 
 from sshade import DeformationResult, DeformationTask, plot
-from tests.browser import changed, pixels
+from tests.browser import changed, opened, pixels
 from tests.shapes import bumpy, end_handles
 
 REST = bumpy(3)
@@ -17,23 +19,14 @@ RESULT = DeformationResult(REST.V * [1, 1, 1.3], 0, None).of(TASK)
 @pytest.fixture
 def notebook(browser, tmp_path):
     """Open cells that show objects; the page says what was printed and asked for."""
-    opened = []
+    with ExitStack() as pages:
 
-    def show(*objects):
-        path = tmp_path / "notebook.html"
-        path.write_text("".join(f"<div>{one._repr_html_()}</div>" for one in objects), encoding="utf-8")
-        page = browser.new_page(viewport={"width": 800, "height": 600})
-        opened.append(page)
-        page.said, page.asked = [], []
-        page.on("console", lambda message: page.said.append(message.text))
-        page.on("pageerror", lambda error: page.said.append(str(error)))
-        page.on("request", lambda asked: page.asked.append(asked.url))
-        page.goto(path.as_uri())
-        return page
+        def show(*objects):
+            path = tmp_path / "notebook.html"
+            path.write_text("".join(f"<div>{one._repr_html_()}</div>" for one in objects), encoding="utf-8")
+            return pages.enter_context(opened(browser, path.as_uri(), width=800, height=600))
 
-    yield show
-    for page in opened:
-        page.close()
+        yield show
 
 
 def stage(page, number=0):
@@ -91,11 +84,9 @@ def test_a_saved_page_draws_with_z_upwards(browser, tmp_path):
     shapes = []
     for up in ("y", "z"):
         plot(REST, up=up).save(tmp_path / f"{up}.html")
-        page = browser.new_page(viewport={"width": 500, "height": 500})
-        page.goto((tmp_path / f"{up}.html").as_uri())
-        page.wait_for_selector("#turn-stage[data-shape]")
-        rows, columns = np.nonzero((pixels(page.locator("#turn-stage"))[4:-4, 4:-4] < 235).any(axis=2))
-        shapes.append((np.ptp(rows), np.ptp(columns)))
-        page.close()
+        with opened(browser, (tmp_path / f"{up}.html").as_uri(), width=500, height=500) as page:
+            page.wait_for_selector("#turn-stage[data-shape]")
+            rows, columns = np.nonzero((pixels(page.locator("#turn-stage"))[4:-4, 4:-4] < 235).any(axis=2))
+            shapes.append((np.ptp(rows), np.ptp(columns)))
     (height_y, width_y), (height_z, width_z) = shapes  # the body is longest along z
     assert height_z > 1.2 * width_z and height_z / width_z > height_y / width_y
