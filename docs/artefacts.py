@@ -24,9 +24,10 @@ from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.cli.console import say
 from sshade.figures import View, picture
 
-PAGE = Path(__file__).with_suffix(".md")
+PAGE, BODIES = Path(__file__).with_suffix(".md"), Path(__file__).parents[1] / "data" / "defaust_20k"
 MEASURES = "bend_tail", "spike", "distortion_99", "edge", "volume", "self_intersections", "truth_distance"
 COLUMN = {column.source.removeprefix("metric."): column for column in COLUMNS}
+Vector = tuple[float, float, float]
 
 
 class Example(NamedTuple):
@@ -37,17 +38,15 @@ class Example(NamedTuple):
     """
 
     runs: list[tuple[DeformationTask, str]]
-    towards: tuple[float, float, float]
+    towards: Vector
     top: float
     shown: np.ndarray
     hidden: np.ndarray
 
 
-def body(
-    pose: int, name: str, *places: tuple[float, float, float], handles: str = "stored"
-) -> DeformationTask:
+def body(pose: int, name: str, *places: Vector, handles: str = "stored") -> DeformationTask:
     """Load a body. The 30 vertices nearest to each place become a handle group that goes to the true pose."""
-    task = load_task("data/defaust_20k", subject=0, pose=pose, handles=handles)
+    task = load_task(BODIES, subject=0, pose=pose, handles=handles)
     for place in places:
         near, old = np.argsort(np.linalg.norm(task.mesh.V - place, axis=1), kind="stable")[:30], task.handles
         index, target = np.append(old.index, near), np.concatenate([old.target, task.truth[near]])
@@ -62,10 +61,8 @@ def waist() -> Example:
     more, (x, y, _) = body(9, "11 groups", *places), few.mesh.V.T
     first = "*Elastic; *fast; *fine; fast strain_limit=0.25; fast thickness=1; fine proxy_attachment=0.3"
     then = "Elastic; *fast; fine; fast bending=0.006; fast strain_limit=0.25; *fast thickness=1"
-    runs, shown = (
-        [(few, first), (more, f"{then}; fine thickness=1; *truth")],
-        (y > 0.4) & (abs(x + 0.12) < 0.12),
-    )
+    runs = [(few, first), (more, f"{then}; fine thickness=1; *truth")]
+    shown = (y > 0.4) & (abs(x + 0.12) < 0.12)
     return Example(runs, (1, 0.05, 0.15), 30, shown, x > 0)
 
 
@@ -93,22 +90,18 @@ def twist() -> Example:
     """A twisted bar."""
     long, short, far = twisted("135°"), twisted("135°, half as long", length=2), twisted("200°", degrees=200)
     first = "*Elastic; *fast; *fine; fast volume=0; fast bending=0.01; fine strain_limit=0.1"
-    first, then = (
-        f"{first}; *fast thickness=1; *fine thickness=1; *truth",
-        "fast thickness=1; fine thickness=1",
-    )
+    runs = [(long, f"{first}; *fast thickness=1; *fine thickness=1; *truth")]
+    runs += [(short, "fast thickness=1; fine thickness=1"), (far, "fine thickness=1")]
     every = np.ones(long.mesh.n, dtype=bool)
-    return Example([(long, first), (short, then), (far, "fine thickness=1")], (1, 0.5, 1), 90, every, ~every)
+    return Example(runs, (1, 0.5, 1), 90, every, ~every)
 
 
 def arms() -> Example:
     """Hands that meet in front of the chest."""
     few, more = body(7, "7 groups"), body(7, "9 groups", (0.36, 1.22, -0.02), (-0.36, 1.22, -0.02))
     first = "*Elastic; *fast; *fine; fast attachment=0; fast strain_limit=0.25; *fast thickness=1"
-    runs, (x, y, _) = (
-        [(few, f"{first}; fine thickness=1"), (more, "*fast; fine"), (few, "*truth")],
-        few.mesh.V.T,
-    )
+    runs = [(few, f"{first}; fine thickness=1"), (more, "*fast; fine"), (few, "*truth")]
+    x, y, _ = few.mesh.V.T
     return Example(runs, (0.3, 0.4, 1), 0, (y > 0.95) & (abs(x) < 0.3), y < 0)
 
 
