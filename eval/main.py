@@ -33,12 +33,10 @@ COMMANDS = {
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
-    "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "carried": ("eval.timing.carried", "measure points and splats that go with a mesh"),
     "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),
     "sequences": ("eval.studies.sequences", "compare sequences with single runs, and measure retargeting"),
-    "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 
 HELP = """\

@@ -25,7 +25,7 @@ from tests.robustness.case import (
     working_in,
 )
 from tests.robustness.datasets import RUN, dataset
-from tests.robustness.inputs import Given, both, cut, data, garbage, text
+from tests.robustness.inputs import Given, both, cut, data, text
 
 RUNS, ROWS = "out/runs", "out/rows/tiny.csv"
 CASES_OF_TWO = "dataset=defaust dataset.root=balls subject=0 pose=1,2"
@@ -175,10 +175,4 @@ CASES = [
     ),
     Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
     Case("run: what is there already", SWEEP, runs),
-    Case(
-        "topology: a mesh of garbage",
-        "sshade-eval topology body.ply",
-        garbage("body.ply"),
-        says=("body.ply",),
-    ),
 ]
