@@ -20,7 +20,6 @@ COMMANDS = {
     "tables": ("eval.publish.tables", "write tables from rows: CSV, Markdown and LaTeX"),
     "charts": ("eval.publish.charts", "draw distributions and convergence"),
     "figures": ("eval.publish.figures", "draw rest shapes and results side by side"),
-    "curves": ("eval.publish.curves", "draw metrics against a size or a parameter"),
     "front": ("eval.publish.front", "draw measures against each other for values of a setting"),
     "report": ("eval.publish.report.command", "write one HTML page with tables, charts and a 3D view"),
     "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
