@@ -56,7 +56,7 @@ def test_a_method_without_a_result_has_a_panel_that_says_why():
     for found in (row, *rows_of(case, {"lost": "no", "far": case.posed}, **CAMERA)):
         assert list(found.shapes)[-2:] == ["lost", "far"] and len(found.views) == len(found.shapes)
         assert isinstance(found.shapes["lost"], str) and "lost" not in found.errors
-    figure = draw([row], title="t", top=100.0, label="error", pixels=120)
+    figure = draw([row], title="t", top=100.0, label="error")
     lost, far = figure.axes[1:3]
     assert lost.get_title() == "lost" and not lost.images and far.images
     assert [text.get_text() for text in lost.texts] == ["it ran out of time"]
