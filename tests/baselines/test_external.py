@@ -2,7 +2,6 @@
 
 import json
 import os
-import shlex
 import sys
 import venv
 from pathlib import Path
@@ -19,11 +18,11 @@ from baselines.external import external, measure_startup, tetrahedron
 from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
 from sshade.errors import InputError
-from sshade.programs import ALLOWED, TIME_LIMIT, words_of
+from sshade.programs import TIME_LIMIT, words_of
+from tests.eval.external_programs import TEXTS, allow
 from tests.shapes import bumpy, end_handles
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
-TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
 #: Writes the positions of an OFF file, moved by 1 along x.
 SHIFTING = (
     'n=$(sed -n 2p "$1" | cut -d" " -f1); '
@@ -46,16 +45,10 @@ def run(task, tmp_path, monkeypatch):
     def run(text, *words, task=task, **options):
         script = tmp_path / "program.sh"
         script.write_text(text)
-        command = ["sh", str(script), *words]
-        monkeypatch.setenv(ALLOWED, shlex.join(command))
+        command = allow(monkeypatch, ["sh", str(script), *words])
         return external(task, command=command, **{**TEXTS, **options})
 
     return run
-
-
-def allow(monkeypatch, command):
-    monkeypatch.setenv(ALLOWED, shlex.join(command))
-    return command
 
 
 def test_a_program_gets_files_and_its_result_comes_back(run, task):
