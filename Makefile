@@ -31,9 +31,8 @@ REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
 
-# Experiments of `make ablations`, from conf/experiment, and metrics of the curves of ablations over a number.
+# Experiments of `make ablations`, from conf/experiment.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
-CURVES    := --metric volume area edge angle
 TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
 
 # Runs of small experiments, one on each CPU. Their tables print no times.
@@ -115,8 +114,6 @@ ablations: $(READY) $(QUICK)/dataset.json
 	for name in $(ABLATIONS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
 	$(BIN)/sshade-eval collect $(ABLATIONS)
 	$(BIN)/sshade-eval tables $(ABLATIONS)
-	$(BIN)/sshade-eval curves ablation_samplings --over method.samplings $(CURVES)
-	$(BIN)/sshade-eval curves ablation_vertices --over method.vertices $(CURVES)
 	$(BIN)/sshade-eval figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
 	  --towards 0 1 0 --up 0 0 1
 

@@ -87,29 +87,6 @@ def transfer_pose(
     return posed + np.einsum("nab,nb->na", R, edited - mesh.V)
 
 
-def vertex_frames(mesh: Mesh, V: np.ndarray, *, function: str | np.ndarray = "extent") -> np.ndarray:
-    """Return the frames of a pose: rotations with the columns x, y and z.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Rest mesh, which decides the function at each vertex; see :func:`transfer_pose`.
-    V : (n, 3) float64
-        Vertices of the pose.
-    function : {"extent", "x", "y", "z"} or (n,) float64
-
-    Returns
-    -------
-    (n, 3, 3) float64
-        NaN where a vertex has no normal or the function has no gradient.
-    """
-    values = _candidates(mesh, function)
-    chosen = _choose(np.linalg.norm(_Pose(mesh, mesh.V, values).gradient, axis=2))
-    F, missing = _Pose(mesh, _positions(mesh, V, "posed"), values).frames(chosen)
-    F[missing] = np.nan
-    return F
-
-
 def _positions(mesh: Mesh, V: np.ndarray, name: str) -> np.ndarray:
     V = np.asarray(V, dtype=np.float64)
     if V.shape != mesh.V.shape:

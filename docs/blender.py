@@ -62,10 +62,8 @@ def case_of(size: int, level: int, pose: int) -> tuple[DeformationTask, dict[str
     import igl
 
     base = load_task(ROOT / "data" / "blender" / str(size), subject=0, pose=pose)
-    V, F, truth = np.array(base.mesh.V), np.array(base.mesh.F), np.array(base.truth)
-    for _ in range(level):
-        truth, _ = igl.upsample(truth, F)
-        V, F = igl.upsample(V, F)
+    truth, _ = igl.upsample(np.array(base.truth), np.array(base.mesh.F), level)
+    V, F = igl.upsample(np.array(base.mesh.V), np.array(base.mesh.F), level)
     V = V.astype(np.float32)
     index, (_, group) = base.handles.index, np.unique(base.handles.group, return_inverse=True)
     motions, target = np.tile(np.eye(4), (group.max() + 1, 1, 1)), V[index].astype(np.float64)

@@ -51,9 +51,7 @@ PATIENCE = 600_000
 def write_task(root: str, level: int, folder: Path) -> None:
     """Write a body whose feet and head are fixed and whose left hand moves."""
     mesh = load_task(root, subject=0, pose=1).mesh
-    V, F = np.array(mesh.V), np.array(mesh.F)
-    for _ in range(level):
-        V, F = igl.upsample(V, F)
+    V, F = igl.upsample(np.array(mesh.V), np.array(mesh.F), level)
     write_mesh(folder / "body.ply", V, F)
     x, y, _ = ((V - V.min(axis=0)) / np.ptp(V, axis=0)).T
     groups = [

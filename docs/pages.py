@@ -70,7 +70,7 @@ def filled_page(page: Path) -> str:
     return filled(page.read_text(encoding="utf-8"), link=link)
 
 
-def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
+def table(path: Path, headings: list[str], *, chosen: list[str] | None, link: str) -> str:
     """Return columns of the tables of a file below a caption, or nothing if the file does not exist.
 
     `chosen` are the methods to take, in this order; None takes all.
@@ -85,7 +85,7 @@ def table(path: Path, headings: list[str], *, chosen: list[str] | None = None, l
     return f"{caption}{columns_of(joined, headings, path=path, chosen=chosen)}\n"
 
 
-def differences(path: Path, headings: list[str], *, chosen: list[str] | None = None, link: str) -> str:
+def differences(path: Path, headings: list[str], *, chosen: list[str] | None, link: str) -> str:
     """Return columns of the table of differences of a file; arguments as of :func:`table`."""
     if not path.is_file():
         return ""

@@ -70,9 +70,7 @@ def task_of(run: Run) -> DeformationTask:
     """Return a subdivided body with random handles that bend it."""
     base = load_task(run.base, subject=0, pose=1).mesh
     index = np.random.default_rng(0).permutation(base.n)[: run.handles]
-    V, F = np.array(base.V), np.array(base.F)
-    for _ in range(run.level):  # keeps the vertices of the body
-        V, F = igl.upsample(V, F)
+    V, F = igl.upsample(np.array(base.V), np.array(base.F), run.level)  # keeps the vertices of the body
     extent = np.ptp(V, axis=0)
     along, across = int(np.argmax(extent)), int(np.argmin(extent))
     target = V[index]

@@ -20,7 +20,6 @@ COMMANDS = {
     "tables": ("eval.publish.tables", "write tables from rows: CSV, Markdown and LaTeX"),
     "charts": ("eval.publish.charts", "draw distributions and convergence"),
     "figures": ("eval.publish.figures", "draw rest shapes and results side by side"),
-    "curves": ("eval.publish.curves", "draw metrics against a size or a parameter"),
     "front": ("eval.publish.front", "draw measures against each other for values of a setting"),
     "report": ("eval.publish.report.command", "write one HTML page with tables, charts and a 3D view"),
     "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
@@ -33,12 +32,10 @@ COMMANDS = {
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
-    "jumps": ("eval.studies.jumps", "measure jumps of the deformation across edges of the proxy"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "carried": ("eval.timing.carried", "measure points and splats that go with a mesh"),
     "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),
     "sequences": ("eval.studies.sequences", "compare sequences with single runs, and measure retargeting"),
-    "topology": ("eval.studies.topology", "check how remeshing changes the topology of meshes"),
 }
 
 HELP = """\

@@ -45,8 +45,9 @@ def check_choice(source: Any, attribute: str, *, known: Collection[Any], empty: 
     object.__setattr__(source, attribute, items)
 
 
-def require_landmarks(value: Any, *, option: str) -> dict[str, int]:
+def require_landmarks(value: Any) -> dict[str, int]:
     """Check a mapping of names to distinct vertex ids; raise InputError on anything else."""
+    option = "source.landmarks"
     problem = mismatch(dict(value) if isinstance(value, Mapping) else value, {str: int}, option)
     if problem or not value:
         raise InputError(f"{problem or f'{option} is empty'}; give names and vertices, e.g. {{nose: 332}}")

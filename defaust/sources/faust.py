@@ -78,7 +78,7 @@ class Faust(OneTemplate):
     subjects = tuple(range(10))
 
     def __post_init__(self) -> None:
-        landmarks = require_landmarks(self.landmarks, option="source.landmarks")
+        landmarks = require_landmarks(self.landmarks)
         for name, vertex in landmarks.items():
             if vertex >= VERTICES:
                 raise InputError(

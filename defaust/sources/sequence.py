@@ -147,7 +147,7 @@ class RegisteredSequence(Source):
             if self.landmarks < 1:
                 raise InputError(f"source.landmarks is {self.landmarks}; it must be at least 1")
             return
-        object.__setattr__(self, "landmarks", require_landmarks(self.landmarks, option="source.landmarks"))
+        object.__setattr__(self, "landmarks", require_landmarks(self.landmarks))
         if len(self.subjects) > 1:
             raise InputError(
                 "source.landmarks gives vertices, but there are the classes "

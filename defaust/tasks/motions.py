@@ -89,7 +89,7 @@ class Drive(NamedTuple):
     truth: np.ndarray
 
 
-def body_motion(*, pose: str, count: int, level: int = 0, subject: int = 0) -> Motion:
+def body_motion(*, pose: str, count: int, level: int = 0) -> Motion:
     """Make a motion of a synthetic body from rest into a pose, slow at both ends.
 
     Parameters
@@ -99,7 +99,6 @@ def body_motion(*, pose: str, count: int, level: int = 0, subject: int = 0) -> M
         Number of poses, at least two; the first is the rest pose.
     level : int
         How often each triangle is divided into four. The body has 6890, 27,554 or 110,210 vertices.
-    subject : int
 
     Raises
     ------
@@ -110,8 +109,8 @@ def body_motion(*, pose: str, count: int, level: int = 0, subject: int = 0) -> M
     require_choice((pose,), known=bodies.pose_names, option="pose")
     k = bodies.pose_names.index(pose)
     time = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, count))
-    rotations, shift = bodies.rotations[subject, k], bodies.shifts[subject, k]
-    posed = [bodies.pose(subject, rotations=s * rotations, shift=s * shift) for s in time]
+    rotations, shift = bodies.rotations[0, k], bodies.shifts[0, k]
+    posed = [bodies.pose(0, rotations=s * rotations, shift=s * shift) for s in time]
     F, truth = bodies.faces, np.array(posed)
     for _ in range(level):
         F, truth = divided(F, truth)
@@ -119,7 +118,7 @@ def body_motion(*, pose: str, count: int, level: int = 0, subject: int = 0) -> M
     places = {name: source.landmarks[name] for name in source.base_landmarks}
     index, group = [], []
     for number, vertex in enumerate(places.values()):
-        near = np.argsort(np.linalg.norm(bodies.rest[subject] - bodies.rest[subject][vertex], axis=1))[:NEAR]
+        near = np.argsort(np.linalg.norm(bodies.rest[0] - bodies.rest[0][vertex], axis=1))[:NEAR]
         index.append(near)
         group.append(np.full(NEAR, number))
     vertex, first = np.unique(np.concatenate(index), return_index=True)

@@ -101,10 +101,10 @@ def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -
     return Case(load_task(next(row for row in rows if row["found"])), results, runs)
 
 
-def read_picture(name: str, path: Path = CONFIGURATION / "pictures.yaml") -> dict[str, Any]:
+def read_picture(name: str) -> dict[str, Any]:
     """Return the entry of an experiment in ``conf/pictures.yaml``; it may be empty."""
-    with path.open(encoding="utf-8") as file:
-        return dict(yaml.safe_load(file).get(name, {}))
+    text = (CONFIGURATION / "pictures.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text).get(name, {}))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -146,7 +146,7 @@ def _at_one_scale(views: list[View]) -> list[View]:
 
 
 @style()
-def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: int = PIXELS) -> Figure:
+def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figure:
     """Draw rows of panels with a colour bar, labelled `label`, from 0 to `top`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -167,7 +167,7 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str, pixels: 
                 continue
             error = row.errors.get(name)
             handles = row.handles if name == "rest" else None
-            panel.imshow(picture(row.mesh, V, view=view, width=pixels, error=error, top=top, handles=handles))
+            panel.imshow(picture(row.mesh, V, view=view, width=PIXELS, error=error, top=top, handles=handles))
             panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
         beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
         panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)

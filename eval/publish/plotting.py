@@ -106,7 +106,8 @@ def name_points(
     axes.figure.draw_without_rendering()
     inside = axes.get_window_extent()
     left = []
-    taken = [Bbox([(x - 5, y - 5), (x + 5, y + 5)]) for x, y in _pixels(axes, points)]
+    places = axes.transData.transform([own[0] for own in points.values()])
+    taken = [Bbox([(x - 5, y - 5), (x + 5, y + 5)]) for x, y in places]
     for method, ((x, y), *_) in points.items():
         for distance, (right, up) in itertools.product(DISTANCES, SIDES):
             text = axes.annotate(
@@ -132,10 +133,6 @@ def name_points(
         taken.append(box.padded(2))
     if left:
         axes.legend([line for line in axes.lines if line.get_label() in left], left)
-
-
-def _pixels(axes: Axes, points: Mapping[str, Sequence[tuple[float, float]]]) -> np.ndarray:
-    return axes.transData.transform([own[0] for own in points.values()])
 
 
 def axis_label(name: str, unit: str) -> str:

@@ -4,7 +4,7 @@ Rows of out/rows join the rows of the same version in results/rows, tables are m
 figures of out/figures with the name of the experiment are copied to results/figures. Published rows must be
 of methods of this project, of one version of the code and of the metrics, and from a clean checkout of a
 commit. With --replace they replace published rows of another version. A name without rows, such as the name
-of a picture of ``sshade-eval bench``, publishes a figure alone. All checks come before the first write.
+of a chart of ``sshade-eval front``, publishes a figure alone. All checks come before the first write.
 """
 
 from __future__ import annotations

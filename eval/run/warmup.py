@@ -98,7 +98,7 @@ def tiny_transfer() -> TransferTask:
 def icosphere(levels: int) -> Mesh:
     """Return an icosahedron, subdivided `levels` times, with its vertices on the unit sphere."""
     golden = (1 + np.sqrt(5)) / 2
-    V = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)])
+    V = np.array([[s, t * golden, 0] for s in (-1, 1) for t in (-1, 1)])
     V = np.concatenate([np.roll(V, shift, axis=1) for shift in range(3)])
     F = ConvexHull(V).simplices.astype(np.int64)
     inward = np.linalg.det(V[F]) < 0

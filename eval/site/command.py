@@ -14,7 +14,7 @@ from eval.rows.frame import records
 from eval.site.pages import contests_of, write_site
 from eval.site.submission import Submission, check, read_facts
 from eval.site.submit import SUBMISSIONS
-from eval.site.tracks import WHERE, is_published, published, read_tracks
+from eval.site.tracks import WHERE, published, read_tracks
 from sshade.errors import InputError
 
 
@@ -29,7 +29,7 @@ def command(options: argparse.Namespace) -> int:
     import matplotlib  # noqa: F401
 
     known = read_tracks()
-    tracks = {name: track for name, track in known.items() if is_published(track)}
+    tracks = {name: track for name, track in known.items() if track.path.is_file()}
     if not tracks:
         raise InputError(f"no track has published rows in {PUBLISHED / 'rows'}: {WHERE}")
     for name in known.keys() - tracks.keys():

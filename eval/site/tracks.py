@@ -34,14 +34,19 @@ class Track(NamedTuple):
     text: str
     timing: str | None
 
+    @property
+    def path(self) -> Path:
+        """The published rows."""
+        return PUBLISHED / "rows" / f"{self.name}.csv"
 
-def read_tracks(path: Path = CONFIGURATION / "tracks.yaml") -> dict[str, Track]:
+
+def read_tracks() -> dict[str, Track]:
     """Return the tracks by name, in their order."""
-    with path.open(encoding="utf-8") as file:
-        return {name: Track(name, **facts) for name, facts in yaml.safe_load(file).items()}
+    text = (CONFIGURATION / "tracks.yaml").read_text(encoding="utf-8")
+    return {name: Track(name, **facts) for name, facts in yaml.safe_load(text).items()}
 
 
-def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
+def published(track: Track) -> pd.DataFrame:
     """Return the project's rows of a track.
 
     Raises
@@ -49,16 +54,6 @@ def published(track: Track, results: Path = PUBLISHED) -> pd.DataFrame:
     InputError
         If the track has no published rows.
     """
-    path = _rows(track, results)
-    if not path.is_file():
-        raise InputError(f"the track {track.name} has no published rows, {path}: {WHERE}")
-    return read_csv(path)
-
-
-def is_published(track: Track, results: Path = PUBLISHED) -> bool:
-    """Whether the track has published rows."""
-    return _rows(track, results).is_file()
-
-
-def _rows(track: Track, results: Path) -> Path:
-    return results / "rows" / f"{track.name}.csv"
+    if not track.path.is_file():
+        raise InputError(f"the track {track.name} has no published rows, {track.path}: {WHERE}")
+    return read_csv(track.path)

@@ -43,9 +43,7 @@ class Pairs(NamedTuple):
         return np.linalg.norm(V[F[self.face]].mean(axis=1) - other, axis=1)
 
 
-def opposite_points(
-    mesh: Mesh, *, pairs: int = PAIRS, faces: np.ndarray | None = None, seed: int = 0
-) -> Pairs:
+def opposite_points(mesh: Mesh, *, pairs: int = PAIRS, faces: np.ndarray) -> Pairs:
     """Find opposite points of a mesh at rest, evenly distributed over its area.
 
     Parameters
@@ -54,13 +52,11 @@ def opposite_points(
         Faces counter-clockwise seen from outside.
     pairs : int
         Number of first points. Points without an opposite point are left out.
-    faces : (k,) int, optional
-        Faces of first points; by default all.
-    seed : int
+    faces : (k,) int
+        Faces of first points.
     """
-    faces = np.arange(mesh.m) if faces is None else np.asarray(faces)
     chance = mesh.face_areas[faces]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     face = np.sort(rng.choice(faces, min(pairs, len(faces)), replace=False, p=chance / chance.sum()))
     hits = [_first_hits(mesh, face[i : i + RAYS]) for i in range(0, len(face), RAYS)]
     opposite, weight = (np.concatenate(column) for column in zip(*hits, strict=True))

@@ -27,6 +27,7 @@ from scipy.spatial import cKDTree
 
 from eval.publish.markdown import markdown_lines
 from eval.timing.warps import MAPS, QUICK_LEVEL, ellipsoid
+from sshade.carry.blended import nearest_rotations
 from sshade.carry.points import PointBinder, PosedPoints, bind_points
 from sshade.errors import InputError
 from sshade.io.meshes import read_mesh
@@ -71,14 +72,14 @@ def truth(function: Callable[[np.ndarray], np.ndarray], X: np.ndarray) -> PosedP
     """Return the points in the pose of a map, with rotations and derivatives of the map."""
     sides = [(function(X + e) - function(X - e)) / (2 * STEP) for e in STEP * np.eye(3)]
     J = np.stack(sides, axis=2)
-    return PosedPoints(function(X), _rotations(J), J)
+    return PosedPoints(function(X), nearest_rotations(J), J)
 
 
 def truth_along_normals(mesh: Mesh, posed: np.ndarray, place: Place) -> PosedPoints:
     """Return points at their places in a pose, with the derivative of the map from their places at rest."""
     rest, other = (_along_normals(V, mesh.F, place) for V in (mesh.V, posed))
     J = other[1] @ np.linalg.inv(rest[1])
-    return PosedPoints(other[0], _rotations(J), J)
+    return PosedPoints(other[0], nearest_rotations(J), J)
 
 
 def _along_normals(V: np.ndarray, F: np.ndarray, place: Place) -> tuple[np.ndarray, np.ndarray]:
@@ -94,11 +95,6 @@ def _along_normals(V: np.ndarray, F: np.ndarray, place: Place) -> tuple[np.ndarr
         columns.append(corners[:, k] - corners[:, 0] + place.height[:, None] * turn)
     X = np.einsum("ni,nij->nj", place.barycentric, corners) + place.height[:, None] * n
     return X, np.stack([*columns, n], axis=2)
-
-
-def _rotations(J: np.ndarray) -> np.ndarray:
-    U, _, W = np.linalg.svd(J)
-    return U @ W
 
 
 def nearest_handle(mesh: Mesh, posed: np.ndarray, X: np.ndarray) -> PosedPoints:

@@ -81,9 +81,7 @@ class TimedCase(NamedTuple):
         task = instantiate(self.source)
         if self.level is None:
             return task
-        V, F = np.array(task.mesh.V), np.array(task.mesh.F)
-        for _ in range(self.level):
-            V, F = igl.upsample(V, F)
+        V, F = igl.upsample(np.array(task.mesh.V), np.array(task.mesh.F), self.level)
         return DeformationTask(f"{task.name}, level {self.level}", Mesh(V, F), task.handles)
 
 

@@ -5,22 +5,17 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from eval.publish.plotting import look, new_figure, style
-from eval.rows.frame import numbers
 from eval.rows.store import Row
 from eval.run.provenance import process_memory
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.speed import job_of
 from eval.timing.turns import Job, take_turns
 from sshade.cli.console import say
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Smallest number of vertices of the fit of time against vertices.
 FIT_FROM = 100_000
@@ -87,22 +82,3 @@ def slopes(table: pd.DataFrame) -> dict[str, float]:
             x, y = np.log(own["vertices"].astype(float)), np.log(own["seconds.total"].astype(float))
             fitted[str(method)] = float(np.polyfit(x, y, 1)[0])
     return fitted
-
-
-@style()
-def draw_scaling(table: pd.DataFrame) -> Figure:
-    """Draw time and peak memory against vertices."""
-    figure = new_figure(9, 3.6)
-    left, right = figure.subplots(1, 2)
-    slope, looks = slopes(table), look(dict.fromkeys(table["method"]))
-    for method, own in table.groupby("method", sort=False):
-        n, line = numbers(own, "vertices"), {"linewidth": 1.2, "markersize": 4, **looks[method]}
-        label = f"{method}, slope {slope[method]:.2f}" if method in slope else method
-        left.loglog(n, numbers(own, "seconds.total"), label=label, **line)
-        right.semilogx(n, numbers(own, "peak_mib") * 2**20 / n, label=method, **line)
-    left.set(xlabel="vertices", ylabel="seconds", title=f"time; slopes from {FIT_FROM:,} vertices on")
-    right.set(xlabel="vertices", ylabel="bytes a vertex", title="peak memory above the input", ylim=(0, None))
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        axes.legend()
-    return figure

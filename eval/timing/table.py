@@ -1,8 +1,8 @@
 """Tables of times: ``sshade-eval timings [NAME ...]`` from the rows of ``sshade-eval bench``.
 
 A line holds the times of a method on a case: the median of the accepted repeats, their minimum and maximum,
-stages, cores used, iterations, and the ratio to the time of --reference. Times of subdivided meshes are also
-drawn. With --publish, rows, tables and pictures go to ``results``; the rows must come from a clean checkout.
+stages, cores used, iterations, and the ratio to the time of --reference. With --publish, rows and tables go
+to ``results``; the rows must come from a clean checkout.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from eval.publish.markdown import markdown_lines
-from eval.publish.plotting import save
 from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
-from eval.timing.scaling import FIT_FROM, draw_scaling, slopes
+from eval.timing.scaling import FIT_FROM, slopes
 from eval.timing.turns import DRAG, SCALING, VERSIONS, WHOLE
 from eval.timing.versions import NOW
 from sshade.errors import InputError
@@ -276,8 +275,6 @@ def command(options: argparse.Namespace) -> int:
     for path, table in tables.items():
         for suffix, text_of in ((".csv", to_csv), (".md", to_markdown)):
             write_text(root / "tables" / f"{table.title}{suffix}", text_of(table))
-        if table.lines["kind"].eq(SCALING).all():
-            save(draw_scaling(table.lines), root / "figures" / f"{table.title}.svg")
         if options.publish and path.resolve() != (root / "timing" / path.name).resolve():
             copy_file(path, root / "timing" / path.name)
         print(to_markdown(table))  # noqa: T201

@@ -18,14 +18,13 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-import igl
 import numpy as np
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from eval.publish.markdown import markdown_lines
 from eval.rows.files import ROWS
 from eval.rows.frame import to_frame, write_csv
+from eval.run.warmup import icosphere
 from eval.timing.cases import read_methods
 from sshade.cli.console import progress_bar
 from sshade.errors import InputError
@@ -65,9 +64,7 @@ def grow(x: np.ndarray) -> np.ndarray:
 
 def twist(x: np.ndarray) -> np.ndarray:
     """Twist about the first axis, by 90 degrees from end to end."""
-    a = np.radians(90) * x[:, 0]
-    y, z = x[:, 1], x[:, 2]
-    return np.column_stack([x[:, 0], y * np.cos(a) - z * np.sin(a), y * np.sin(a) + z * np.cos(a)])
+    return _twisted(x, np.radians(90))
 
 
 def shear(x: np.ndarray) -> np.ndarray:
@@ -82,10 +79,14 @@ def taper(x: np.ndarray) -> np.ndarray:
 
 def spiral(x: np.ndarray) -> np.ndarray:
     """Bend by 45 degrees and twist by 60 degrees."""
-    a = np.radians(60) * x[:, 0]
+    return _bent(_twisted(x, np.radians(60)), np.radians(45))
+
+
+def _twisted(x: np.ndarray, angle: float) -> np.ndarray:
+    """Twist about the first axis, of length 1."""
+    a = angle * x[:, 0]
     y, z = x[:, 1], x[:, 2]
-    turned = np.column_stack([x[:, 0], y * np.cos(a) - z * np.sin(a), y * np.sin(a) + z * np.cos(a)])
-    return _bent(turned, np.radians(45))
+    return np.column_stack([x[:, 0], y * np.cos(a) - z * np.sin(a), y * np.sin(a) + z * np.cos(a)])
 
 
 def _bent(x: np.ndarray, angle: float) -> np.ndarray:
@@ -104,21 +105,9 @@ MAPS = CHOSEN | HELD_OUT
 
 def ellipsoid(level: int) -> Mesh:
     """Return a bumpy ellipsoid of 10 * 4^level + 2 vertices."""
-    g = (1 + np.sqrt(5)) / 2
-    V = np.array([[s, t * g, 0] for s in (-1, 1) for t in (-1, 1)], dtype=float)
-    V = np.concatenate([V, V[:, [2, 0, 1]], V[:, [1, 2, 0]]])
-    F = _outward(V, ConvexHull(V).simplices)
-    for _ in range(level):
-        V, F = igl.upsample(V, F)
-        V /= np.linalg.norm(V, axis=1, keepdims=True)
-    bumps = 1 + 0.06 * np.sin(5 * V[:, :1]) * np.cos(4 * V[:, 1:2] + 3 * V[:, 2:])
-    return Mesh(V * bumps * [0.5, 0.3, 0.25], F)
-
-
-def _outward(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Return triangles of a convex shape around the origin, turned outward."""
-    inward = np.linalg.det(V[F]) < 0
-    return np.where(inward[:, None], F[:, ::-1], F).astype(np.int64)
+    ball = icosphere(level)
+    bumps = 1 + 0.06 * np.sin(5 * ball.V[:, :1]) * np.cos(4 * ball.V[:, 1:2] + 3 * ball.V[:, 2:])
+    return Mesh(ball.V * bumps * [0.5, 0.3, 0.25], ball.F)
 
 
 def measure_warps(

@@ -2,9 +2,8 @@
 
 import json
 import os
-import shlex
+import re
 import sys
-import venv
 from pathlib import Path
 from shutil import which
 from time import monotonic, sleep
@@ -19,11 +18,11 @@ from baselines.external import external, measure_startup, tetrahedron
 from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
 from sshade.errors import InputError
-from sshade.programs import ALLOWED, TIME_LIMIT, words_of
+from sshade.programs import TIME_LIMIT, words_of
+from tests.eval.external_programs import TEXTS, allow
 from tests.shapes import bumpy, end_handles
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
-TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
 #: Writes the positions of an OFF file, moved by 1 along x.
 SHIFTING = (
     'n=$(sed -n 2p "$1" | cut -d" " -f1); '
@@ -46,16 +45,10 @@ def run(task, tmp_path, monkeypatch):
     def run(text, *words, task=task, **options):
         script = tmp_path / "program.sh"
         script.write_text(text)
-        command = ["sh", str(script), *words]
-        monkeypatch.setenv(ALLOWED, shlex.join(command))
+        command = allow(monkeypatch, ["sh", str(script), *words])
         return external(task, command=command, **{**TEXTS, **options})
 
     return run
-
-
-def allow(monkeypatch, command):
-    monkeypatch.setenv(ALLOWED, shlex.join(command))
-    return command
 
 
 def test_a_program_gets_files_and_its_result_comes_back(run, task):
@@ -252,26 +245,10 @@ def test_start_up_is_the_time_on_four_vertices(run, task, tmp_path, monkeypatch)
 NUMPY = {**TEXTS, "output_format": "npy"}
 
 
-@pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    """The Python of another virtual environment, which has numpy and scipy and no sshade."""
-    folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=False, symlinks=True)
-    (packages,) = folder.glob("lib/python*/site-packages")
-    for name in ("numpy", "scipy"):
-        source = Path(__import__(name).__file__).parent
-        (packages / name).symlink_to(source)
-        libraries = source.with_name(f"{name}.libs")
-        if libraries.is_dir():
-            (packages / libraries.name).symlink_to(libraries)
-    return str(folder / "bin" / "python")
-
-
-def test_the_example_in_python_runs_in_another_environment(task, environment, here, monkeypatch):
-    monkeypatch.delenv("PYTHONPATH", raising=False)
-    with pytest.raises(ProgramFailed, match="No module named 'sshade'"):
-        external(task, command=allow(monkeypatch, [environment, "-c", "import sshade"]))
-    command = allow(monkeypatch, [environment, str(EXAMPLES / "biharmonic.py")])
+def test_the_example_in_python_needs_no_sshade_and_turns_with_rigid_handles(task, monkeypatch):
+    script = EXAMPLES / "biharmonic.py"
+    assert "sshade" not in re.findall(r"^(?:from|import) (\w+)", script.read_text(), re.M)
+    command = allow(monkeypatch, [sys.executable, "-I", str(script)])
     result = external(task, command=command, **NUMPY)
     np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
     assert result.iterations == 1 and 0 < result.seconds["reported"] < result.seconds["program"]

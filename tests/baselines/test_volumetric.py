@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
-from baselines.volumetric.coarse_tetrahedra import barycentric_coordinates, coarse_tetrahedra
+from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.node_handles import rigid_parts
 from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
@@ -50,17 +50,6 @@ def test_tetrahedra_are_positive_and_carry_every_vertex():
     np.testing.assert_allclose(made.carry @ (made.V @ A.T + 3), mesh.V @ A.T + 3, atol=1e-12 * mesh.diagonal)
     # No coordinate is far outside: the surface lies in the tetrahedra or just beside them.
     assert made.carry.data.min() > -1
-
-
-def test_points_inside_a_tetrahedron_have_its_coordinates():
-    rng = np.random.default_rng(0)
-    made = coarse_tetrahedra(bumpy(2), **COARSE)
-    t = rng.integers(len(made.T), size=50)
-    own = rng.dirichlet(np.ones(4), size=50)
-    points = np.einsum("qc,qcd->qd", own, made.V[made.T[t]])
-    found = barycentric_coordinates(made.V, made.T, points)
-    for row, (corners, weights) in enumerate(zip(made.T[t], own, strict=True)):
-        np.testing.assert_allclose(found[[row]].toarray()[0, corners], weights, atol=1e-9)
 
 
 def test_components_and_self_intersections_are_filled():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from defaust.sources.synthetic import load_bodies
-from defaust.tasks.motions import DIRECTIONS, body_motion, divided, drives
+from defaust.tasks.motions import DIRECTIONS, body_motion, drives
 from sshade import InputError, Mesh
 
 
@@ -20,14 +20,6 @@ def test_a_motion_goes_from_rest_into_its_pose_slowly_at_both_ends():
     np.testing.assert_array_equal(motion.targets[3], motion.truth[3][motion.task.handles.index])
     with pytest.raises(InputError, match="pose"):
         body_motion(pose="fly", count=3)
-
-
-def test_divided_triangles_cover_the_same_surface():
-    mesh = body_motion(pose="squat", count=2).task.mesh
-    F, (V,) = divided(mesh.F, mesh.V[None])
-    finer = Mesh(V, F)
-    assert finer.m == 4 * mesh.m and finer.is_closed and finer.is_oriented
-    assert finer.area == pytest.approx(mesh.area) and finer.volume == pytest.approx(mesh.volume)
 
 
 def test_drives_have_marks_on_both_meshes_and_truths_that_keep_lengths():

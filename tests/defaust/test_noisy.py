@@ -29,11 +29,10 @@ def displaced(source, subject, k):
     return source.posed(subject, pose).V - EXACT.posed(subject, pose).V
 
 
-@pytest.mark.parametrize("millimetres", [1.0, 2.0, 4.0])
-def test_the_noise_has_the_asked_size(millimetres):
-    moved = 1000 * displaced(NoisyBodies(noise=millimetres), 3, 1)
-    assert np.sqrt((moved**2).sum(axis=1).mean()) == pytest.approx(millimetres)
-    assert np.abs(moved.mean(axis=0)).max() < 0.1 * millimetres  # no shift of the body as a whole
+def test_the_noise_has_the_asked_size():
+    moved = 1000 * displaced(NoisyBodies(noise=3.0), 3, 1)
+    assert np.sqrt((moved**2).sum(axis=1).mean()) == pytest.approx(3.0)
+    assert np.abs(moved.mean(axis=0)).max() < 0.3  # no shift of the body as a whole
 
 
 def test_no_noise_leaves_the_skinned_pose_and_the_rest_mesh_never_has_noise():
@@ -91,11 +90,7 @@ def test_every_case_is_in_one_half_and_no_pose_is_in_both():
     of_half = {TUNING: set(), HELD_OUT: set()}
     for subject in NoisyBodies.subjects:
         for k, name in enumerate(pose_names(subject), start=1):
-            halves = {
-                split_of(f"defaust-{NoisyBodies(noise=mm).name}/subject_{subject:02d}/pose_{k}")
-                for mm in (1.0, 2.0, 4.0)
-            }
-            (half,) = halves
+            half = split_of(f"defaust-{NoisyBodies().name}/subject_{subject:02d}/pose_{k}")
             of_half[half].add(name)
     assert len(of_half[TUNING]) == len(of_half[HELD_OUT]) == 5
     assert not of_half[TUNING] & of_half[HELD_OUT]

@@ -2,14 +2,12 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from defaust.folder.layout import sha256
-from defaust.sources.synthetic import load_bodies
-from defaust.tasks import TaskId, full_size, list_tasks, load_task
+from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
 from sshade.io.meshes import read_mesh, write_mesh
 from tests.defaust.toy import change, change_handles, relist
@@ -44,14 +42,6 @@ def test_static_handles_stay_at_their_vertices(finished):
     assert raw.meta["merged"] + len(raw.handles) == len(targets) == 12
     # Handles that are not merged keep their stored targets.
     assert sum(tuple(t) in targets for t in raw.handles.target.tolist()) >= 12 - 2 * raw.meta["merged"] > 0
-
-
-def test_truth_of_an_unposed_body_is_its_rest_shape(body, monkeypatch):
-    bodies = load_bodies()
-    still = replace(bodies, rotations=np.zeros_like(bodies.rotations), shifts=np.zeros_like(bodies.shifts))
-    monkeypatch.setattr(full_size.synthetic, "load_bodies", lambda: still)
-    task = load_task(body, subject=4, pose=1)
-    np.testing.assert_allclose(task.truth, task.mesh.V, atol=1e-12)
 
 
 def test_a_task_without_ground_truth_has_a_reason(dataset, body, tmp_path):

@@ -19,6 +19,7 @@ def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> d
     return {"_target_": "baselines.external.external", "command": command, **TEXTS}
 
 
-def allow(monkeypatch: Any, *methods: dict[str, Any]) -> None:
-    """Allow the commands of methods, and no others."""
-    monkeypatch.setenv(ALLOWED, "\n".join(shlex.join(method["command"]) for method in methods))
+def allow(monkeypatch: Any, command: list[str]) -> list[str]:
+    """Allow a command, and no others; return it."""
+    monkeypatch.setenv(ALLOWED, shlex.join(command))
+    return command

@@ -1,6 +1,5 @@
 """The benchmark that is written for benchopt: what it refuses, and that benchopt finds the same figures."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,29 +12,15 @@ from eval.metrics import measure
 from eval.run.attempt import attempt
 from eval.run.targets import instantiate
 from eval.timing.cases import read_cases, read_methods
-from sshade.io.meshes import write_mesh
 from tests.robustness.case import assert_refused
-from tests.shapes import icosphere
 
 METHODS = ["paper samplings=2 vertices=150", "fast vertices=150", "accelerated_elastic"]
-
-
-@pytest.fixture
-def case(tmp_path, monkeypatch) -> str:
-    """A ball with three handles, as the text of a case with relative paths."""
-    monkeypatch.chdir(tmp_path)
-    ball = icosphere(3)
-    write_mesh("ball.ply", ball.V, ball.F)
-    moved = (ball.V[5] + [0.2, 0.1, 0.0]).tolist()
-    stay = {"kind": "static", "vertices": [0, 9]}
-    Path("pose.json").write_text(json.dumps({"handles": [stay, {"vertices": [5], "target": [moved]}]}))
-    return "mesh mesh=ball.ply handles=pose.json"
 
 
 def test_what_is_written(case, capsys):
     assert main(["benchopt", "out/ball", "--methods", *METHODS, "--cases", case]) == 0
     assert "3 solvers; `benchopt run out/ball`" in capsys.readouterr().out
-    assert str(Path("ball.ply").resolve()) in Path("out/ball/datasets/cases.py").read_text()
+    assert str(Path("rest.ply").resolve()) in Path("out/ball/datasets/cases.py").read_text()
     for path in Path("out/ball").rglob("*.py"):
         compile(path.read_text(), path, "exec")
 

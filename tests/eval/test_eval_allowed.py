@@ -118,7 +118,6 @@ def test_flags_that_replace_the_configuration_are_refused(theirs, flag):
     "arguments",
     [
         "dataset=hairpin method=identity method._target_=os.system",
-        "dataset=hairpin method=identity dataset._target_=shutil.rmtree",
         "dataset=hairpin method=paper +method.coarse._target_=os.system",
         "-m dataset=defaust dataset.root=. method=identity pose=all dataset.cases=os.listdir",
     ],

@@ -15,15 +15,13 @@ from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import write_faust
 from tests.shapes import bumpy
 
-#: Name of the task, and how many there are. The synthetic ones differ in size only: two serve for all.
+#: Name of the task, and how many there are. One size of each kind serves for all.
 BUILT = {
-    "defaust": ("defaust-synthetic/subject_00/pose_1", 10),
     "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 10),
     "noisy_25k": ("defaust-noisy_2mm/subject_00/pose_1", 5),
     "faust": ("defaust-faust/subject_00/pose_1", 4),
     "tosca": ("defaust-tosca/subject_00/pose_1", 3),
     "sequence": ("defaust-sequence/subject_00/pose_1", 1),
-    "shapes": ("defaust-shapes/subject_00/pose_1", 1),
     "shapes_5k": ("defaust-shapes/subject_00/pose_1", 1),
     "animals_25k": ("defaust-animals/subject_00/pose_1", 4),
     "scans": ("defaust-scans/subject_00/pose_1", 3),

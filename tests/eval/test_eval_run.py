@@ -111,6 +111,24 @@ def test_an_equal_run_is_not_repeated_unless_forced(task, tmp_path):
     assert not forced.found and forced.folder == first.folder and forced.row["date"] > first.row["date"]
 
 
+def test_an_equal_run_of_another_experiment_is_taken_along(task, tmp_path):
+    def make(experiment, method=STRETCHING, **options):
+        return run(task, method, name="m", root=tmp_path / experiment, **options)
+
+    first = make("a")
+    second = make("b", shared=tmp_path / "a")
+    assert second.row == first.row == read_row(second.folder) and second.folder != first.folder
+    assert (second.folder / "vertices.npy").read_bytes() == (first.folder / "vertices.npy").read_bytes()
+    assert make("b", shared=tmp_path / "a", seed=1).row["seed"] == 1
+    assert make("b", shared=tmp_path / "a", force=True).row["date"] > first.row["date"]
+    # What is there already is not replaced, and a failure is not taken along.
+    own = make("c").row
+    assert own["date"] != first.row["date"] and make("c", shared=tmp_path / "a").row == own
+    failing = {"_target_": "eval_cases.failing"}
+    failed = make("a", failing)
+    assert make("b", failing, shared=tmp_path / "a").row["date"] > failed.row["date"]
+
+
 def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
     def key(task=task, method=STRETCHING, **options):
         return run(task, method, name="s", root=tmp_path, **options).row["key"]

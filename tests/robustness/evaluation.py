@@ -25,11 +25,11 @@ from tests.robustness.case import (
     working_in,
 )
 from tests.robustness.datasets import RUN, dataset
-from tests.robustness.inputs import Given, both, cut, data, garbage, text
+from tests.robustness.inputs import Given, both, cut, data, text
 
 RUNS, ROWS = "out/runs", "out/rows/tiny.csv"
 CASES_OF_TWO = "dataset=defaust dataset.root=balls subject=0 pose=1,2"
-OF_ROWS = ("charts", "report", "check", "curves")
+OF_ROWS = ("charts", "report", "check")
 OF_RUNS = ("figures", "remeasure")
 SWEEP = f"sshade-eval run -m {CASES_OF_TWO} method=identity run.experiment=tiny"
 
@@ -101,8 +101,6 @@ OPTIONS = {
     "front tiny --measures edge": ("needs at least two metrics",),
     "site": ("no track has published rows in results/rows: run this in a clone",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
-    "curves tiny --metric beauty": ("invalid choice: 'beauty'",),
-    "curves tiny": ("label",),
     f"check {ROWS} --bands rubber": ("no bands 'rubber'",),
 }
 ROW = {
@@ -175,10 +173,4 @@ CASES = [
     ),
     Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
     Case("run: what is there already", SWEEP, runs),
-    Case(
-        "topology: a mesh of garbage",
-        "sshade-eval topology body.ply",
-        garbage("body.ply"),
-        says=("body.ply",),
-    ),
 ]

@@ -94,15 +94,6 @@ def test_too_few_subjects_have_neither_interval_nor_rank(n):
     assert "difference" not in to_csv(table)
 
 
-def test_one_more_subject_has_both():
-    rows = [r for k, name in enumerate(METHODS) for r in on_subjects(name, [k + 1.0] * LEAST)]
-    text = to_markdown(table_of(*rows))
-    assert "#### t: difference to elastic, with its 95 % interval over 3 subjects (Student's t)" in text
-    assert "| near | 3 | 1.00 | 2.00 | <u>2.00</u> |" in text and "| far | 3 | 1.00 | 2.00 | 3.00 |" in text
-    assert "+1.00 [+1.00, +1.00]" in text and "*+0.00 [+0.00, +0.00]*" in text
-    assert "No ranks" not in text
-
-
 def test_poses_and_seeds_of_a_subject_are_averaged_first():
     """Thirty runs of five subjects are five values."""
     base, better = np.array([1.0, 2.0, 3.0, 4.0, 6.0]), np.array([0.5, 1.9, 2.0, 4.1, 4.0])

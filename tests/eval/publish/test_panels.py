@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from eval_cases import bumpy_task
 
-from eval.publish.panels import draw, error_label, error_of, rows_of, surroundings
+from eval.publish.panels import draw, error_label, error_of, rows_of
 from sshade.errors import InputError
 from sshade.figures import edge_error
 from sshade.mesh.mesh import Mesh
@@ -56,7 +56,7 @@ def test_a_method_without_a_result_has_a_panel_that_says_why():
     for found in (row, *rows_of(case, {"lost": "no", "far": case.posed}, **CAMERA)):
         assert list(found.shapes)[-2:] == ["lost", "far"] and len(found.views) == len(found.shapes)
         assert isinstance(found.shapes["lost"], str) and "lost" not in found.errors
-    figure = draw([row], title="t", top=100.0, label="error", pixels=120)
+    figure = draw([row], title="t", top=100.0, label="error")
     lost, far = figure.axes[1:3]
     assert lost.get_title() == "lost" and not lost.images and far.images
     assert [text.get_text() for text in lost.texts] == ["it ran out of time"]
@@ -85,15 +85,3 @@ def test_the_close_up_shows_the_largest_error_from_outside():
     _, close = rows_of(case, {"good": case.truth, "bad": V}, **CAMERA)
     assert close.errors["bad"].max() == error_of(case, V)[17] > 0
     assert (close.mesh.face_normals @ close.views[0].axes[2]).min() > 0.3
-
-
-def test_surroundings_hang_together():
-    mesh = bumpy(3)
-    two = Mesh(np.concatenate([mesh.V, mesh.V + [0.01, 0, 0]]), np.concatenate([mesh.F, mesh.F + mesh.n]))
-    ids, patch = surroundings(two, 5, 0.6)
-    assert 5 in ids and ids.max() < mesh.n and 10 < patch.m < 200
-    np.testing.assert_array_equal(patch.V, mesh.V[ids])
-    assert (np.linalg.norm(patch.V - mesh.V[5], axis=1) <= 0.6).all()
-    assert patch.topology.components == 1
-    ids, patch = surroundings(mesh, 5, 1e-6)
-    assert patch.m == (mesh.F == 5).any(axis=1).sum() and 5 in ids

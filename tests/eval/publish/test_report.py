@@ -87,12 +87,6 @@ def test_every_case_has_pictures(page):
     assert "loss curve 1 of each method" in page.images and "volume of each method" in page.images
 
 
-def test_pictures_come_before_the_view_tables_and_charts(text):
-    order = ["<h3>Pictures", 'id="turn"', "<h3>tiny: further measures", "<h4>Definitions", ">Distributions<"]
-    places = [text.index(part) for part in order]
-    assert places == sorted(places)
-
-
 def test_convergence_failures_and_facts(page, tiny):
     assert page.tables[4][0] == ["method", "converged", "iterations", "last residual"]  # no energies
     convergence = {line[0]: line[1:] for line in page.tables[4][1:]}

@@ -1,24 +1,10 @@
 """The tables of ``sshade-eval sequences``."""
 
-import numpy as np
 import pytest
 
 from defaust.tasks import motions
 from eval.main import call
-from eval.studies import sequences
 from sshade import InputError
-
-
-def test_second_differences_vanish_for_steady_motions_and_see_one_jump():
-    steady = np.arange(5.0)[:, None, None] * np.ones((1, 3, 3))
-    assert sequences.second_difference(steady) == pytest.approx(0.0, abs=1e-12)
-    steady[2, 1] += [0.3, 0, 0.4]
-    assert sequences.second_difference(steady) == pytest.approx(1.0)
-
-
-def test_distances_do_not_count_a_common_translation():
-    V = np.random.default_rng(0).normal(size=(10, 3))
-    assert sequences.distances(V + [5.0, 0, 0], V).max() < 1e-12
 
 
 def test_the_command_prints_both_tables(monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""What the tests of times share: a machine that does nothing else, and a small case."""
+"""What the tests of times share: a machine that does nothing else."""
 
 import os
 from time import perf_counter, process_time, time
@@ -7,10 +7,7 @@ import pytest
 
 import eval.timing.scaling
 import eval.timing.turns
-from eval.run.warmup import tiny_task
 from eval.timing.quiet import Reading
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
 
 
 class Machine:
@@ -43,12 +40,3 @@ def machine(monkeypatch):
     monkeypatch.setattr(eval.timing.turns, "SHORTEST", 1e-3)
     monkeypatch.setattr(eval.timing.scaling, "_in_new_process", lambda function, *given: function(*given))
     return set_load
-
-
-@pytest.fixture
-def case(here) -> str:
-    """A sphere of 642 vertices in the current folder, as a case of the command."""
-    task = tiny_task()
-    write_mesh("rest.ply", task.mesh.V, task.mesh.F)
-    write_handles("pose.json", task.handles)
-    return "mesh mesh=rest.ply handles=pose.json"

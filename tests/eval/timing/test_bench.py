@@ -73,7 +73,7 @@ def test_subdivisions_and_their_memory(machine, case):
     rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
     assert rows["task.vertices"].tolist() == [642, 2562]  # two of the wanted sizes share one
     assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
-    assert call("timings", ["scaling"]) == 0 and Path("out/figures/scaling.svg").stat().st_size > 0
+    assert call("timings", ["scaling"]) == 0
 
 
 def test_a_process_of_its_own_hands_back_results_and_refusals():

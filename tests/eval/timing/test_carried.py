@@ -24,20 +24,6 @@ def test_the_truth_along_normals_is_exact_for_rigid_motions_and_grows_with_a_bal
     assert np.linalg.norm(across, axis=1) == pytest.approx(np.ones(200), abs=0.02)
 
 
-def test_the_derivative_is_that_of_the_positions():
-    place = places(BALL, 50, 0.02, seed=2)
-    X, _ = _along_normals(BALL.V, BALL.F, place)
-    true = truth_along_normals(BALL, bent(BALL.V), place)
-    for k, direction in enumerate(([-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, 0.0, 0.0])):
-        step = 1e-6
-        moved = place._replace(
-            barycentric=place.barycentric + step * np.array(direction), height=place.height + step * (k == 2)
-        )
-        Y, _ = _along_normals(BALL.V, BALL.F, moved)
-        slope = (truth_along_normals(BALL, bent(BALL.V), moved).positions - true.positions) / step
-        assert slope == pytest.approx(np.einsum("nij,nj->ni", true.maps, (Y - X) / step), abs=1e-4)
-
-
 def test_splats_on_a_bend_are_nearest_to_the_truth_with_sshade():
     ball = icosphere(4)
     table = compare_poses(ball, {"bent": bent(ball.V)}).splitlines()
