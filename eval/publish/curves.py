@@ -74,9 +74,16 @@ def draw(panels: dict[str, Curves], *, over: str = "task.vertices") -> Figure:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", type=rows_file, help=ROWS_HELP)
-    parser.add_argument("--metric", nargs="+", choices=METRICS, default=["volume"], help="default: volume")
-    parser.add_argument("--over", default="task.vertices", help="column of the rows (default: %(default)s)")
-    parser.add_argument("-o", "--out", type=Path, help="default: out/figures/<experiment>.png")
+    text = f"measures to draw, of {', '.join(METRICS)} (default: volume)"
+    parser.add_argument(
+        "--metric", nargs="+", choices=METRICS, default=["volume"], metavar="METRIC", help=text
+    )
+    parser.add_argument(
+        "--over", default="task.vertices", help="column on the other axis (default: %(default)s)"
+    )
+    parser.add_argument(
+        "-o", "--out", type=Path, help="picture to write (default: out/figures/<experiment>.png)"
+    )
 
 
 def command(options: argparse.Namespace) -> int:

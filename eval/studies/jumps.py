@@ -173,9 +173,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("mesh", metavar="MESH", help="rest shape")
     parser.add_argument("handles", metavar="HANDLES", help="handle file")
-    parser.add_argument("--vertices", type=int, default=6000, metavar="N", help="of the proxy (6000)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("-o", "--out", type=Path, help="picture of the place with most large jumps")
+    parser.add_argument(
+        "--vertices", type=int, default=6000, metavar="N", help="vertices of the proxy (default: 6000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the sampling (default: 0)")
+    parser.add_argument(
+        "-o", "--out", type=Path, help="picture to write, of the place with most large jumps (default: none)"
+    )
 
 
 def command(options: argparse.Namespace) -> int:

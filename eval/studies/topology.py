@@ -40,8 +40,9 @@ def check(mesh: Mesh, samples: int, *, seed: int = 0) -> dict[str, object]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("paths", nargs="+", type=Path, metavar="MESH|FOLDER", help="mesh or dataset folder")
-    parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES, metavar="K")
-    parser.add_argument("--seed", type=int, default=0)
+    text = f"numbers of vertices of the proxies (default: {' '.join(map(str, SAMPLES))})"
+    parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES, metavar="K", help=text)
+    parser.add_argument("--seed", type=int, default=0, help="seed of the sampling (default: 0)")
 
 
 def command(options: argparse.Namespace) -> int:

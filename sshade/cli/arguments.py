@@ -41,7 +41,8 @@ def add_files(
     for name, text in positional.items():
         number: dict[str, Any] = {"nargs": "+"} if name in several else {}
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text, **number)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
+    text = f"mesh to write, in the format of its name ({FORMATS})"
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help=text)
     _add_overwrite(parser, positional)
 
 
