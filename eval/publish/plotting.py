@@ -188,10 +188,9 @@ def to_svg(figure: Figure) -> str:
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Declare --towards, the direction from the scene to the camera, and --up, the upright direction."""
-    default = "(default: that of conf/pictures.yaml, or 0.5 0.25 1)"
-    text = f"direction from the scene to the camera {default}"
+    text = f"direction from the scene to the camera (default: {' '.join(f'{x:g}' for x in TOWARDS)})"
     parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
-    text = f"upward direction {default.replace('0.5 0.25 1', '0 1 0')}"
+    text = f"upward direction (default: {' '.join(f'{x:g}' for x in UP)})"
     parser.add_argument("--up", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
 
 
