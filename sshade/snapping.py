@@ -174,7 +174,7 @@ def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mes
         cause = f"times {factors[int(np.argmin(off))]:.6g} they would be on it, in another unit of length"
     elif 2 * far > len(source):
         boxes = f"their box has a diagonal of {extent:.3g}, that of the mesh {mesh.diagonal:.3g}"
-        cause = f"{boxes}; another frame, or an offset"
+        cause = f"{boxes}; give positions with the axes and the origin of the mesh"
     else:
         cause = "mend or remove these, the others are near it"
     number = int((group[:worst] == group[worst]).sum())

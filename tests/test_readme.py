@@ -48,6 +48,9 @@ def test_the_page_lists_every_experiment_with_its_split():
 def folder(tmp_path_factory):
     """A folder in which the commands of both pages have run, in their order and once each."""
     path = tmp_path_factory.mktemp("pages")
+    for page in PAGES:
+        for handles in blocks(page, "json"):
+            (path / "handles.json").write_text(handles)
     programs = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     for line in dict.fromkeys(
         "".join("".join(blocks(page)) for page in PAGES).replace("\\\n", "").splitlines()
@@ -94,7 +97,7 @@ def test_the_python_of_a_page_runs_after_its_commands(page, folder, monkeypatch,
 
 
 def test_the_commands_of_the_pages_leave_the_files_that_the_pages_name(folder):
-    named = {"posed.ply", "example/rest.ply", *(f"example/pose_{k}.json" for k in (1, 6, 8))}
+    named = {"posed.ply", "moved.ply", "example/rest.ply", *(f"example/pose_{k}.json" for k in (1, 6, 8))}
     assert [name for name in named if not (folder / name).is_file()] == []
     assert sshade.read(folder / "example/rest.ply").V.shape == (110_210, 3)
     assert max(len(page.splitlines()) for page in PAGES) <= 100

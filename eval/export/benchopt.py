@@ -99,8 +99,8 @@ class Solver(BaseSolver):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
-    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD")
-    parser.add_argument("--cases", nargs="+", required=True, metavar="CASE")
+    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD", help="methods, see above")
+    parser.add_argument("--cases", nargs="+", required=True, metavar="CASE", help="cases, see above")
 
 
 def command(options: argparse.Namespace) -> int:

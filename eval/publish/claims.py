@@ -139,7 +139,13 @@ def table(dataset: str, folder: Path = ROWS) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("datasets", nargs="+", metavar="DATASET", help=" or ".join(read_claims()))
-    parser.add_argument("-o", "--out", type=Path, default=Path("out/tables"), help="folder of the tables")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/tables"),
+        help="folder of the tables (default: %(default)s)",
+    )
 
 
 def command(options: argparse.Namespace) -> int:

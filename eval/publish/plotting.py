@@ -185,8 +185,10 @@ def to_svg(figure: Figure) -> str:
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Declare --towards, the direction from the scene to the camera, and --up, the upright direction."""
-    parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"))
-    parser.add_argument("--up", nargs=3, type=float, metavar=("X", "Y", "Z"))
+    text = f"direction from the scene to the camera (default: {' '.join(f'{x:g}' for x in TOWARDS)})"
+    parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
+    text = f"upward direction (default: {' '.join(f'{x:g}' for x in UP)})"
+    parser.add_argument("--up", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
 
 
 def camera(options: argparse.Namespace, defaults: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:

@@ -193,7 +193,13 @@ def write_tables(tables: Iterable[Table], folder: Path) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("out/tables"))
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/tables"),
+        help="folder of the tables (default: %(default)s)",
+    )
     parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     text = "method to which differences are shown (default: Elastic if it is there, or the first method)"
     parser.add_argument("--reference", metavar="METHOD", help=text)

@@ -72,7 +72,9 @@ def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument("-o", "--out", type=Path, default=ROWS, help="default: %(default)s")
+    parser.add_argument(
+        "-o", "--out", type=Path, default=ROWS, help="folder of the rows (default: %(default)s)"
+    )
 
 
 def command(options: argparse.Namespace) -> int:

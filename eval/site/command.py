@@ -20,7 +20,13 @@ from sshade.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("-o", "--out", type=Path, default=Path("out/leaderboard"), help="folder to write")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/leaderboard"),
+        help="folder to write (default: %(default)s)",
+    )
 
 
 def command(options: argparse.Namespace) -> int:

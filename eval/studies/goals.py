@@ -247,7 +247,7 @@ def _held(case: Case) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = "methods to compare (fast fine)"
+    text = "methods to compare (default: fast fine)"
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="METHOD", help=text)
 
 

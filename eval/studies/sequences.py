@@ -95,11 +95,17 @@ def _at_marks(target: Mesh, marks: np.ndarray) -> Handles:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = "poses of the synthetic bodies into which they move"
+    text = f"poses of the synthetic bodies into which they move (default: {' '.join(MOTIONS)})"
     parser.add_argument("--motions", nargs="+", default=list(MOTIONS), metavar="POSE", help=text)
-    text = "methods to compare (fast)"
+    text = "methods to compare (default: fast)"
     parser.add_argument("--methods", nargs="+", default=["fast"], metavar="METHOD", help=text)
-    parser.add_argument("--poses", type=int, default=None, metavar="N", help=f"poses of a motion ({POSES})")
+    parser.add_argument(
+        "--poses",
+        type=int,
+        default=None,
+        metavar="N",
+        help=f"poses of a motion, 3 or more (default: {POSES})",
+    )
     text = f"bodies of 6,890 vertices instead of 110,210, and {QUICK_POSES} poses"
     parser.add_argument("--quick", action="store_true", help=text)
 

@@ -62,14 +62,33 @@ TEXTS = (WHOLE, VERSIONS)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
-    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD")
-    parser.add_argument("--cases", nargs="+", default=(), metavar="CASE")
+    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD", help="methods, see above")
+    parser.add_argument("--cases", nargs="+", default=(), metavar="CASE", help="cases, see above")
     parser.add_argument("--name", help=f"name of the CSV in {TIMING} (default: KIND)")
     parser.add_argument("--rounds", type=int, default=3, metavar="R", help="accepted repeats (default: 3)")
-    parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help="methods, for speed")
-    parser.add_argument("--block", type=int, default=10, metavar="I", help="iterations (default: 10)")
-    parser.add_argument("--against", metavar="COMMIT", help="older version, for versions")
-    parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help="numbers of vertices")
+    parser.add_argument(
+        "--extrapolate",
+        nargs="+",
+        default=(),
+        metavar="LABEL",
+        help="methods whose time is estimated, for speed",
+    )
+    parser.add_argument(
+        "--block",
+        type=int,
+        default=10,
+        metavar="I",
+        help="iterations that methods of --extrapolate run (default: 10)",
+    )
+    parser.add_argument("--against", metavar="COMMIT", help="older version to time too, for versions")
+    parser.add_argument(
+        "--sizes",
+        type=int,
+        nargs="+",
+        default=(),
+        metavar="N",
+        help="numbers of vertices to which the cases are subdivided",
+    )
 
 
 def command(options: argparse.Namespace) -> int:

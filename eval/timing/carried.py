@@ -198,11 +198,20 @@ def times(mesh: Mesh, points: int) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
-    parser.add_argument("--maps", nargs="+", choices=MAPS, default=["bend", "twist", "shear"], metavar="MAP")
+    text = f"{', '.join(MAPS)} (default: bend twist shear)"
+    parser.add_argument(
+        "--maps", nargs="+", choices=MAPS, default=["bend", "twist", "shear"], metavar="MAP", help=text
+    )
     parser.add_argument(
         "--posed", type=Path, nargs="+", metavar="FILE", help="true poses of the mesh, instead of maps"
     )
-    parser.add_argument("--points", type=int, default=1_000_000, metavar="N", help="of the times; 0 for none")
+    parser.add_argument(
+        "--points",
+        type=int,
+        default=1_000_000,
+        metavar="N",
+        help="points whose times are measured (default: 1000000); 0 for none",
+    )
 
 
 def command(options: argparse.Namespace) -> int:

@@ -249,7 +249,8 @@ def require_free(name: str) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("names", nargs="*", metavar="NAME", help="a CSV in out/timing (default: all)")
-    parser.add_argument("--reference", metavar="METHOD", help=f"default: {REFERENCE}, if it has rows")
+    text = f"method that `times faster` compares with (default: {REFERENCE}, if it has rows)"
+    parser.add_argument("--reference", metavar="METHOD", help=text)
     parser.add_argument("--publish", action="store_true", help="write to results instead of out")
 
 

@@ -193,14 +193,27 @@ def table(rows: list[dict[str, Any]]) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
-    parser.add_argument("--methods", nargs="+", default=METHODS, metavar="METHOD")
+    text = "methods, each [LABEL=]NAME [KEY=VALUE ...] (default: " + ", ".join(METHODS) + ")"
+    parser.add_argument("--methods", nargs="+", default=METHODS, metavar="METHOD", help=text)
     parser.add_argument(
-        "--maps", nargs="+", choices=MAPS, default=list(MAPS), metavar="MAP", help=", ".join(MAPS)
+        "--maps",
+        nargs="+",
+        choices=MAPS,
+        default=list(MAPS),
+        metavar="MAP",
+        help=f"{', '.join(MAPS)} (default: all)",
     )
     parser.add_argument(
-        "--handles", nargs="+", type=int, default=HANDLES, metavar="N", help="numbers of handles"
+        "--handles",
+        nargs="+",
+        type=int,
+        default=HANDLES,
+        metavar="N",
+        help=f"numbers of handles (default: {' '.join(map(str, HANDLES))})",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the choice of handles (0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="seed of the choice of handles (default: 0)"
+    )
     parser.add_argument("--quick", action="store_true", help="40,962 vertices instead of 655,362")
 
 

@@ -41,7 +41,8 @@ def add_files(
     for name, text in positional.items():
         number: dict[str, Any] = {"nargs": "+"} if name in several else {}
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text, **number)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help="mesh to write")
+    text = f"mesh to write, in the format of its name ({FORMATS})"
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help=text)
     _add_overwrite(parser, positional)
 
 
@@ -230,6 +231,13 @@ def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surfa
             f"{path} has {len(shape.V)} vertices and {mesh} has {len(file.V)}; they must correspond"
         )
     V = shape.V[surface.original]
-    if not np.isfinite(V).all():
-        raise InputError(f"{path}: a vertex has a NaN or infinite coordinate")
+    require_finite(V, path, surface.original)
     return V
+
+
+def require_finite(V: np.ndarray, path: Path, number: np.ndarray | None = None) -> None:
+    """Raise InputError if a position V (k, 3) of a file is not finite; `number` (k,) are the ids there."""
+    if not (finite := np.isfinite(V).all(axis=1)).all():
+        bad = int(np.argmin(finite))
+        vertex = bad if number is None else number[bad]
+        raise InputError(f"{path}: vertex {vertex} has a NaN or infinite coordinate; write the file again")

@@ -52,7 +52,7 @@ def outputs(options: argparse.Namespace, output: Path) -> list[Path]:
         path = output.with_name(f"{output.stem}_{source.name}")
         check_output(path, SUFFIXES, inputs=inputs)
         if path in names or path == output:
-            raise InputError(f"{path}: is the output of two files; give one of them another name")
+            raise InputError(f"{path}: would be the output of two files; rename one of them")
         names.append(path)
     return names
 

@@ -9,9 +9,16 @@ from __future__ import annotations
 
 import argparse
 
-from sshade.cli.arguments import add_files, add_options, add_repair, check_outputs, read, read_surface
+from sshade.cli.arguments import (
+    add_files,
+    add_options,
+    add_repair,
+    check_outputs,
+    read,
+    read_surface,
+    require_finite,
+)
 from sshade.cli.console import announced_compilation, say
-from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 
 
@@ -35,15 +42,12 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _carry(options: argparse.Namespace) -> int:
     """Read the files, carry the mesh, and write the output."""
-    import numpy as np
-
     from sshade.carry.binding_file import load_binding
     from sshade.io.meshes import write_file
     from sshade.mesh.surface import cut_surface, mean_of_copies
 
     edited = read(options.edited).V
-    if not np.isfinite(edited).all():
-        raise InputError(f"{options.edited}: a vertex has a NaN or infinite coordinate")
+    require_finite(edited, options.edited)
     file, whole = read_surface(options, options.output)
     cut = cut_surface(whole.mesh)
     binding = load_binding(options.map, cut.mesh, frames=options.frames)

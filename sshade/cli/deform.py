@@ -1,6 +1,7 @@
 """Deform a mesh so that its handles reach their targets.
 
-HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSON:
+HANDLES says which vertices stay and where others move. `sshade edit` makes such a file. It is a .json file of
+this project or a .yaml file of Implicit-ARAP. In JSON:
 
   {"handles": [
     {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
@@ -9,12 +10,12 @@ HANDLES is a .json file of this project or a .yaml file of Implicit-ARAP. In JSO
      "rotation": [[..], [..], [..]], "translation": [x, y, z], "center": "centroid"},
     {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
-Handles are vertex ids, positions on the mesh (snapped to the nearest vertices), or all vertices in some
-boxes (lowest and highest corner). They move to a target each, or together by a rotation R and a translation
-t: v moves to R (v - c) + c + t. You can leave out R or t. The center c is a point or "centroid"; by default
-it is the origin. Groups with a weight are soft: they are pulled to their targets, with weight 1 about as
-strongly as the surface resists. Beside targets, a rotation prescribes the rotation of the surface at the
-handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
+Handles are vertex ids from 0, positions on the mesh (snapped to the nearest vertices), or all vertices in
+some boxes (lowest and highest corner). They move to a target each, or together by a rotation R and a
+translation t: v moves to R (v - c) + c + t. You can leave out R or t. The center c is a point or "centroid";
+by default it is the origin. Groups with a weight are soft: they are pulled to their targets, with weight 1
+about as strongly as the surface resists. Beside targets, a rotation prescribes the rotation of the surface at
+the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
 other unknown keys are refused.
 
 A group with one of these keys slides freely, on a plane or line through its targets or its rest positions:
@@ -49,7 +50,8 @@ a one-sided surface is covered twice instead.
 
 methods:
   fast         one proxy with volume and area constraints (default)
-  fine         fast with a polish at full resolution, about five times slower
+  fine         fast with a polish at full resolution: five times slower at 170,000 vertices, thirty times
+               at three million
   fine_free    fine without constraints
   paper        the published method, the mean of five proxies
   paper_plain  paper with the published iterations
@@ -68,7 +70,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -93,6 +95,11 @@ from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import naming
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 
+if TYPE_CHECKING:
+    from sshade.task import DeformationTask
+
+#: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
+AT_REST = 1e-9
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
 
@@ -204,6 +211,7 @@ def _deform(
         *rounded,
         *_unused_options(options, given),
         *handle_notes(given, handles, mesh),
+        *_at_rest(task, resolved),
         *notes({**result.extra, **whole.facts, **facts}),
     ]:
         say(f"note: {note}")
@@ -213,6 +221,16 @@ def _deform(
             f"with a residual of {result.extra['residual']:.1e}"
         )
     return 0
+
+
+def _at_rest(task: DeformationTask, resolved: Options) -> list[str]:
+    """Return a note if no handle moves and nothing else changes the mesh."""
+    handles, mesh = task.handles, task.mesh
+    if handles.has_rotation.any() or handles.slide is not None or task.volumes or resolved.volume_goal:
+        return []
+    if np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max() > AT_REST * mesh.diagonal:
+        return []
+    return ['no handle moves: give a group a "target", a "translation" or a "rotation"']
 
 
 def _unused_options(options: argparse.Namespace, given: HandleFile) -> list[str]:

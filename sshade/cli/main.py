@@ -5,6 +5,8 @@
   sshade deform body.ply pose.json -o posed.ply
   sshade show body.ply pose.json --deformed posed.ply -o posed.png
 
+`defaust example DIR` writes such a body and handle files, to try.
+
 `sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that
 completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the
 arguments or the files, reported in one sentence; 130, 143 and 129 if SIGINT, SIGTERM or SIGHUP ended it.

@@ -156,7 +156,9 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
         with naming(pose.name):
             goals.append(volumes_on_surface(pose.file.volumes, whole, file.F))
             if _record(goals[-1]) != _record(goals[0]):
-                raise InputError("its volume goals differ from those of the first pose, and must not")
+                raise InputError(
+                    "its volume goals are not the goals of the first pose; give all poses the same"
+                )
     carry, volumes = {"carry_unconstrained": options.carry_unconstrained}, goals[0]
     tasks = DeformationTask(options.mesh.stem, mesh, poses[0], **carry, volumes=volumes)
     sequence = Sequence(tasks, method=options.method, **values)

@@ -1,6 +1,6 @@
 """Show a mesh in a window, or write a picture with -o.
 
-HANDLES are drawn in blue (static) and yellow (dynamic), with pale targets of dynamic handles. --deformed adds
+HANDLES are drawn in blue (fixed) and yellow (movable), with pale targets of movable handles. --deformed adds
 a second shape beside the mesh, coloured by the change of edge length at each vertex.
 
 example:

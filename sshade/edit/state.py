@@ -125,7 +125,7 @@ class State:
         """
         group = self.group(number)
         if group.kind != "moving":
-            raise InputError(f"{group.name} is static; make it moving to drag it")
+            raise InputError(f"{group.name} is fixed; make it movable to drag it")
         turn = group.turn
         if turn is not None or not np.array_equal(motion.R, np.eye(3)):
             turn = motion.R if turn is None else motion.R @ turn

@@ -151,7 +151,8 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
     require_known(data, ("handles", "volumes"), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
-        with naming(f"entry {number}"):
+        name = entry.get("landmark") if isinstance(entry, dict) else None
+        with naming(entry_name(number, name if isinstance(name, str) else "")):
             if (checked := checked_entry(number, entry, raw=raw)) is not None:
                 entries.append(checked._replace(slide=_slide(entry, folder)))
     if not entries:
@@ -160,6 +161,11 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
     volumes = volume_entries(data.get("volumes", []))
     made = made if isinstance(made, dict) else {}
     return HandleFile(entries, raw, made=made, volumes=volumes, links=data.get(LINKS))
+
+
+def entry_name(number: int, name: str) -> str:
+    """Return how messages name an entry of a handle file, such as ``entry 0 "foot"``."""
+    return f"entry {number} {json.dumps(name, ensure_ascii=False)[:LONGEST]}" if name else f"entry {number}"
 
 
 def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:

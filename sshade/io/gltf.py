@@ -109,7 +109,7 @@ def read_gltf(path: Path) -> MeshFile:
             F.append(parts[key].first + corners)
             primitives.append((primitive, corners))
     if not sum(map(len, F)):
-        raise InputError(f"{path}: the file holds no triangles")
+        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")

@@ -53,7 +53,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import SAME_TARGET
 from sshade.handles import Handles
-from sshade.io.entries import REST, Entry, HandleFile, read_handle_file
+from sshade.io.entries import REST, Entry, HandleFile, entry_name, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.meshes import read_surface
@@ -114,7 +114,7 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
     same: dict[str, Slide] = {}  # entries with equal slides share one
     for entry in file.entries:
         by_position = entry.way == "source" and entry.motion is None
-        with naming(f"entry {entry.number}"):
+        with naming(entry_name(entry.number, entry.name)):
             place, target, distance = _placed(entry, mesh, vertex)
         k = len(place)
         values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)

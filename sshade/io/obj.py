@@ -88,7 +88,7 @@ def read_obj(path: Path) -> MeshFile:
     normals = text.vectors(shading, 1, "a normal")
     corners, triangles, _, texture = _faces(text, polygons, vertices, shading)
     if not len(positions.value) or not len(triangles):
-        raise InputError(f"{path}: the file holds no triangles")
+        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}

@@ -48,7 +48,7 @@ def read_off(path: Path) -> MeshFile:
     vertices = body[:n]
     F, polygons, face_colours = _faces(text, body[n:])
     if not n or not len(F):
-        raise InputError(f"{path}: the file holds no triangles")
+        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     positions = text.vectors(vertices, 0, "a vertex")
     letters, size = keyword[1].upper(), text.size[vertices]
     textured, coloured, at = b"ST" in letters, b"C" in letters, 3

@@ -55,7 +55,7 @@ def read_stl(path: Path) -> MeshFile:
             "it is neither a text that begins with solid, nor as long as the header of a binary file says"
         )
     if len(V) == 0:
-        raise InputError(f"{path}: the file holds no triangles")
+        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     F = np.arange(len(V)).reshape(-1, 3)
     return MeshFile(V, F, holds, (".stl",), content, notes, stored=stored)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import cg
 
 from sshade.mesh.adjacency import VertexGraph
 
@@ -39,5 +38,31 @@ def harmonic(graph: VertexGraph, free: np.ndarray, values: np.ndarray) -> np.nda
     known = values.copy()
     known[free] = 0.0
     laplacian = diags_array(degree, format="csr") - rows[:, free]
-    jacobi, right_sides = diags_array(1.0 / degree), rows @ known
-    return np.stack([cg(laplacian, b, rtol=TOLERANCE, M=jacobi)[0] for b in right_sides.T], axis=1)
+    return _solved(laplacian, rows @ known, degree[:, None])
+
+
+def _solved(A: csr_array, B: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+    """Solve ``A X = B`` for B (f, d) by conjugate gradients with the diagonal (f, 1) of A.
+
+    Sums avoid BLAS: its threads change the last digits, and wait for each other on a busy machine.
+    """
+
+    def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return np.einsum("ic,ic->c", one, other)
+
+    def divided(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return np.divide(one, other, out=np.zeros(len(one)), where=other > 0)
+
+    X, R, P = np.zeros_like(B), B.copy(), B / diagonal
+    now, limit = product(R, P), TOLERANCE**2 * product(B, B)
+    for _ in range(10 * len(B)):
+        if (product(R, R) <= limit).all():
+            break
+        Q = A @ P
+        step = divided(now, product(P, Q))
+        X += step * P
+        R -= step * Q
+        Z = R / diagonal
+        now, last = product(R, Z), now
+        P = Z + divided(now, last) * P
+    return X

@@ -123,7 +123,7 @@ def surface(
     check_weld(weld)
     whole = cleaned(V, F)
     if whole.mesh.diagonal == 0:
-        raise InputError("all vertices of the mesh coincide")
+        raise InputError("all vertices of the mesh coincide; there is no surface to deform")
     tolerance = np.zeros(3)
     if weld > 0:
         if rounding is None:

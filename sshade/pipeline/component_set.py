@@ -132,7 +132,7 @@ class ComponentSet:
         if asked < (needed := min(handles, EDGE_SAMPLES)):
             raise InputError(
                 f"{asked} proxy vertices were asked for: at least {needed} are needed, to hold the {handles} "
-                "handle vertices"
+                "handle vertices; raise the option vertices"
             )
         fixed = self._done | (self._number >= 0)
         least, most = np.zeros((2, len(order)), dtype=np.int64)

@@ -309,7 +309,7 @@ class BoundProxy:
         """
         placed = self.place(handles)
         if handles.prescribed_rotations and not placed.prescribed_rotations:
-            raise InputError("no handle with a rotation is a vertex of the proxy; ask for more vertices")
+            raise InputError("no handle with a rotation is a vertex of the proxy; raise the option vertices")
         if len(self.part_goals):
             stop["part_goals"] = self.part_goals
         return self.solver(placed, volume_goal=self.volume_goal, **stop)

@@ -233,7 +233,7 @@ class Goals:
         if goals > free:
             raise InputError(
                 f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; "
-                "ask for more vertices"
+                "raise the option vertices"
             )
         F, n = self._mesh.F, self._mesh.n
         count, found = np.bincount(F.ravel(), minlength=n), []
@@ -243,7 +243,9 @@ class Goals:
             inside = 2 * within > count
             faces = np.flatnonzero(inside[sampling.samples][proxy.F].sum(axis=1) >= 2)
             if len(faces) == 0:
-                raise InputError(f"{goal.title} is smaller than the proxy's triangles; ask for more vertices")
+                raise InputError(
+                    f"{goal.title} is smaller than the proxy's triangles; raise the option vertices"
+                )
             found.append(np.arange(proxy.m) if len(goal.faces) == len(F) else faces)
         return found
 

@@ -123,7 +123,9 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         raise InputError("a warp interpolates hard handles; leave out weights, slides and rotations")
     x, y = _different(mesh.V[handles.index] - mesh.origin, handles.target)
     if len(x) < 4:
-        raise InputError(f"a warp needs handles at four places; there are {len(x)}")
+        raise InputError(
+            f"a warp needs handles at four places; there are {len(x)}: give more, or leave warp=always out"
+        )
     R, t = rigid_motion(x, y)
     bent = np.linalg.norm(x @ R.T + t - y, axis=1)
     if mode == "auto" and bent.max() <= RIGID * mesh.diagonal:

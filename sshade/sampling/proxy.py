@@ -25,7 +25,7 @@ from sshade.sampling.coarse import sample_farthest
 #: Largest number of rounds in which samples are added until all cells pass the closed-ball test.
 MAX_ROUNDS = 50
 #: What to do about a proxy that is too coarse. A small mesh has no more vertices unless `coarser` is lower.
-MORE = "ask for more vertices, and on a small mesh lower the option coarser"
+MORE = "raise the option vertices, and on a small mesh lower the option coarser"
 
 
 @dataclass(frozen=True, eq=False)

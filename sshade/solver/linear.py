@@ -183,6 +183,6 @@ class ConjugateGradients(VCycle):
 
 def not_positive_definite() -> InputError:
     return InputError(
-        "the Laplacian of the rest mesh is not positive definite to rounding, as triangles of "
-        "nearly no area make it, or weights near 0 where all handles of a component are soft"
+        "the equations of the rest mesh have no unique solution to rounding: remesh triangles of nearly no "
+        "area, or raise weights near 0 where all handles of a component are soft"
     )

@@ -67,7 +67,7 @@ class Sliding(NamedTuple):
         s = len(self.place)
         if s > MOST:
             raise InputError(
-                f"{s} vertices of the proxy slide, and at most {MOST} may; ask for fewer proxy vertices"
+                f"{s} vertices of the proxy slide, and at most {MOST} may; lower the option vertices"
             )
         M, B, X = np.empty((s, s)), np.zeros((n, 3)), np.empty((n, 3))
         for first in range(0, s, 3):

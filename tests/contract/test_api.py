@@ -19,6 +19,23 @@ def test_the_public_interface_is_as_listed():
         )
 
 
+@pytest.mark.parametrize(
+    "parser",
+    [api.SSHADE.parser(), api.EVAL.parser(), api.make_parser()],
+    ids=["sshade", "sshade-eval", "defaust"],
+)
+def test_help_describes_each_argument(parser):
+    def undescribed(name, parser):
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for command, sub_parser in action.choices.items():
+                    yield from undescribed(f"{name} {command}", sub_parser)
+            elif not action.help or action.help.startswith("default"):
+                yield f"{name} {action.dest}"
+
+    assert list(undescribed(parser.prog, parser)) == []
+
+
 def test_changes_of_names_signatures_defaults_and_flags_are_named(monkeypatch):
     def read(place, *, merge=False):
         """Stand in for sshade.read."""

@@ -57,7 +57,7 @@ def test_a_record_that_contradicts_itself_is_refused(dataset, edit, words):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (lambda c: c["handles"][0]["target"].pop(), "entry 0: 6 handles have 5 targets"),
+        (lambda c: c["handles"][0]["target"].pop(), 'entry 0 "top": 6 handles have 5 targets'),
         (lambda c: c["handles"][0].update(landmark="nose"), "landmarks differ from those of the dataset"),
     ],
 )

@@ -120,7 +120,10 @@ def test_a_result_with_positions_that_are_not_finite_is_a_failure():
         (lambda s: 1000 * s, "times 0.001 they would be on it, in another unit"),
         (lambda s: s / 1000, "times 1000 they would be on it"),
         (lambda s: s * 1000 / 25.4, "times 0.0254 they would"),
-        (lambda s: s + [5, 0, 0], "their box has a diagonal of .*, that of the mesh .*; another frame"),
+        (
+            lambda s: s + [5, 0, 0],
+            "their box has a diagonal of .*, that of the mesh .*; give positions with the axes",
+        ),
         (lambda s: np.concatenate([s[:-1], s[-1:] + [9, 0, 0]]), "1 of 10 .*: mend or remove these"),
     ],
 )
@@ -136,7 +139,7 @@ def test_the_farthest_handle_is_named_within_its_group(body):
     with pytest.raises(InputError, match="handle 1 of group 7 is 9"):
         Handles.from_positions(body, source, source, group=[0, 7, 0, 0, 7, 7])
     # A single position shrunk to a point would fit in any unit.
-    with pytest.raises(InputError, match="998 from the nearest vertex, 288 times .*: .*another frame"):
+    with pytest.raises(InputError, match="998 from the nearest vertex, 288 times .*: .*give positions"):
         Handles.from_positions(icosphere(3), [[999.0, 0, 0]], [[0.0, 0, 0]])
 
 

@@ -19,7 +19,9 @@ from sshade.cli.console import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument("-o", "--out", type=Path, default=Path("out/report.html"))
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("out/report.html"), help="page to write (default: %(default)s)"
+    )
     runs = "folders of the run folders (default: out/runs/<experiment>)"
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"

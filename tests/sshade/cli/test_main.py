@@ -130,6 +130,21 @@ def test_what_is_unusual_is_told(folder, capsys, V, F, handles, options, words):
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "motion", [{}, {"kind": "static", "target": [[9, 9, 9]]}, {"translation": [0.1, 0, 0]}]
+)
+def test_a_file_in_which_nothing_moves_is_told(folder, capsys, motion):
+    put_handles({"vertices": [int(POSE.index[0])], **motion})
+    assert main(DEFORM) == 0
+    assert ("no handle moves" in capsys.readouterr().err) == ("translation" not in motion)
+
+
+def test_a_volume_goal_with_handles_at_rest_is_no_mistake(folder, capsys):
+    put_handles({"vertices": [int(POSE.index[0])]})
+    assert main([*DEFORM, "--volume-goal", "1.1"]) == 0
+    assert "no handle moves" not in capsys.readouterr().err
+
+
 def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(folder, capsys):
     high, low = POSE.index[-1], POSE.index[0]
     source = BODY.V[[high, high]] + [[0.01, 0, 0], [-0.01, 0, 0]]

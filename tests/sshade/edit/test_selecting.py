@@ -122,7 +122,7 @@ def test_what_cannot_be_picked_or_marked_is_told():
     with pytest.raises(InputError, match="static or moving"):
         session.mark("loose")
     number = session.mark("static")
-    with pytest.raises(InputError, match="is static"):
+    with pytest.raises(InputError, match="is fixed"):
         session.drag(number, LIFT)
     for call in (session.remove, session.restore, lambda n: session.drag(n, LIFT)):
         with pytest.raises(InputError, match="no group 7"):
