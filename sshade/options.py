@@ -240,7 +240,7 @@ _ALONG_DETAIL = {
 }
 
 
-def _at_detail(detail: float) -> dict[str, float]:
+def _at_detail(detail: float) -> dict[str, Any]:
     """Return the values that `detail` chooses."""
     knots = np.linspace(0.0, 1.0, 5)
     found = {name: float(np.interp(detail, knots, values)) for name, values in _ALONG_DETAIL.items()}
