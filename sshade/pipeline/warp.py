@@ -9,9 +9,10 @@ Two rules give each vertex a weight from 0 (elastic) to 1 (interpolated):
   from predicted. Eight handles apart from each other are enough for a shape that is scaled or sheared.
 - Otherwise the weight is 1 only around predicted handles, and only if handles lie near every vertex.
 
-In between, the result is the mean of the interpolation and the elastic result, whose volume and area then
-follow the interpolation, too. Soft handles are not interpolated; only volume and area follow. Landmarks of
-posed bodies are neither dense nor predicted: the weight is 0, or a few hundredths with thirty landmarks.
+If the weights at the handles are small in the mean, all weights are 0. Where a weight is between 0 and 1, the
+result is a mean of the interpolation and the elastic result, whose volume and area then follow the
+interpolation, too. Soft handles are not interpolated; only volume and area follow. Landmarks of posed bodies
+are neither dense nor predicted, so that their weight is 0.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ LEAST = 8
 #: Over the distance to the nearest handle that the surface has: neighbouring handles of a cluster are nearer
 #: than LINKED, handles of a cluster predict each other from FAR_AWAY on, and centres of splines are THINNED.
 LINKED, FAR_AWAY, THINNED = 0.25, 2.0, 0.5
+#: Handles nearer than this fraction of LINKED are represented by one handle where neighbours are listed, because
+#: the number of pairs grows with the square of the number of handles in one place.
+SAME_PLACE = 1 / 16
 #: Largest number of splines.
 SPLINES = 2000
 #: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
@@ -52,6 +56,9 @@ SURE, UNSURE = 0.03, 0.15
 NEAR, FAR = 0.05, 0.3
 #: The same for all handles: mean error (root mean square) over the mean motion that is not rigid.
 ALL_SURE, ALL_UNSURE = 0.05, 0.3
+#: Mean weight at the handles up to which nothing is interpolated, and from which on weights hold as they are. A
+#: mean of two shapes stretches more than both, which pays only where the interpolation decides most of the shape.
+LITTLE, MUCH = 0.4, 0.55
 #: Largest weight of the area where half of it is interpolated.
 YIELDING = 0.1
 #: Largest distance of a weight from 1 that is rounding.
@@ -133,15 +140,16 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     if mode == "auto" and 2 * len(edge_vertices(mesh, handles.index)) < len(handles):  # handles are regions
         return None
     root, spacing = float(np.sqrt(mesh.area)), _distance_to_handles(task)
-    linked = _near(x, LINKED * spacing)
-    cluster = _clusters(linked, len(x))
+    places, place = _places(x, SAME_PLACE * LINKED * spacing)
+    linked = _near(x[places], LINKED * spacing)
+    cluster = _clusters(linked, len(places))[place]
     if mode == "auto" and cluster.max() + 1 < LEAST:
         return None
-    thinned = _thinned(_near(x, THINNED * spacing), len(x))
+    thinned = places[_thinned(_near(x[places], THINNED * spacing), len(places))]
     centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
     reliable = np.ones(len(centres))
     if mode == "auto":
-        predicting = _thinned(linked, len(x))
+        predicting = places[_thinned(linked, len(places))]
         elsewhere = points_elsewhere(x, predicting, centres, cluster, FAR_AWAY * spacing)
         error = fit_splines(x, y, elsewhere).left_out
         apart = np.linalg.norm(x[elsewhere[:, 1:4]] - x[centres][:, None], axis=2).mean(axis=1)
@@ -149,6 +157,7 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         dense = _falling(spacing / root, DENSE, SPARSE)
         reliable = all_sure * _falling(error / apart, NEAR, FAR)
         reliable = np.maximum(reliable, dense * _falling(error / apart, SURE, UNSURE))
+        reliable *= 1 - _falling(float(reliable.mean()), LITTLE, MUCH)
         if not reliable.any():
             return None
     splines = fit_splines(x, y, neighbours(x, thinned, centres))
@@ -184,6 +193,20 @@ def _distance_to_handles(task: DeformationTask) -> float:
     order, area = np.argsort(distance), mesh.vertex_areas[probes]
     below = np.cumsum(area[order]) / area.sum()
     return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
+
+
+def _places(x: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Choose points (c,) of which no two are nearer than a radius.
+
+    The second result (k,) is the number of a chosen point within the radius of each point.
+    """
+    tree, place, chosen = cKDTree(x), np.full(len(x), -1), list[int]()
+    for point in range(len(x)):
+        if place[point] < 0:
+            near = np.array(tree.query_ball_point(x[point], radius))
+            place[near[place[near] < 0]] = len(chosen)
+            chosen.append(point)
+    return np.array(chosen), place
 
 
 def _near(x: np.ndarray, radius: float) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Warps: exact where they must be, as SciPy interpolates, and only where handles determine the shape."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
@@ -82,6 +84,29 @@ def test_between_dense_and_sparse_the_result_blends():
     assert mixed.extra["proxy_vertices"] > 0
     assert np.array_equal(mixed.vertices[between.handles.index], between.handles.target)
     assert off(warped, bent) < off(mixed, bent) < off(elastic, bent)
+
+
+def test_handles_that_are_hardly_predicted_deform_elastically():
+    noise = np.random.default_rng(1).normal(size=(BODY.n, 3))
+    portions = []
+    for scale in np.geomspace(0.002, 0.1, 14):
+        noisy = task(lambda V, scale=scale: bent(V) + scale * noise, 150)
+        portions.append(getattr(find_warp(noisy, "auto"), "portion", 0.0))
+    assert portions == sorted(portions, reverse=True) and portions[0] == 1
+    assert 0.5 < portions[3] < 0.7 and not any(portions[5:])
+
+
+def test_thousands_of_handles_in_one_place_take_the_memory_of_their_number():
+    fine = Mesh(icosphere(6).V * [2.0, 1.0, 0.7], icosphere(6).F)
+    index = np.flatnonzero(fine.V[:, 0] > 1.2)[::2]
+    assert len(index) > 4000
+    crowd = DeformationTask("crowd", fine, Handles(index, bent(fine.V)[index]))
+    tracemalloc.start()
+    found = find_warp(crowd, "always")
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found is not None and np.array_equal(found.vertices[index], bent(fine.V)[index])
+    assert most < 100e6
 
 
 @pytest.mark.parametrize(("lines", "nearer"), [(3, "never"), (12, "always")])
