@@ -39,8 +39,8 @@ LEAST = 8
 #: Over the distance to the nearest handle that the surface has: neighbouring handles of a cluster are nearer
 #: than LINKED, handles of a cluster predict each other from FAR_AWAY on, and centres of splines are THINNED.
 LINKED, FAR_AWAY, THINNED = 0.25, 2.0, 0.5
-#: Handles nearer than this fraction of LINKED are represented by one handle where neighbours are listed, because
-#: the number of pairs grows with the square of the number of handles in one place.
+#: Handles nearer than this fraction of LINKED are one place where neighbours are listed: the number of pairs
+#: grows with the square of the number of handles in one place.
 SAME_PLACE = 1 / 16
 #: Largest number of splines.
 SPLINES = 2000
@@ -56,8 +56,8 @@ SURE, UNSURE = 0.03, 0.15
 NEAR, FAR = 0.05, 0.3
 #: The same for all handles: mean error (root mean square) over the mean motion that is not rigid.
 ALL_SURE, ALL_UNSURE = 0.05, 0.3
-#: Mean weight at the handles up to which nothing is interpolated, and from which on weights hold as they are. A
-#: mean of two shapes stretches more than both, which pays only where the interpolation decides most of the shape.
+#: Mean weight at the handles up to which nothing is interpolated, and from which on weights hold as they are.
+#: A mean of two shapes stretches more than both, so that small weights do not pay.
 LITTLE, MUCH = 0.4, 0.55
 #: Largest weight of the area where half of it is interpolated.
 YIELDING = 0.1
