@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from queue import SimpleQueue
+from threading import Thread
 from typing import TypeVar, cast
 
 from sshade.errors import InputError
@@ -79,16 +81,20 @@ class ThreadTeam:
         On fewer than one worker.
     """
 
+    # A queue takes half the time of a ThreadPoolExecutor, which counts for chunks of 100 microseconds.
     def __init__(self, workers: int) -> None:
         self.workers = number_of_workers(workers, default=1)
-        self._pool = ThreadPoolExecutor(max_workers=workers - 1) if workers > 1 else None
+        self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._threads: list[Thread] = []
+        self._dismiss = weakref.finalize(self, _dismiss, self._tasks, self._threads)
 
     def __enter__(self) -> ThreadTeam:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._dismiss()
+        for thread in self._threads:
+            thread.join()
 
     def __call__(self, chunk: Callable[[int], Result], count: int) -> list[Result]:
         """Return ``[chunk(0), ..., chunk(count - 1)]``.
@@ -96,12 +102,13 @@ class ThreadTeam:
         If a chunk fails, chunks that have not begun are dropped, and the error of the smallest failed number
         is raised.
         """
-        if self._pool is None or count == 1:
+        others = min(self.workers, count) - 1
+        if others <= 0:
             return [chunk(i) for i in range(count)]
 
         results: list[Result | None] = [None] * count
         errors: dict[int, BaseException] = {}
-        numbers = iter(range(count))
+        numbers, done = iter(range(count)), SimpleQueue[None]()
 
         def work() -> None:
             for i in numbers:  # threads may differ in speed, so each takes the next number when it is free
@@ -112,9 +119,18 @@ class ThreadTeam:
                 except BaseException as error:
                     errors[i] = error
 
-        others = [self._pool.submit(work) for _ in range(min(self.workers, count) - 1)]
+        def help_out() -> None:
+            work()
+            done.put(None)
+
+        while len(self._threads) < others:
+            self._threads.append(Thread(target=_serve, args=(self._tasks,), daemon=True))
+            self._threads[-1].start()
+        for _ in range(others):
+            self._tasks.put(help_out)
         work()
-        wait(others)
+        for _ in range(others):
+            done.get()
         if errors:
             raise errors[min(errors)]
         return cast(list[Result], results)
@@ -123,3 +139,15 @@ class ThreadTeam:
         """Return ``[work(first, end), ...]`` for ranges of `rows` rows, by default :data:`ROWS`, out of n."""
         bounds = [*range(0, n, rows or ROWS), n]
         return self(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1)
+
+
+def _serve(tasks: SimpleQueue[Callable[[], None] | None]) -> None:
+    """Do tasks until one is None."""
+    while (task := tasks.get()) is not None:
+        task()
+        del task  # so that its arrays are freed while the thread waits
+
+
+def _dismiss(tasks: SimpleQueue[Callable[[], None] | None], threads: list[Thread]) -> None:
+    for _ in threads:
+        tasks.put(None)
