@@ -1,4 +1,6 @@
-"""Make the pictures and tables of docs/artefacts.md: ``python -m docs.artefacts [NAME ...]``; default: all.
+"""Make the pictures and tables of docs/artefacts.md and one of docs/beyond_fine.md.
+
+``python -m docs.artefacts [NAME ...]`` makes the named ones, by default all.
 
 The bodies are subject 0 of ``data/defaust_20k``, which ``make tables`` builds. Times are printed only.
 """
@@ -66,6 +68,16 @@ def waist() -> Example:
     return Example(runs, (1, 0.05, 0.15), 30, shown, x > 0)
 
 
+def detail() -> Example:
+    """A sitting body for several values of the option `detail`, of which the picture shows one half."""
+    sitting = body(9, "sitting")
+    methods = "; ".join(
+        ["*Elastic", *(f"*fine detail={value:g}" for value in np.linspace(1, 0, 5)), "*fast", "*truth"]
+    )
+    x, y, _ = sitting.mesh.V.T
+    return Example([(sitting, methods)], (1, 0.05, 0.15), 30, (y > 0.1) & (abs(x + 0.12) < 0.12), x > 0)
+
+
 def face() -> Example:
     """A head with one fixed vertex at the nose."""
     one, many = body(1, "1 vertex", handles="points"), body(1, "30 vertices")
@@ -106,7 +118,9 @@ def arms() -> Example:
 
 
 #: Examples by the names of their pictures and blocks.
-EXAMPLES = {f.__name__: f for f in (waist, face, twist, arms)}
+EXAMPLES = {f.__name__: f for f in (waist, face, twist, arms, detail)}
+#: Pages of examples that are not in docs/artefacts.md.
+PAGES = {"detail": PAGE.with_name("beyond_fine.md")}
 
 
 def solve(task: DeformationTask, method: str) -> tuple[Deformed, list[str]]:
@@ -155,7 +169,10 @@ def make(name: str) -> None:
     example = EXAMPLES[name]()
     runs = [(task, method) for task, methods in example.runs for method in methods.split(";")]
     results, rows = zip(*(solve(*run) for run in runs), strict=True)
-    fill(PAGE, {name: markdown(["run", *(COLUMN[measure].label for measure in MEASURES)], rows)})
+    fill(
+        PAGES.get(name, PAGE),
+        {name: markdown(["run", *(COLUMN[measure].label for measure in MEASURES)], rows)},
+    )
     drawn = [result for result, (_, method) in zip(results, runs, strict=True) if "*" in method]
     rest = Deformed(runs[0][0], runs[0][0].mesh.V)
     image = Image.fromarray(draw(example, [rest, *drawn])).quantize(128)

@@ -90,6 +90,25 @@ CLAIMS = {
             f"{table} held_out | spike | fine > fast" for table in ("bodies_170k", "bodies_25k")
         ],
     },
+    "docs/beyond_fine.md": {
+        "Lower values of `detail` are nearer to the true poses": [
+            f"front_detail {half} | truth | fine-{smaller} < fine-{larger}"
+            for half in ("held_out", "tuning")
+            for smaller, larger in (("0.0", "0.25"), ("0.25", "0.5"), ("0.5", "0.75"), ("0.75", "1.0"))
+        ],
+        "A detail of 0 is nearer than `fast` and stretches less": [
+            f"front_detail {half} | {column} | fine-0.0 < fast"
+            for half in ("held_out", "tuning")
+            for column in ("truth", "EL")
+        ],
+        "Between 0.5 and 0.75, five bodies cannot tell which stretches more": [
+            "front_detail held_out | EL | fine-0.5 = fine-0.75"
+        ],
+        "has the sharper creases and more faces that intersect others": [
+            f"front_detail held_out | {column} | fine-0.5 > fine-0.75"
+            for column in ("bend 99.9", "crossings")
+        ],
+    },
 }
 
 
