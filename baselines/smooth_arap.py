@@ -89,7 +89,7 @@ def smooth_arap(
         is not positive definite.
     """
     if not 0 <= smoothness < 1:
-        raise InputError(f"smoothness={smoothness!r} is out of range; use a number in [0, 1)")
+        raise InputError(f"smoothness={smoothness!r} is out of range; use a number from 0 to below 1")
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     watch = Stopwatch()

@@ -315,7 +315,11 @@ class Option(NamedTuple):
         if not self.interval:
             return "true or false" if self.kind == "bool" else "a function"
         number = "a whole number" if self.kind == "int" else "a number"
-        return f"{number} in {self.interval}"
+        low, high = self.interval[1:-1].split(", ")
+        open_low, open_high = self.interval[0] == "(", self.interval[-1] == ")"
+        if open_high:  # the ends that are left out are infinite
+            return f"{number} above {low}" if open_low else f"{number} of at least {low}"
+        return f"{number} above {low} and up to {high}" if open_low else f"{number} from {low} to {high}"
 
     def checked(self, name: str, value: Any) -> Any:
         """Return a valid value with Python's own type of number, and raise InputError on any other."""

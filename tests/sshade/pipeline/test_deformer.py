@@ -197,7 +197,7 @@ def test_constraints_are_switched_as_if_bound_with_them(drag, mesh, held):
 
 def test_an_energy_that_is_none_is_refused_and_changes_nothing(drag, mesh, held):
     before = drag(lifted(mesh, held, 0.3)).vertices
-    with pytest.raises(InputError, match="volume must be a number in"):
+    with pytest.raises(InputError, match="volume must be a number from 0 to inf"):
         drag.change_energy(volume=-1.0)
     with pytest.raises(InputError, match="no use for the option 'attachment'"):
         drag.change_energy(attachment=0.0)

@@ -160,7 +160,7 @@ def test_a_drag_keeps_goals_which_may_change(name):
 
 FEW = np.arange(200)
 BAD = {
-    "an endless goal": ({"volume_goal": np.inf}, [], "volume_goal must be a number in"),
+    "an endless goal": ({"volume_goal": np.inf}, [], "volume_goal must be a number above 0"),
     "no weight": ({"volume_goal": 1.1, "volume": 0}, [], "volume_goal needs a weight"),
     "no weight of parts": ({"volume": 0}, [(1.1, FEW)], "volume goals need a weight"),
     "overlap": ({}, [(1.1, FEW), (1.1, FEW[50:])], "150 faces in common"),
