@@ -103,7 +103,7 @@ def arrays(task) -> list[np.ndarray]:
 
 
 def close(method) -> float:
-    """How near to the exact result, over the diagonal."""
+    """Return the tolerance of a method, as a fraction of the diagonal."""
     if method.transfers:
         return 1e-12
     if method.name in LEARNED:

@@ -12,7 +12,7 @@ from sshade.io.meshes import write_mesh
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory) -> Path:
-    """The CSV of a small experiment; its run folders lie beside it, in runs/tiny."""
+    """Return the CSV of a small experiment, whose run folders lie in runs/tiny beside the CSV."""
     return make_runs(tmp_path_factory.mktemp("tiny"))
 
 

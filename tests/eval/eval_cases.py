@@ -67,12 +67,12 @@ def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str =
 
 
 def bumpy_task(*, level: int = 3, angle: float = 30.0) -> DeformationTask:
-    """What ``dataset=bumpy`` loads."""
+    """Load the task of ``dataset=bumpy``."""
     return ends_task(bumpy(level), angle=angle, name=f"bumpy_{angle:g}")
 
 
 def list_cases(root: str, *, subjects=None, poses=None) -> list[tuple[int, int]]:
-    """What ``dataset=listed`` has: two poses of subject 0, one of subject 1."""
+    """List the cases of ``dataset=listed``: two poses of subject 0, one of subject 1."""
     there = [(0, 1), (0, 2), (1, 1)]
     for pose in poses or ():
         if pose not in {p for _, p in there}:

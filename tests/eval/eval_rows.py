@@ -50,7 +50,7 @@ def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str =
 
 
 def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
-    """A row of a run that was planned and never begun: it has nothing else."""
+    """A row of a run that was planned and never begun."""
     return {
         "method.name": method,
         "task.name": task,

@@ -65,12 +65,12 @@ class Run:
         self.process.start()
 
     def wait_for_work(self) -> None:
-        """Until its folder is there, or it ended."""
+        """Wait until the output folder exists or the process has ended."""
         while not self.out.exists() and self.process.is_alive():
             sleep(0.001)
 
     def end(self) -> int | None:
-        """Wait for it; its exit code."""
+        """Wait for the process and return its exit code."""
         self.process.join(600)
         assert self.process.exitcode is not None, "it does not end"
         return self.process.exitcode
@@ -158,7 +158,7 @@ def _work(command: Sequence[str], folder: Path, log: Path) -> None:
 
 
 def _files(folder: Path) -> Result:
-    """Every file below a folder."""
+    """List every file below a folder."""
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
@@ -184,7 +184,7 @@ def _balls(folder: Path) -> None:
 
 
 def _check_rows(out: Path) -> None:
-    """A folder with a row has what the row says."""
+    """Check that every folder with a row has the files that the row names."""
     for folder in run_folders(out):
         row = read_row(folder)
         assert row["status"] in ("ok", "not_converged") and (folder / "vertices.npy").is_file(), folder

@@ -12,7 +12,7 @@ from sshade.task import DeformationResult, DeformationTask
 
 
 def hungry(task: DeformationTask, *, seed: int, progress=silent) -> DeformationResult:
-    """Wants a GiB more where 100 MiB more are allowed."""
+    """Allocate 1 GiB where the limit allows 100 MiB more."""
     limit = process_memory("VmSize") + 100 * 2**20
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     V = np.ones((2**27, 1))[: task.mesh.n] * task.mesh.V
@@ -20,6 +20,6 @@ def hungry(task: DeformationTask, *, seed: int, progress=silent) -> DeformationR
 
 
 def killed(task: DeformationTask, *, seed: int, progress=silent) -> DeformationResult:
-    """Ends as under the system's own answer to a lack of memory."""
+    """Die as a process does that the system kills for lack of memory."""
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError("it lives")

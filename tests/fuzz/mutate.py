@@ -1,4 +1,4 @@
-"""Mutations of bytes by a seed, for where no coverage guides them."""
+"""Mutate bytes at random from a seed, without guidance by coverage."""
 
 from collections.abc import Sequence
 
