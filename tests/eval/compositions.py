@@ -1,4 +1,4 @@
-"""The project's configuration as Hydra composes it, for the tests of what stands in it."""
+"""Compose the project's configuration with Hydra, for tests of its contents."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ from sshade.cli.configuration import CONFIGURATION
 
 
 def composed(*overrides: str) -> DictConfig:
-    """What a command line gives, Hydra's own settings too; not to be changed."""
+    """Return the configuration of a command line with Hydra's own settings; read-only."""
     config = _composed(overrides)
     HydraConfig.instance().set_config(config)
     return config

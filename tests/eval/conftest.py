@@ -1,4 +1,4 @@
-"""What tests of runs share; being here, it puts this folder's modules on the path of the tests below."""
+"""Fixtures of tests of runs. This file also puts this folder on the path of the tests below."""
 
 from pathlib import Path
 

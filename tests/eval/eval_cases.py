@@ -36,7 +36,7 @@ def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.C
 
 
 def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Run the program in a folder and a process of its own, to its end; it begins ten times as fast."""
+    """Run the program in a forked process and a folder, until it ends. A fork starts ten times as fast."""
     with TemporaryDirectory() as scratch:
         said = [Path(scratch, name) for name in ("stdout", "stderr")]
         process = _SERVER.Process(target=_program, args=(folder, [*RUN[3:], *arguments], said))
@@ -49,7 +49,7 @@ def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 
 def _program(folder: Path, arguments: list[str], said: list[Path]) -> None:
-    """What ``python -m eval`` does in a folder, with its two streams in files."""
+    """Do the work of ``python -m eval`` in a folder, with output and errors in files."""
     for stream, path in enumerate(said, start=1):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), stream)
     os.chdir(folder)
@@ -72,7 +72,7 @@ def bumpy_task(*, level: int = 3, angle: float = 30.0) -> DeformationTask:
 
 
 def list_cases(root: str, *, subjects=None, poses=None) -> list[tuple[int, int]]:
-    """List the cases of ``dataset=listed``: two poses of subject 0, one of subject 1."""
+    """List the cases of ``dataset=listed``: two poses of subject 0 and a pose of subject 1."""
     there = [(0, 1), (0, 2), (1, 1)]
     for pose in poses or ():
         if pose not in {p for _, p in there}:

@@ -1,4 +1,4 @@
-"""Rows of runs that never took place, for the tests of what is made of rows."""
+"""Invented rows of runs, for tests of tables, charts and reports."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The benchmark that is written for benchopt: what it refuses, and that benchopt finds the same figures."""
+"""A benchmark exported to benchopt: refusals, and equal figures in benchopt."""
 
 import subprocess
 import sys

@@ -66,7 +66,7 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
 
 
 def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
-    """What a sweep never came to is as good as what was removed since."""
+    """A run that a sweep never reached counts like a run that was removed later."""
     sweep = ["-m", "dataset=listed", "label=${hydra:runtime.choices.method}-${method.factor}", "seed=0,1"]
     sweep += ["dataset.root=.", "subject=all", "pose=all", "method=stretching", "method.factor=3.0,4.0"]
     assert run_eval(tmp_path, *sweep).returncode == 0

@@ -97,7 +97,7 @@ def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
     + [("table1", "tosca"), ("table1", "sequence")],
 )
 def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
-    """Those left out make their own data."""
+    """The other experiments make their own data."""
     config = composed(f"experiment={name}", f"dataset={data}", "dataset.root=there")
     assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
     assert config.dataset.build.endswith("out=there")

@@ -1,4 +1,4 @@
-"""Every entry of conf/dataset loads what its own build command makes."""
+"""Every entry of conf/dataset loads the folder that its build command makes."""
 
 import json
 import shlex

@@ -92,7 +92,7 @@ def test_a_lost_worker_is_told(tmp_path):
 
 @pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])
 def test_a_launcher_that_is_not_there_names_its_extra(extra):
-    """From Hydra's words about a launcher that nobody has: those of ours may be installed here."""
+    """Take Hydra's message about an unknown launcher, because our launchers may be installed here."""
     with pytest.raises(HydraException) as caught:
         composed("hydra/launcher=nothing")
     assert "extra" not in cli._one_line(caught.value)

@@ -121,7 +121,7 @@ def test_an_equal_run_of_another_experiment_is_taken_along(task, tmp_path):
     assert (second.folder / "vertices.npy").read_bytes() == (first.folder / "vertices.npy").read_bytes()
     assert make("b", shared=tmp_path / "a", seed=1).row["seed"] == 1
     assert make("b", shared=tmp_path / "a", force=True).row["date"] > first.row["date"]
-    # What is there already is not replaced, and a failure is not taken along.
+    # Existing runs are not replaced, and failures are not copied.
     own = make("c").row
     assert own["date"] != first.row["date"] and make("c", shared=tmp_path / "a").row == own
     failing = {"_target_": "eval_cases.failing"}

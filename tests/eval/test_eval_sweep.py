@@ -1,4 +1,4 @@
-"""The record of a sweep: what its files say, counts, and the command that tells them."""
+"""The record of a sweep: its files, its counts, and the command `status`."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Runs of external programs: rows, versions, time limits, sweeps, times, and what is never run."""
+"""Runs of external programs: rows, versions, time limits, sweeps, times, and forbidden commands."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The command ``sshade-eval``: what it lists and what it refuses."""
+"""The command ``sshade-eval`` lists its sub-commands and refuses unknown names."""
 
 import pytest
 

@@ -14,7 +14,7 @@ from sshade.errors import InputError
 
 @pytest.fixture
 def runs(tiny_runs, tmp_path):
-    """Two methods on two tasks, one of which fails."""
+    """Two methods on two tasks; one run fails."""
     for method in ("stretching", "failing"):
         shutil.copytree(tiny_runs / method, tmp_path / "tiny" / method)
     return tmp_path / "tiny"

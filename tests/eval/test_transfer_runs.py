@@ -38,7 +38,7 @@ def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
     for task, target in pairs:
         with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):
             run(task, {"_target_": target}, name="m", root=tmp_path)
-    # A method that does not say what it takes is let through.
+    # A method that declares no kind of task is accepted.
     assert run(ends_task(rest), {"_target_": "eval_cases.stretching"}, name="m", root=tmp_path).row["status"]
 
 

@@ -19,7 +19,7 @@ ELSEWHERE = {"zero_area_faces", "flips", "self_intersections", "hausdorff", "cha
 
 
 def uneven(mesh: Mesh) -> Mesh:
-    """Faces of one end are several times as large as those of the other."""
+    """A mesh whose faces are several times as large at one end as at the opposite end."""
     mesh = jittered(mesh, 0.05)
     return Mesh(mesh.V * np.exp(0.6 * mesh.V[:, :1]) * [1.0, 0.7, 1.4], mesh.F)
 

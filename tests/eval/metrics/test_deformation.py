@@ -1,4 +1,4 @@
-"""Metrics of single faces: without area, inverted, needles; what is computed once."""
+"""Metrics of single faces: without area, inverted, needles; intermediate values are computed once."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_an_ear_folded_over_is_one_flip():
     folded = V.copy()
     folded[3] = [2, 1, 0]
     assert measure(held(mesh), folded)["flips"] == 1
-    # What was folded at rest does not count.
+    # Folds of the rest shape do not count.
     assert measure(held(Mesh(folded, F)), folded)["flips"] == 0
     assert shape(folded, F).opposed.tolist() == [False, True, False, False]
 

@@ -1,4 +1,4 @@
-"""Measures of what means hide: closed forms, rigid motions, and other libraries' figures."""
+"""Measures of tails and creases, against closed forms, rigid motions and other libraries."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Distances to a known result: by hand, against brute force, and what leaves them unchanged."""
+"""Distances to a known result: by hand, by brute force, and their invariances."""
 
 import numpy as np
 import pytest

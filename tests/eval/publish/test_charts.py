@@ -1,4 +1,4 @@
-"""Charts of an experiment: what they show, and that the same rows give the same files."""
+"""Charts of an experiment: their contents, and equal files from equal rows."""
 
 import numpy as np
 import pytest

@@ -14,7 +14,7 @@ from eval.rows.splits import HELD_OUT, TUNING, split_of
 
 ROOT = Path(__file__).parents[3]
 
-#: Page -> words -> what they state: table and half, column, method, sign of the difference, other methods.
+#: Page -> words -> claims: table and half, column, method, sign of the difference, other methods.
 #: The interval of the difference lies below zero (<), above zero (>), or contains zero (=).
 CLAIMS = {
     "README.md": {

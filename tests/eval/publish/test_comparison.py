@@ -1,4 +1,4 @@
-"""What a table compares: common cases, what is missing, halves, seeds, and one version of the code."""
+"""Comparisons in a table: common cases, missing cases, halves, seeds, and one version of the code."""
 
 import re
 
@@ -46,7 +46,7 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
     assert "few: planned on 1 of 5 cases." in table.notes
     text = to_markdown(table)
     assert "| poor | 2/5 | failed |" in text and "| few | 1 | too few |" in text
-    assert "| poor | 2/5 | 40.0 |" in text  # the success is a share of what was planned
+    assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of the planned runs
 
 
 def test_methods_that_lost_as_many_cases_as_each_other_are_kept():
@@ -184,7 +184,7 @@ def test_the_version_stands_under_the_table():
     # A commit of texts alone leaves the version as it is.
     two = note(row("a"), row("b", env__commit="1234567890", env__modified=True))
     assert two == f"{code}, commit 12345678, abcdef01, modified tree."
-    assert note(row("a"), planned("a", "t2")).startswith(code)  # what was never run has none
+    assert note(row("a"), planned("a", "t2")).startswith(code)  # a run that never started has no version
     old = note(row("a", **UNKNOWN), row("b", **UNKNOWN))
     assert old.startswith("Warning: the rows name no version of the code. Code: version unknown, ")
     with pytest.raises(InputError, match="2 versions"):

@@ -1,4 +1,4 @@
-"""Rows of panels: what they show, coloured by which error, and from where."""
+"""Rows of panels: their shapes, colours and views."""
 
 import numpy as np
 import pytest

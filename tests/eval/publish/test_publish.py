@@ -1,4 +1,4 @@
-"""The one command that changes what is committed, and that what is committed belongs together."""
+"""``sshade-eval publish`` alone changes committed results; committed rows, tables and figures agree."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tables: a small one by hand, what they mark and say, and what they refuse to mix."""
+"""Tables: a small table by hand, marks, notes, and rows that must not be mixed."""
 
 import pytest
 from eval_rows import lost, planned, row, table_of
@@ -49,7 +49,7 @@ def test_markdown(rows):
 
 def test_every_measure_has_a_place_in_a_table():
     shown = {column.source.removeprefix("metric.") for column in (*COLUMNS, *TRANSFER_COLUMNS)}
-    # The formula of the paper's text, which its table does not follow, and what that leaves out.
+    # The formula of the paper's text, from which the paper's table deviates.
     assert METRICS.keys() - shown == {"angle_relative", "zero_area_faces"}
 
 

@@ -1,4 +1,4 @@
-"""Committed bands of quality: what leaves them, and what they are suggested from."""
+"""Committed bands of quality: rows outside a band, and bands suggested from rows."""
 
 import pytest
 from eval_rows import frame, lost, row

@@ -1,4 +1,4 @@
-"""Rows of one sweep run twice: what must be equal, and what may differ."""
+"""Rows of a sweep that ran twice: columns that must be equal, and columns that may differ."""
 
 import pandas as pd
 import pytest

@@ -1,4 +1,4 @@
-"""Rows as a table of pandas: types in CSV, what is read back, the newest of equal runs, labels."""
+"""Rows as a table of pandas: types in CSV, reading back, the newest of equal runs, labels."""
 
 from datetime import UTC, datetime, timedelta
 

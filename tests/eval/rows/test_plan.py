@@ -1,4 +1,4 @@
-"""What sweeps are to run: kept, joined, and what none of the rows answers for."""
+"""Plans of sweeps: stored, joined, and runs without a row."""
 
 import json
 

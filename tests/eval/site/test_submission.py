@@ -1,4 +1,4 @@
-"""Results that someone hands in: what is taken, and each way in which they are refused."""
+"""Submitted results: accepted files, and every reason for a refusal."""
 
 import json
 import shutil
@@ -109,7 +109,7 @@ def test_a_task_of_equal_files_is_the_same_whatever_the_processor_rounds(folder,
     facts = {"task.meta.checksum": "aa+bb", "task.meta.raw": False}
     official = [row | facts for row in published]
     put_rows(folder, lambda row: row | facts | {"task.checksum": "0123"})
-    with pytest.raises(InputError, match="has changed since the run"):  # the vertices are of none of both
+    with pytest.raises(InputError, match="has changed since the run"):  # the vertices belong to neither run
         check(folder, TRACK, [row | {"task.checksum": "4567"} for row in official])
     assert check(folder, TRACK, official).remeasured == 2
     shutil.rmtree(folder / "runs" / "stretching")

@@ -11,7 +11,7 @@ from eval.timing.quiet import Reading
 
 
 class Machine:
-    """Stands for the counters: others use the `load` of each span in turn, then the last one for ever."""
+    """Replace the counters: other processes use each `load` for one span, and the last load from then on."""
 
     def __init__(self, *load: float, jump: float = 0.0) -> None:
         self.load, self.jump = list(load), jump
@@ -31,7 +31,7 @@ class Machine:
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Sets what others use during each repeat; repeats may be short, and all run in this process."""
+    """Set the load of other processes during each repeat. Repeats may be short, and run in this process."""
 
     def set_load(*load: float, jump: float = 0.0) -> None:
         monkeypatch.setattr(eval.timing.turns, "read_machine", Machine(*load, jump=jump))

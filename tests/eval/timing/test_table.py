@@ -1,4 +1,4 @@
-"""Tables of times: medians and ranges, what is refused, and what may be published."""
+"""Tables of times: medians, ranges, refusals, and publication."""
 
 from pathlib import Path
 
