@@ -15,8 +15,8 @@ ROWS = {row[0]: row[1:] for row in re.findall("\\| " + r"(.+?) \| " * 7 + r"(\S+
 
 
 def test_the_pages_show_every_picture_and_table_of_the_script():
-    texts = {name: artefacts.PAGES.get(name, artefacts.PAGE).read_text("utf-8") for name in artefacts.EXAMPLES}
-    for name, text in texts.items():
+    for name in artefacts.EXAMPLES:
+        text = artefacts.PAGES.get(name, artefacts.PAGE).read_text(encoding="utf-8")
         place = f"figures/artefacts_{name}.png"
         assert text.count(f"]({place})") == 1 and text.count(f"<!-- {name} -->\n| run |") == 1
         assert 1000 < (artefacts.PAGE.parent / place).stat().st_size < 150_000
