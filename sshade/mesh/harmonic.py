@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sshade.mesh.adjacency import VertexGraph
+from sshade.mesh.conjugate_gradients import conjugate_gradients
 
 #: Edges shorter than this fraction of the mean length get the weight of an edge of this length.
 SHORT = 0.1
@@ -38,31 +39,19 @@ def harmonic(graph: VertexGraph, free: np.ndarray, values: np.ndarray) -> np.nda
     known = values.copy()
     known[free] = 0.0
     laplacian = diags_array(degree, format="csr") - rows[:, free]
-    return _solved(laplacian, rows @ known, degree[:, None])
+    B, diagonal = rows @ known, degree[:, None]
+    limit = TOLERANCE**2 * _product(B, B)
+    return conjugate_gradients(
+        B,
+        B / diagonal,
+        times=lambda P, Q: np.copyto(Q, laplacian @ P),
+        precondition=lambda R, Q: np.divide(R, diagonal, out=Q),
+        converged=lambda R, now, start: bool((_product(R, R) <= limit).all()),
+        product=_product,
+        most_steps=10 * len(B),
+    )
 
 
-def _solved(A: csr_array, B: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
-    """Solve ``A X = B`` for B (f, d) by conjugate gradients with the diagonal (f, 1) of A.
-
-    Sums avoid BLAS: its threads change the last digits, and wait for each other on a busy machine.
-    """
-
-    def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.einsum("ic,ic->c", one, other)
-
-    def divided(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.divide(one, other, out=np.zeros(len(one)), where=other > 0)
-
-    X, R, P = np.zeros_like(B), B.copy(), B / diagonal
-    now, limit = product(R, P), TOLERANCE**2 * product(B, B)
-    for _ in range(10 * len(B)):
-        if (product(R, R) <= limit).all():
-            break
-        Q = A @ P
-        step = divided(now, product(P, Q))
-        X += step * P
-        R -= step * Q
-        Z = R / diagonal
-        now, last = product(R, Z), now
-        P = Z + divided(now, last) * P
-    return X
+def _product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    # No BLAS: its threads change the last digits, and wait for each other on a busy machine.
+    return np.einsum("ic,ic->c", one, other)

@@ -12,9 +12,6 @@ steps still descend, because the energy lies below the quadratic energy with the
 metric outweighs the error of the V-cycle: after the same number of steps, a polish of bodies of 25,000 and
 170,000 vertices has a lower energy than with L^-1. One V-cycle for each direction of a constraint is as good
 as an exact solve, and a second V-cycle for each step hardly pays.
-
-M. R. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", Journal of Research
-of the National Bureau of Standards 49, 1952.
 """
 
 from __future__ import annotations
@@ -25,6 +22,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
+from sshade.mesh.conjugate_gradients import conjugate_gradients
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.multigrid import Multigrid, multiply
 from sshade.threads import ThreadTeam
@@ -156,29 +154,25 @@ class ConjugateGradients(VCycle):
         A, n, team = self._multigrid.finest, len(B), self._team
         if A is None:
             return
-        P, R, Q = X.copy(), B.copy(), np.empty_like(B)
-        X[:] = 0.0
 
         def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
             return sum(
                 team.ranges(lambda *own: np.einsum("ic,ic->c", one[slice(*own)], other[slice(*own)]), n)
             )
 
-        def divided(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-            return np.divide(one, other, out=np.zeros(3), where=other > 0)
-
-        start = now = product(R, P)
-        for _ in range(MOST_STEPS):
+        def times(P: np.ndarray, Q: np.ndarray) -> None:
             team.ranges(lambda *own: multiply(*own, *A, P, Q), n)
             Q[self._fixed] = 0.0
-            step = divided(now, product(P, Q))
-            X += step * P
-            R -= step * Q
-            self._multigrid.apply(R, Q, team=team)
-            now, last = product(R, Q), now
-            if (now <= tolerance**2 * start).all():
-                break
-            np.add(Q, divided(now, last) * P, out=P)
+
+        X[:] = conjugate_gradients(
+            B,
+            X,
+            times=times,
+            precondition=lambda R, Q: self._multigrid.apply(R, Q, team=team),
+            converged=lambda R, now, start: bool((now <= tolerance**2 * start).all()),
+            product=product,
+            most_steps=MOST_STEPS,
+        )
 
 
 def not_positive_definite() -> InputError:
