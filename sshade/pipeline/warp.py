@@ -42,6 +42,8 @@ LINKED, FAR_AWAY, THINNED = 0.25, 2.0, 0.5
 #: Handles nearer than this fraction of LINKED are one place where neighbours are listed: the number of pairs
 #: grows with the square of the number of handles in one place.
 SAME_PLACE = 1 / 16
+#: Number of points whose neighbours are listed together; larger numbers take more memory in a crowd.
+TOGETHER = 32
 #: Largest number of splines.
 SPLINES = 2000
 #: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
@@ -141,15 +143,14 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
         return None
     root, spacing = float(np.sqrt(mesh.area)), _distance_to_handles(task)
     places, place = _places(x, SAME_PLACE * LINKED * spacing)
-    linked = _near(x[places], LINKED * spacing)
-    cluster = _clusters(linked, len(places))[place]
+    cluster = _clusters(x[places], LINKED * spacing)[place]
     if mode == "auto" and cluster.max() + 1 < LEAST:
         return None
-    thinned = places[_thinned(_near(x[places], THINNED * spacing), len(places))]
+    thinned = places[_places(x[places], THINNED * spacing)[0]]
     centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
     reliable = np.ones(len(centres))
     if mode == "auto":
-        predicting = places[_thinned(linked, len(places))]
+        predicting = places[_places(x[places], LINKED * spacing)[0]]
         elsewhere = points_elsewhere(x, predicting, centres, cluster, FAR_AWAY * spacing)
         error = fit_splines(x, y, elsewhere).left_out
         apart = np.linalg.norm(x[elsewhere[:, 1:4]] - x[centres][:, None], axis=2).mean(axis=1)
@@ -196,39 +197,27 @@ def _distance_to_handles(task: DeformationTask) -> float:
 
 
 def _places(x: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose points (c,) of which no two are nearer than a radius.
+    """Choose points (c,) of which no two are nearer than a radius: each point that no chosen one is near.
 
     The second result (k,) is the number of a chosen point within the radius of each point.
     """
-    tree, place, chosen = cKDTree(x), np.full(len(x), -1), list[int]()
-    for point in range(len(x)):
-        if place[point] < 0:
-            near = np.array(tree.query_ball_point(x[point], radius))
-            place[near[place[near] < 0]] = len(chosen)
-            chosen.append(point)
-    return np.array(chosen), place
+    tree, place, chosen = cKDTree(x), [-1] * len(x), list[int]()
+    for first in range(0, len(x), TOGETHER):
+        free = [point for point in range(first, min(first + TOGETHER, len(x))) if place[point] < 0]
+        for point, near in zip(free, tree.query_ball_point(x[free], radius) if free else (), strict=True):
+            if place[point] < 0:
+                for other in near:
+                    if place[other] < 0:
+                        place[other] = len(chosen)
+                chosen.append(point)
+    return np.array(chosen), np.array(place)
 
 
-def _near(x: np.ndarray, radius: float) -> np.ndarray:
-    """Return the pairs (p, 2) of points that are nearer than a radius, in the order of the later point."""
-    near = np.sort(cKDTree(x).query_pairs(radius, output_type="ndarray"), axis=1)
-    return near[np.argsort(near[:, 1], kind="stable")]
-
-
-def _clusters(near: np.ndarray, k: int) -> np.ndarray:
-    """Return the cluster (k,) of each point: near points are in the same."""
+def _clusters(x: np.ndarray, radius: float) -> np.ndarray:
+    """Return the cluster (k,) of each point: points that are nearer than a radius are in the same."""
+    k, near = len(x), cKDTree(x).query_pairs(radius, output_type="ndarray")
     graph = coo_array((np.ones(len(near), dtype=bool), near.T), shape=(k, k))
     return connected_components(graph, directed=False)[1]
-
-
-def _thinned(near: np.ndarray, k: int) -> np.ndarray:
-    """Return points (t,) of a set in which no two are near."""
-    kept = np.ones(k, dtype=bool)
-    # A point is dropped if an earlier point that is kept is near; pairs are in the order of the later point.
-    for first, second in near.tolist():
-        if kept[first]:
-            kept[second] = False
-    return np.flatnonzero(kept)
 
 
 def _root_mean_square(values: np.ndarray) -> float:
