@@ -12,7 +12,7 @@ from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.carry.projection import Projection
 from sshade.carry.triangle import TriangleFrames
 from sshade.errors import InputError
-from sshade.io.files import expecting, naming, read_npz
+from sshade.io.files import INCOMPLETE, expecting, naming, read_npz
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.proxy import Sampling, proxy_mesh
 
@@ -58,7 +58,7 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
         If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
     """
     arrays = read_npz(path, what=WHAT)
-    with expecting(WHAT, path), naming(path):
+    with expecting(WHAT, path, errors=INCOMPLETE), naming(path):
         remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"
         if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
             vertices = arrays["vertices"]

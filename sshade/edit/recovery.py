@@ -22,7 +22,7 @@ from sshade.edit.links import Link
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
-from sshade.io.files import expecting, read_npz, replacing
+from sshade.io.files import INCOMPLETE, expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
 from sshade.options import require_method
 from sshade.slides import Slide
@@ -129,7 +129,7 @@ class Recovery:
             When the file is unreadable or belongs to another mesh.
         """
         arrays = read_npz(path, what=WHAT)
-        with expecting(WHAT, path):
+        with expecting(WHAT, path, errors=INCOMPLETE):
             facts = json.loads(str(arrays["facts"]))
             if facts["mesh"] != self._of_mesh():
                 other = "another mesh, or of this mesh with another --weld or --repair"

@@ -129,20 +129,26 @@ def naming(place: object) -> Iterator[None]:
         raise InputError(f"{place}: {error}") from error
 
 
+#: Errors of code that takes arrays of a damaged file for complete.
+INCOMPLETE = KeyError, IndexError, TypeError, ValueError
+
+
 @contextmanager
-def expecting(what: str, path: str | os.PathLike[str]) -> Iterator[None]:
-    """Report every failure to read a damaged file in one sentence: it is not `what`.
+def expecting(
+    what: str, path: str | os.PathLike[str], *, errors: tuple[type[Exception], ...] = (Exception,)
+) -> Iterator[None]:
+    """Report failures to read a damaged file in one sentence: it is not `what`.
 
     Raises
     ------
     InputError
-        On any error but MemoryError. The message of an InputError stays.
+        On `errors` but MemoryError. The message of an InputError stays.
     """
     try:
         yield
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # damaged files fail in many ways
+    except errors as error:  # readers of damaged files fail in many ways
         raise _not_expected(what, path, error) from error
 
 
@@ -153,9 +159,8 @@ def read_npz(path: str | os.PathLike[str], *names: str, what: str) -> dict[str, 
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             return {name: data[name] for name in names or data.files}
-    except (
-        Exception
-    ) as error:  # also MemoryError, because the header of a damaged array may announce any size
+    # Also a MemoryError, because the header of a damaged array may announce any size.
+    except Exception as error:
         raise _not_expected(what, path, error) from error
 
 
