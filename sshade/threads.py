@@ -124,8 +124,9 @@ class ThreadTeam:
             done.put(None)
 
         while len(self._threads) < others:
-            self._threads.append(Thread(target=_serve, args=(self._tasks,), daemon=True))
-            self._threads[-1].start()
+            thread = Thread(target=_serve, args=(self._tasks,), daemon=True)
+            thread.start()
+            self._threads.append(thread)
         for _ in range(others):
             self._tasks.put(help_out)
         work()
