@@ -17,7 +17,7 @@ from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
 from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, save, style
 from eval.rows.experiment import Experiment, read_experiments
-from eval.rows.files import ROWS_HELP
+from eval.rows.files import ROWS_HELP, add_out
 from eval.rows.frame import method_names, numbers, records, split_label, valid
 
 if TYPE_CHECKING:
@@ -159,9 +159,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="svg",
         help="format of the charts (default: svg)",
     )
-    parser.add_argument(
-        "-o", "--out", type=Path, default=FIGURES, help="folder of the charts (default: %(default)s)"
-    )
+    add_out(parser, FIGURES, "folder of the charts")
 
 
 def command(options: argparse.Namespace) -> int:

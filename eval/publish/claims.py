@@ -30,7 +30,7 @@ from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS
 from eval.publish.comparison import subjects_of
 from eval.publish.intervals import LEAST, interval
 from eval.publish.markdown import markdown_lines
-from eval.rows.files import ROWS, RUNS, write_text
+from eval.rows.files import ROWS, RUNS, add_out, write_text
 from eval.rows.frame import CASE, newest, numbers, read_csv, valid
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
@@ -139,13 +139,7 @@ def table(dataset: str, folder: Path = ROWS) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("datasets", nargs="+", metavar="DATASET", help=" or ".join(read_claims()))
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        default=Path("out/tables"),
-        help="folder of the tables (default: %(default)s)",
-    )
+    add_out(parser, Path("out/tables"), "folder of the tables")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -1,7 +1,7 @@
 """The comparison picture: ``sshade-eval figures [EXPERIMENT]``, needs the extra ``figures``.
 
 A row of panels shows a case: the rest shape with its handles (blue: fixed, yellow: moved), then the result of
-each method, coloured by the change of edge lengths at a vertex, or the reason why there is no result. Pose
+each method, coloured by the change of edge lengths at a vertex. A run that failed shows its reason. Pose
 transfers have a second row with the place of the largest error. Pictures are made from run folders.
 ``conf/pictures.yaml`` holds the cases, methods and camera of some experiments; options override it. With
 captions, a row shows one case and its ground truth, coloured by the distance to it, above values of rows.

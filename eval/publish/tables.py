@@ -18,7 +18,7 @@ from eval.publish.columns import Column
 from eval.publish.markdown import markdown_lines
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
 from eval.rows.experiment import read_experiments
-from eval.rows.files import ROWS_HELP, rows_file, write_text
+from eval.rows.files import ROWS_HELP, add_out, rows_file, write_text
 from sshade.errors import InputError
 
 #: Key of the mark of a difference whose interval contains zero.
@@ -103,7 +103,7 @@ def printed(
 ) -> Iterator[tuple[str, list[str], list[list[str]]]]:
     """Yield the heading, the labels and the lines of each table: means, and differences if there are any.
 
-    `marks` and the other arguments are those of :func:`cells`.
+    `marks` and `form` go to :func:`cells`.
     """
     for heading, columns in table.views:
         labels = ["method", "runs", *(column.label for column in columns)]
@@ -193,13 +193,7 @@ def write_tables(tables: Iterable[Table], folder: Path) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        default=Path("out/tables"),
-        help="folder of the tables (default: %(default)s)",
-    )
+    add_out(parser, Path("out/tables"), "folder of the tables")
     parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     text = "method to which differences are shown (default: Elastic if it is there, or the first method)"
     parser.add_argument("--reference", metavar="METHOD", help=text)

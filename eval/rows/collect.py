@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from eval.rows.csv_rows import read_rows
-from eval.rows.files import FOLDER_HELP, PUBLISHED, ROWS, RUNS, experiment_folder
+from eval.rows.files import FOLDER_HELP, PUBLISHED, ROWS, RUNS, add_out, experiment_folder
 from eval.rows.frame import newest, records, to_frame, write_csv
 from eval.rows.plan import missing_rows, read_plans
 from eval.rows.store import MISSING, Row, read_row, run_folders, version_of
@@ -72,9 +72,7 @@ def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folders", nargs="*", type=Path, help=f"{FOLDER_HELP} (default: all)")
-    parser.add_argument(
-        "-o", "--out", type=Path, default=ROWS, help="folder of the rows (default: %(default)s)"
-    )
+    add_out(parser, ROWS, "folder of the rows")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -26,6 +27,11 @@ TIMING = Path("out/timing")
 PUBLISHED = Path("results")
 FOLDER_HELP = "name of an experiment in out/runs, such as mine or mine_mesh, or a folder of runs"
 ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
+
+
+def add_out(parser: argparse.ArgumentParser, default: Path, what: str) -> None:
+    """Declare -o, the path of an output that is `what`."""
+    parser.add_argument("-o", "--out", type=Path, default=default, help=f"{what} (default: {default})")
 
 
 def experiment_folder(name: Path) -> Path:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from eval.rows.files import PUBLISHED
+from eval.rows.files import PUBLISHED, add_out
 from eval.rows.frame import records
 from eval.site.pages import contests_of, write_site
 from eval.site.submission import Submission, check, read_facts
@@ -20,13 +20,7 @@ from sshade.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        default=Path("out/leaderboard"),
-        help="folder to write (default: %(default)s)",
-    )
+    add_out(parser, Path("out/leaderboard"), "folder to write")
 
 
 def command(options: argparse.Namespace) -> int:

@@ -115,7 +115,7 @@ def vessel(length: float, wall: float, *, rings: int = 120) -> Mesh:
 
 
 def two_balls() -> Mesh:
-    """Return two rods, one beside the other."""
+    """Return two parallel rods."""
     one, other = capsule(6.0), capsule(6.0, bumps=0.2)
     return Mesh(np.concatenate([one.V, other.V + [4.0, 0, 0]]), np.concatenate([one.F, other.F + one.n]))
 

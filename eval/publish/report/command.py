@@ -12,16 +12,14 @@ from pathlib import Path
 from eval.publish.plotting import add_camera, camera
 from eval.publish.summary import MIXED_HELP
 from eval.rows.experiment import read_experiments
-from eval.rows.files import ROWS_HELP, write_text
+from eval.rows.files import ROWS_HELP, add_out, write_text
 from sshade.cli.console import progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument(
-        "-o", "--out", type=Path, default=Path("out/report.html"), help="page to write (default: %(default)s)"
-    )
+    add_out(parser, Path("out/report.html"), "page to write")
     runs = "folders of the run folders (default: out/runs/<experiment>)"
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
