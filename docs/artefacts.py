@@ -71,9 +71,8 @@ def waist() -> Example:
 def detail() -> Example:
     """A sitting body for several values of the option `detail`, of which the picture shows one half."""
     sitting = body(9, "sitting")
-    methods = "; ".join(
-        ["*Elastic", *(f"*fine detail={value:g}" for value in np.linspace(1, 0, 5)), "*fast", "*truth"]
-    )
+    fine = [f"*fine detail={value:g}" for value in np.linspace(1, 0, 5)]
+    methods = "; ".join(["*Elastic", *fine, "*fast", "*truth"])
     x, y, _ = sitting.mesh.V.T
     return Example([(sitting, methods)], (1, 0.05, 0.15), 30, (y > 0.1) & (abs(x + 0.12) < 0.12), x > 0)
 
@@ -169,10 +168,8 @@ def make(name: str) -> None:
     example = EXAMPLES[name]()
     runs = [(task, method) for task, methods in example.runs for method in methods.split(";")]
     results, rows = zip(*(solve(*run) for run in runs), strict=True)
-    fill(
-        PAGES.get(name, PAGE),
-        {name: markdown(["run", *(COLUMN[measure].label for measure in MEASURES)], rows)},
-    )
+    head = ["run", *(COLUMN[measure].label for measure in MEASURES)]
+    fill(PAGES.get(name, PAGE), {name: markdown(head, rows)})
     drawn = [result for result, (_, method) in zip(results, runs, strict=True) if "*" in method]
     rest = Deformed(runs[0][0], runs[0][0].mesh.V)
     image = Image.fromarray(draw(example, [rest, *drawn])).quantize(128)
