@@ -56,6 +56,7 @@ def initialised(
         proxies whose topology a coarser proxy cannot keep are solved alone. A task with a guess starts there.
     solve : callable
         ``solve(task, tolerance=, **options)``, the solver on both proxies: it starts at the task's guess.
+        With ``softened=True`` the guess is near the minimum.
     guide : callable, optional
         ``guide(task, tolerance=, **options)`` minimises the guide energy.
     deform_coarsely : callable
@@ -83,7 +84,8 @@ def initialised(
         except InputError as error:
             log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         else:
-            task, iterations, first = replace(task, guess=rough.vertices), rough.iterations, solve
+            task, iterations = replace(task, guess=rough.vertices), rough.iterations
+            first = partial(solve, softened=True)
     result = first(task, **options)
     return replace(result, extra={**result.extra, **facts, "coarser_iterations": iterations})
 

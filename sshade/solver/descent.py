@@ -9,7 +9,7 @@ import numpy as np
 from sshade.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy
-from sshade.solver.linear import Linear
+from sshade.solver.linear import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
 from sshade.solver.sliding import Slides
@@ -44,6 +44,9 @@ class Descent:
         Store the quasi-Newton steps in single precision.
     accelerate_last : bool
         Take a quasi-Newton step also from the last plain iterate, if another solve follows.
+    softened : bool
+        Use the Laplacian with the strain weights of the first iterate; see
+        :meth:`sshade.solver.system.System.linear`.
 
     Attributes
     ----------
@@ -69,6 +72,7 @@ class Descent:
         window: int = 0,
         single: bool = False,
         accelerate_last: bool = False,
+        softened: bool = False,
     ) -> None:
         self._system, self.energy, self._team = system, Energy(system, options, team=team), team
         self._constraints = Constraints(
@@ -84,6 +88,7 @@ class Descent:
             mesh, bound = system.mesh, (system.sliding, system.response)
             self.slides = Slides(*bound, corners=system.corners, origin=mesh.origin, unit=mesh.diagonal)
         self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
+        self._softened = softened
         self._quasi_newton: QuasiNewton | None = None
         if window:
             unit = system.mesh.diagonal
@@ -121,7 +126,7 @@ class Descent:
     @cached_property
     def _linear(self) -> Linear:
         """The linear solve, made when the first strain weights are known."""
-        return self._system.linear(self.energy.weight, team=self._team)
+        return self._system.linear(self.energy.weight, team=self._team, softened=self._softened)
 
     def step(self) -> float:
         u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints
@@ -135,6 +140,11 @@ class Descent:
             constraints.project(g, u, self._solve)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
 
+    @property
+    def softens(self) -> bool:
+        """Whether the linear solve has the Laplacian with strain weights, by a factorisation of its own."""
+        return isinstance(self._linear, Factorised) and self._linear is not self._system.factorised
+
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
         """Write directions M B_q along the slides to X_q, for B and X (q, n, 3)."""
 
@@ -144,7 +154,7 @@ class Descent:
                 self.slides.restrict(X[q], self._linear.solve)
 
         # Slides and V-cycles have work arrays of their own.
-        alone = self.slides is not None or self._linear is not self._system.factorised
+        alone = self.slides is not None or not isinstance(self._linear, Factorised)
         (ThreadTeam(1) if alone else self._team)(solve, len(B))
 
     def end_step(self, short: bool) -> bool:

