@@ -39,13 +39,10 @@ from sshade.solver.terms.pulls import Springs
 from sshade.solver.terms.struts import Struts
 from sshade.threads import ThreadTeam
 
-#: Least strain weight of a triangle in the metric of a V-cycle. Weights change during a solve, because strain
-#: moves. A step descends while each weight is less than twice its value in the metric. Smaller values save
-#: little time; values from 0.1 to 0.5 were tried.
+#: Least strain weight of a triangle in the metric of a V-cycle or a softened Laplacian. Weights change during
+#: a solve, because strain moves. A step descends while each weight is less than twice its value in the metric.
+#: Smaller values save little time; values from 0.1 to 0.5 were tried.
 LEAST_WEIGHT = 0.25
-#: The same in a factorisation. From 0.05 to 0.3 were tried: with 0.1, the iterations to an equal energy were
-#: 0.4 to 0.7 of those with the Laplacian of the rest shape in 13 cases.
-LEAST_FACTORISED = 0.1
 #: Degree of the finest level's smoother without exact steps. A polish reaches the same energy as with degree
 #: 3 in 3 to 26 % less time (six bodies), because a step takes less time.
 POLISH_DEGREE = 1
@@ -280,7 +277,7 @@ class System:
         """
         if self.factorised:
             if softened and weight is not None and not self.sliding:
-                return Factorised(self.metric(np.maximum(weight, LEAST_FACTORISED)), self.fixed)
+                return Factorised(self.metric(np.maximum(weight, LEAST_WEIGHT)), self.fixed)
             return self.factorised
         fixed = np.zeros(self.mesh.n, dtype=bool)
         fixed[self.fixed] = True
