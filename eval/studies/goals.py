@@ -114,7 +114,7 @@ def vessel(length: float, wall: float, *, rings: int = 120) -> Mesh:
     return lathe(np.concatenate([outside, np.stack([np.full(rings, 1 - wall), z[::-1]], axis=1)]), wrap=True)
 
 
-def two_balls() -> Mesh:
+def two_rods() -> Mesh:
     """Return two parallel rods."""
     one, other = capsule(6.0), capsule(6.0, bumps=0.2)
     return Mesh(np.concatenate([one.V, other.V + [4.0, 0, 0]]), np.concatenate([one.F, other.F + one.n]))
@@ -171,7 +171,7 @@ def cases() -> Iterator[Case]:
     rod, body, pipe = capsule(8.0), capsule(9.0, bumps=0.35), tube(8.0)
     yield Case(task_of("rod", rod, 60.0), False, 1.2)
     yield Case(task_of("rod with bulges", body, 60.0), True, 0.8)
-    yield Case(task_of("two rods", two_balls(), 20.0), False, 1.1)
+    yield Case(task_of("two rods", two_rods(), 20.0), False, 1.1)
     yield Case(task_of("rod, little bent", rod, 10.0), True, 1.5)
     yield Case(task_of("belly", rod, 40.0, part(1.3, side(rod), "belly")), False)
     yield Case(task_of("belly of a body", body, 40.0, part(1.2, side(body), "belly")), True, 1.05)

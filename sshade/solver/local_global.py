@@ -34,8 +34,8 @@ FACTORISED = 100_000
 #: Nearly exact steps of :func:`local_global` without a factorisation. They decide which minimum is found:
 #: with 5, some bodies with handles moved far ended in higher minima.
 EXACT_STEPS = 20
-#: Tolerance of a solve with a softened Laplacian, as a multiple of the tolerance asked for. At this residual
-#: the energy was below that of a solve with the Laplacian of the rest shape in 13 of 13 cases.
+#: Tolerance of a solve with a softened Laplacian, as a multiple of the tolerance asked for. Such solves ended
+#: at a lower energy than solves with the Laplacian of the rest shape in 12 of 13 cases.
 SOFTENED = 3.0
 
 
@@ -103,10 +103,10 @@ class LocalGlobal(System):
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
-            Start near the minimum: factorise the Laplacian with the strain weights of the start. Half as many
-            iterations then reach the same energy. They end at :data:`SOFTENED` times the tolerance, because
-            steps along soft triangles are longer. No effect without softening, with multigrid, or where
-            handles slide.
+            Factorise the Laplacian with the strain weights of `start`, which must be near the minimum. The
+            same energy then takes fewer iterations. Iteration stops at :data:`SOFTENED` times the tolerance,
+            because steps along soft triangles are longer. No effect without softening, with multigrid, or
+            where handles slide.
         progress : Progress
         **energy
             Weights of the constraints, and softening: the options :data:`sshade.options.ENERGY` of

@@ -41,7 +41,8 @@ from sshade.threads import ThreadTeam
 
 #: Least strain weight of a triangle in the metric of a V-cycle or a softened Laplacian. Weights change during
 #: a solve, because strain moves. A step descends while each weight is less than twice its value in the
-#: metric. Smaller values save little time; values from 0.1 to 0.5 were tried.
+#: metric. Values from 0.1 to 0.5 were tried: smaller ones save little time in V-cycles, and led softened
+#: Laplacians to other minima.
 LEAST_WEIGHT = 0.25
 #: Degree of the finest level's smoother without exact steps. A polish reaches the same energy as with degree
 #: 3 in 3 to 26 % less time (six bodies), because a step takes less time.

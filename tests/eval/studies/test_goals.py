@@ -14,7 +14,7 @@ from sshade import Mesh, VolumeGoal
 HOSE = goals.vessel(6.0, 0.25, rings=20)
 
 
-@pytest.mark.parametrize("mesh", [goals.capsule(5.0), HOSE, goals.two_balls()])
+@pytest.mark.parametrize("mesh", [goals.capsule(5.0), HOSE, goals.two_rods()])
 def test_shapes_are_closed_and_face_outwards(mesh):
     assert mesh.is_closed and mesh.is_oriented and mesh.is_manifold and mesh.volume > 0
 
