@@ -150,6 +150,7 @@ function refresh() {
   look.draw();
   stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;
+  stage.dataset.version = facts.version;
 }
 
 // The point about which a group turns.

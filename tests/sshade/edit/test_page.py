@@ -17,7 +17,7 @@ from sshade.io.meshes import read_arrays, write_mesh
 from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.shapes import bumpy
-from tests.sshade.edit.lent import lent
+from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import added, begun, marked, upright
 
 BODY = bumpy(4)
@@ -66,9 +66,7 @@ def stroke(page, *points, steps: int = 4) -> None:
     page.mouse.down()
     for point in points[1:]:
         page.mouse.move(*point, steps=steps)
-    with page.expect_response(re.compile("/select")):
-        page.mouse.up()
-    page.wait_for_timeout(50)
+    asked(page, "select", page.mouse.up)
 
 
 def corners(xy: np.ndarray) -> tuple:
@@ -77,8 +75,13 @@ def corners(xy: np.ndarray) -> tuple:
 
 
 def asked(page, name: str, action) -> None:
-    with page.expect_response(re.compile(f"/{name}$")):
+    """Act, and wait until the page shows what a command answers."""
+    with page.expect_response(re.compile(rf"/{name}(\?|$)")) as answer:
         action()
+    if answer.value.ok:
+        version = unpacked(answer.value.body())["version"]
+        shows = "least => document.getElementById('stage').dataset.version >= least"
+        page.wait_for_function(shows, arg=version)
 
 
 def drag(page, start, by, *, steps: int = 8):
@@ -96,8 +99,7 @@ def drag(page, start, by, *, steps: int = 8):
 
 def release(page) -> None:
     """Release the button and wait for the converged shape."""
-    with page.expect_response(re.compile("/settle$")):
-        page.mouse.up()
+    asked(page, "settle", page.mouse.up)
     page.wait_for_selector("#stage[data-state=converged]")
 
 

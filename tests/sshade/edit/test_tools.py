@@ -1,6 +1,5 @@
 """The tools of the page in a browser: numbers, steps, local axes, pivots, the view, and other files."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -178,8 +177,8 @@ def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, 
     asked(page, "symmetry", lambda: page.get_by_label("symmetry").select_option("x"))
     page.locator("#tools label", has_text="Click").click()
     box = page.locator("#stage").bounding_box()
-    with page.expect_response(re.compile("/select")):
-        page.mouse.click(box["x"] + 0.65 * box["width"], box["y"] + box["height"] / 2)
+    x, y = box["x"] + 0.65 * box["width"], box["y"] + box["height"] / 2
+    asked(page, "select", lambda: page.mouse.click(x, y))
     page.wait_for_selector("#picked:text-is('2')")
     asked(page, "mark", page.get_by_role("button", name="Make movable").click)
     page.wait_for_selector("#groups li:nth-child(2)")
