@@ -151,7 +151,7 @@ def _offsets(first, end, V, face, barycentric, NV, F, local):
             local[i, r] = V[i, r] - p
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _triangles(first, end, F, V, Q, T):
     """Write rows of T (l, WIDTH), with quaternions whose signs agree.
 
@@ -195,7 +195,7 @@ def _bulge(V, Q, i, j, out):
     return cosine
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _add_stretch(T, F, rest, Q, S):
     """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, with R the blend of R_i and R_j in equal parts."""
     q, g = np.empty(4), np.empty(3)
@@ -224,7 +224,7 @@ def _turned(w, x, y, z, u, v, s):
     return u + w * tx + y * tz - z * ty, v + w * ty + z * tx - x * tz, s + w * tz + x * ty - y * tx
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _stretch(first, end, local, face, barycentric, F, S, V):
     """Write the stretched offsets S(w) (x - p) to V."""
     for i in range(first, end):
@@ -238,7 +238,7 @@ def _stretch(first, end, local, face, barycentric, F, S, V):
             V[i, r] = u * x + v * y + w * z
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _decode(first, end, local, face, barycentric, T, V):
     for i in range(first, end):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]

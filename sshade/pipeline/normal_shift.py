@@ -60,7 +60,7 @@ def shifted(
     return Z
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _directions(first, end, G, H, weight, Z):
     """Write the unit vectors along G + H, times weights (n,), to Z (n, 3); 0 where the sum is 0."""
     for i in range(first, end):
@@ -70,7 +70,7 @@ def _directions(first, end, G, H, weight, Z):
         Z[i, 0], Z[i, 1], Z[i, 2] = factor * x, factor * y, factor * z
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _volume(first, end, F, V, Z, origin):
     """(4,) coefficients of 1, s, s^2 and s^3 of the volume of V + s Z, over a range of faces."""
     zero, one, two, three = 0.0, 0.0, 0.0, 0.0

@@ -371,7 +371,7 @@ def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
     return "flat" if abs(rest[VOLUME]) <= FLAT * rest[AREA] ** 1.5 else ""
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def volume_and_area(first, end, F, P, origin):
     """(2,) volume of the cones from an origin over a range of faces, and area of the faces."""
     x, y, z = origin[0], origin[1], origin[2]
@@ -386,7 +386,7 @@ def volume_and_area(first, end, F, P, origin):
     return np.array([volume / 6.0, 0.5 * area])
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", fastmath={"contract"})
 def add_gradients(F, P, volume, area, to_volume, to_area, first, end):
     """Add the gradients of volume and area, times the factors `volume` and `area`, to rows `first` to `end`.
 

@@ -33,8 +33,9 @@ CURVED = 1e-10
 #: Number that stands for "no pair".
 NONE = -1
 #: Number of coordinates that a kernel works on at a time. A thread takes half of all coordinates at a time,
-#: but at least LEAST and at most CHUNK of them.
-BLOCK, LEAST, CHUNK = 1024, 9 * 1024, 96 * 1024
+#: but at least LEAST and at most CHUNK of them; of the shorter work of :func:`_curvature` and
+#: :func:`_add_step` at least LEAST_SHORT.
+BLOCK, LEAST, LEAST_SHORT, CHUNK = 1024, 9 * 1024, 48 * 1024, 96 * 1024
 
 
 class QuasiNewton:
@@ -117,7 +118,8 @@ class QuasiNewton:
         u, F and `product` become the last iterate, plain move and force.
         """
         last, window, new = (self._u, self._F, self._G), self._window, NONE
-        sums = sum(self._chunks(lambda *own: _curvature(*own, self._per_unit, u, last[0], product, last[2])))
+        pair = self._per_unit, u, last[0], product, last[2]
+        sums = sum(self._chunks(lambda *own: _curvature(*own, *pair), LEAST_SHORT))
         if self._begun and sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
             new = self._steps % window
             self._steps += 1
@@ -138,14 +140,18 @@ class QuasiNewton:
         """Replace u (n, 3) by the last iterate plus a fraction of the last quasi-Newton step."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
         flat = u.reshape(-1)
-        self._chunks(lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat))
+        self._chunks(
+            lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat), LEAST_SHORT
+        )
 
-    def _chunks(self, kernel: Callable[[int, int], Any]) -> list[Any]:
+    def _chunks(self, kernel: Callable[[int, int], Any], least: int = LEAST) -> list[Any]:
         half = -(-len(self._F) // (2 * BLOCK)) * BLOCK
-        return self._team.ranges(kernel, len(self._F), rows=min(CHUNK, max(LEAST, half)))
+        return self._team.ranges(kernel, len(self._F), rows=min(CHUNK, max(least, half)))
 
 
-@kernel
+# The compiler may reorder these sums, so that an addition need not wait for the last one. All sums of a
+# function are in it, because the compiler may inline other functions or not, with different orders.
+@kernel(fastmath={"reassoc", "contract"})
 def _curvature(first, end, per_unit, u, last_u, product, last_G):
     """Products s.y, s.s, y.y of the step s and the change ``y = last_G - G`` of the gradient along it.
 
@@ -160,8 +166,6 @@ def _curvature(first, end, per_unit, u, last_u, product, last_G):
     return sums
 
 
-# The compiler may reorder these sums, so that an addition need not wait for the last one. All sums are in
-# this function, because the compiler may inline other functions or not, with different orders.
 @kernel(fastmath={"reassoc", "contract"})
 def _products(first, end, per_unit, u, F, product, last_u, last_F, last_G, S, Z, pairs, new):
     """Rows of s.y, z.y, s.G, z.G for each pair, with the y of the pair `new`, which is stored first.

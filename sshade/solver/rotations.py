@@ -28,7 +28,7 @@ JACOBI_SWEEPS = 30
 _PENDING, _FITTED, _UNCERTAIN = 0, 1, 2
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def fit_rotations(S, Q):
     """Compute for each matrix S_i the rotation R_i that maximises tr(R_i S_i).
 
@@ -127,7 +127,7 @@ def quaternions(R):
 
 
 # Without numpy's error model, the test for a division by zero is a branch in the loop.
-@subroutine(error_model="numpy")
+@subroutine(error_model="numpy", fastmath={"contract"})
 def _load(S, Q, C, q, size, state):
     """Write S, scaled to a largest entry of 1, to C, and Q to q; return the number of nonzero lanes."""
     pending, lanes = 0, len(S)
@@ -163,7 +163,7 @@ def _decide(q, step, Q, state):
     return pending
 
 
-@subroutine(error_model="numpy")
+@subroutine(error_model="numpy", fastmath={"contract"})
 def _newton_steps(C, q, squared_step, lanes):
     """Improve the quaternions q, and write the squared steps: infinity for uncertain ones."""
     for i in range(lanes):
@@ -211,7 +211,7 @@ def _newton_steps(C, q, squared_step, lanes):
         squared_step[i] = step if certain else np.inf
 
 
-@subroutine
+@subroutine(fastmath={"contract"})
 def _matrices(C, q, R, trace, lanes):
     """Write the matrices R of the quaternions q, and tr(R C)."""
     for i in range(lanes):

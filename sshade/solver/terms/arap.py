@@ -195,14 +195,14 @@ class Arap(Term):
         return _weighted_forces(*part, self._rest[own], P, R, *parameters, self.weight[own], B, first, end)
 
 
-@subroutine
+@subroutine(fastmath={"contract"})
 def _first_two(V, i, j, k, r, h0, h1, h2):
     """Coordinate r of y at the corners i and j of a triangle (i, j, k)."""
     side = h0 * (V[i, r] - V[j, r])
     return side + h2 * (V[i, r] - V[k, r]), h1 * (V[j, r] - V[k, r]) - side
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _triangle_covariances(corners, V, H, weight, P, S, first, end):
     S[first:end] = 0.0
     energy, weighted = 0.0, len(weight) > 0
@@ -230,7 +230,7 @@ def _triangle_covariances(corners, V, H, weight, P, S, first, end):
     return energy
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _edge_covariances(corners, Y, H, P, S, first, end):
     S[first:end] = 0.0
     energy = 0.0
@@ -249,7 +249,7 @@ def _edge_covariances(corners, Y, H, P, S, first, end):
     return energy
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _triangle_forces(corners, V, H, P, R, B, first, end):
     B[first:end] = 0.0
     third = 1.0 / 3.0
@@ -271,7 +271,7 @@ def _triangle_forces(corners, V, H, P, R, B, first, end):
                     B[corner, r] += force
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _edge_forces(corners, Y, H, P, R, B, first, end):
     B[first:end] = 0.0
     for t in range(len(corners)):
@@ -287,7 +287,7 @@ def _edge_forces(corners, Y, H, P, R, B, first, end):
                 B[j, r] -= at_i
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, B, first, end):
     """Write phi'(s^2) of each triangle to `weight`, and rows of B; return the energy ``sum rest phi(s^2)``.
 
@@ -313,7 +313,7 @@ def _weighted_forces(corners, V, H, rest, P, R, stiffness, soft, stiff, weight, 
 
 
 # Without numpy's error model, the test for a division by zero is a branch in the loop.
-@subroutine(error_model="numpy")
+@subroutine(error_model="numpy", fastmath={"contract"})
 def _soften(stiffness, soft, stiff, x, weight, ratio):
     """Write phi'(x) to `weight`, and phi(x) / x to `ratio`."""
     for t in range(len(x)):
@@ -325,7 +325,7 @@ def _soften(stiffness, soft, stiff, x, weight, ratio):
         ratio[t] = stiffness + (1.0 - stiffness) * both
 
 
-@subroutine(error_model="numpy")
+@subroutine(error_model="numpy", fastmath={"contract"})
 def _strain(corners, V, H, rest, P, R, x, pull):
     """Write s^2 of triangles to x, and the unweighted forces on their first two corners to `pull`."""
     third = 1.0 / 3.0

@@ -131,7 +131,7 @@ class Bending(Term):
         return plate.corners * _add_forces(*self._rows, plate.stiffness, self._W, B, first, end)
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _covariances(start, column, value, stiffness, rest, weight, P, S, W, first, end):
     """Add covariances to S and write L P to W; return ``weight sum stiffness |(L P)_i|^2``."""
     energy = 0.0
@@ -154,7 +154,7 @@ def _covariances(start, column, value, stiffness, rest, weight, P, S, W, first, 
     return energy
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _turn(stiffness, rest, R, W, first, end):
     """Replace L P in W by ``stiffness (R rest - L P)``."""
     for i in range(first, end):
@@ -166,7 +166,7 @@ def _turn(stiffness, rest, R, W, first, end):
             W[i, r] = stiffness[i] * (x - W[i, r])
 
 
-@kernel
+@kernel(fastmath={"contract"})
 def _add_forces(start, column, value, stiffness, W, B, first, end):
     """Add L W to rows of B; return the energy ``sum |W_i|^2 / stiffness_i``."""
     energy = 0.0
