@@ -56,6 +56,7 @@ class Drag:
             thickness=options.thickness,
             parts=parts,
         )
+        self._solver.response  # noqa: B018 - factorises now, and raises its errors
         self.reset()
 
     @property

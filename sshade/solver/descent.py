@@ -81,10 +81,10 @@ class Descent:
             options.area,
             corners=system.corners,
             team=team,
-            single=system.factorised is None and not system.exact_steps,
+            single=system.multigrid and not system.exact_steps,
         )
         self.slides: Slides | None = None
-        if system.sliding is not None and system.response is not None:
+        if system.sliding and system.response is not None:
             mesh, bound = system.mesh, (system.sliding, system.response)
             self.slides = Slides(*bound, corners=system.corners, origin=mesh.origin, unit=mesh.diagonal)
         self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
@@ -114,7 +114,7 @@ class Descent:
         if self._quasi_newton:
             self._quasi_newton.cut()
         if self.slides:
-            self.slides.restore(self.u, self._linear.solve)
+            self.slides.restore(self.u, self._apply)
         self.value = self.initial_value = self._local_step()
         self.rejected = 0
 
@@ -132,10 +132,10 @@ class Descent:
         u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints
         if constraints:
             constraints.add_forces(u, B)
-        self._linear.solve(B, g)
+        self._apply(B, g)
         g += u
         if self.slides:
-            self.slides.project(g, u, B, self._linear.solve)
+            self.slides.project(g, u, B, self._apply)
         if constraints:
             constraints.project(g, u, self._solve)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
@@ -143,19 +143,21 @@ class Descent:
     @property
     def softens(self) -> bool:
         """Whether the linear solve has the Laplacian with strain weights, by a factorisation of its own."""
-        return isinstance(self._linear, Factorised) and self._linear is not self._system.factorised
+        return self._softened and self._system.softens(self.energy.weight)
+
+    def _apply(self, B: np.ndarray, X: np.ndarray) -> None:
+        self._linear.solve(B, X, self._team)
 
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
         """Write directions M B_q along the slides to X_q, for B and X (q, n, 3)."""
-
-        def solve(q: int) -> None:
-            self._linear.solve(B[q], X[q])
-            if self.slides:
-                self.slides.restrict(X[q], self._linear.solve)
-
         # Slides and V-cycles have work arrays of their own.
-        alone = self.slides is not None or not isinstance(self._linear, Factorised)
-        (ThreadTeam(1) if alone else self._team)(solve, len(B))
+        if self.slides is None and isinstance(self._linear, Factorised) and len(B) > 1:
+            self._team(lambda q: self._linear.solve(B[q], X[q]), len(B))
+            return
+        for q in range(len(B)):
+            self._apply(B[q], X[q])
+            if self.slides:
+                self.slides.restrict(X[q], self._apply)
 
     def end_step(self, short: bool) -> bool:
         return self._linear.end_step(short)
@@ -188,7 +190,7 @@ class Descent:
     def restore(self) -> bool:
         """Project the iterate onto slides and exact constraints, along known directions; False if missed."""
         if self.slides:
-            self.slides.restore(self.u, self._linear.solve)
+            self.slides.restore(self.u, self._apply)
         return self._constraints.restore(self.u)
 
     def aim_volumes(self, volume_goal: float, part_goals: np.ndarray | None) -> None:
@@ -199,7 +201,7 @@ class Descent:
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""
         if self.slides:
-            self.slides.restore(self.u, self._linear.solve)
+            self.slides.restore(self.u, self._apply)
         if self._constraints:
             self._constraints.renew_directions(self.u, self._solve)
             self.restore()

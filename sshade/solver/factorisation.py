@@ -1,5 +1,10 @@
 """Sparse positive definite systems: factorise once, solve often, from any thread.
 
+Two threads share a substitution. Columns of the factor that lie in different subtrees of the elimination tree
+do not depend on each other. A division collects subtrees in two halves of equal work; the remaining columns,
+the top, come after both halves. The division depends on the matrix alone, so that results do not depend on
+the number of threads.
+
 SuperLU finds a symmetric factorisation, of which only L and D of ``Q = P^T L D L^T P`` are kept. The
 substitutions are kernels here, because SciPy's `solve` holds the GIL. SuperLU comes with SciPy, so that no
 other library is needed; CHOLMOD through `cholespy` solves a system of 12,000 unknowns in three quarters of
@@ -10,10 +15,19 @@ X. S. Li, "An overview of SuperLU", 2005; T. A. Davis, "Direct methods for spars
 
 from __future__ import annotations
 
+from heapq import heapify, heappop, heappush
+
 import numpy as np
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
 from sshade.kernels import kernel
+from sshade.threads import ThreadTeam
+
+#: Number of entries below which a thread solves alone. A second thread would work for less time than it takes
+#: to start.
+SHARED = 100_000
+#: Largest part of the work in the top, and largest part of the two halves' work in one of them.
+TOP, HALF = 0.3, 0.54
 
 
 class Factorisation:
@@ -29,10 +43,12 @@ class Factorisation:
     order : (n,) int64
         Row of Q at each position of the elimination order. Unknowns stored in this order need no
         permutation: see :meth:`solve_ordered`.
+    halves : (int, int)
+        Ends of the two halves in that order; 0 if there are none. The top follows.
     factors : tuple
         In that order: starts (n + 1,) uint32, rows uint32 and values float64 of the columns of L, without the
-        unit diagonal, and (n,) float64 the inverse of D. Unsigned indices save the kernel tests for negative
-        ones, a quarter of its time.
+        unit diagonal, and (n,) float64 the inverse of D. Unsigned indices save the kernels tests for negative
+        ones, a quarter of their time.
 
     Raises
     ------
@@ -69,17 +85,44 @@ class Factorisation:
         lower.sort_indices()
         below = np.ones(lower.nnz, dtype=bool)
         below[lower.indptr[:-1]] = False  # the unit diagonal is the first entry of each column
-        self.order = np.argsort(position).astype(np.int64)
-        self.factors = (
-            (lower.indptr - np.arange(n + 1)).astype(np.uint32),
-            lower.indices[below].astype(np.uint32),
+        start = lower.indptr - np.arange(n + 1)
+        row, value, inverse = (
+            lower.indices[below],
             lower.data[below].astype(np.float64, copy=False),
             1.0 / pivots,
         )
+        half = _halves(start, row)
+        new, count = np.argsort(half, kind="stable"), np.diff(start)
+        self.halves = int((half == 0).sum()), int((half < 2).sum())
+        if self.halves[1]:
+            moved = np.zeros(n + 1, dtype=np.int64)
+            np.cumsum(count[new], out=moved[1:])
+            entry = np.repeat(start[new] - moved[:-1], count[new]) + np.arange(len(row))
+            place = np.argsort(new)
+            start, row, value, inverse = moved, place[row[entry]], value[entry], inverse[new]
+        self.order = np.argsort(position)[new].astype(np.int64)
+        self.factors = start.astype(np.uint32), row.astype(np.uint32), value, inverse
+        #: Number of the first entry of each column in a row of the top.
+        in_top = np.append(0, np.cumsum(row >= self.halves[1]))
+        self._top = (start[1:] - in_top[start[1:]] + in_top[start[:-1]]).astype(np.uint32)
 
-    def solve_ordered(self, X: np.ndarray) -> None:
-        """Replace X (n, 3) float64, C-contiguous, by the solutions, both with their rows in `order`."""
-        _substitute(*self.factors, X)
+    def solve_ordered(self, X: np.ndarray, team: ThreadTeam | None = None) -> None:
+        """Replace X (n, 3) float64, C-contiguous, by the solutions, both with their rows in `order`.
+
+        The threads of a team, if there is one, share the work.
+        """
+        first, top = self.halves
+        n, bounds, team = len(X), [(0, first), (first, top)], team or ThreadTeam(1)
+        start, row, value, _ = self.factors
+        if top:
+            to_top = np.zeros((2, n - top, 3))
+            team(lambda i: _forward(*bounds[i], start, self._top, row, value, X, top, to_top[i]), 2)
+            X[top:] += to_top[0]
+            X[top:] += to_top[1]
+        _forward(top, n, start, start, row, value, X, top, X[top:])
+        _backward(top, n, *self.factors, X)
+        if top:
+            team(lambda i: _backward(*bounds[i], *self.factors, X), 2)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""
@@ -99,24 +142,93 @@ def _not_positive_definite() -> FloatingPointError:
     )
 
 
+def _halves(start: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """(n,) half of each column, 0 or 1; 2 for the top. All are 2 if the work is small or cannot be divided.
+
+    The top grows from the roots of the elimination tree, by the column with the largest subtree, until the
+    subtrees below fill two halves.
+    """
+    n = len(start) - 1
+    half = np.full(n, 2)
+    if len(row) < SHARED:
+        return half
+    parent = np.full(n, -1)
+    inner = np.flatnonzero(np.diff(start))
+    parent[inner] = row[start[inner]]
+    work = _subtree_work(start, parent)
+    child = np.argsort(parent, kind="stable")
+    begin = np.searchsorted(parent[child], np.arange(n + 1))
+    heap = [(-work[root], root) for root in np.flatnonzero(parent < 0)]
+    heapify(heap)
+    rest = total = float(work[parent < 0].sum())
+    while rest > (1.0 - TOP) * total:
+        if -heap[0][0] <= HALF * rest:
+            load = [0.0, 0.0]
+            for size, column in sorted(heap):
+                half[column] = int(load[1] < load[0])
+                load[half[column]] -= size
+            if max(load) <= HALF * rest:
+                _spread(parent, half)
+                return half
+            half[:] = 2
+        size, column = heappop(heap)
+        children = child[begin[column] : begin[column + 1]]
+        rest += size + float(work[children].sum())
+        for one in children:
+            heappush(heap, (-work[one], one))
+    return half
+
+
+@kernel
+def _subtree_work(start, parent):
+    """(n,) number of entries, with the diagonal, in the columns of the subtree of each column."""
+    work = np.zeros(len(parent))
+    for j in range(len(parent)):
+        work[j] += start[j + 1] - start[j] + 1
+        if parent[j] >= 0:
+            work[parent[j]] += work[j]
+    return work
+
+
+@kernel
+def _spread(parent, half):
+    """Put each column below the top in the half of its parent."""
+    for j in range(len(parent) - 1, -1, -1):
+        if half[j] == 2 and parent[j] >= 0:
+            half[j] = half[parent[j]]
+
+
 @kernel(fastmath={"contract"})
-def _substitute(start, row, value, inverse_pivot, X):
-    """Solve ``L D L^T X = X`` in place, for X (n, 3)."""
-    n, one = len(inverse_pivot), np.uint32(1)
-    for j in range(n):
+def _forward(first, end, start, top_entry, row, value, X, top, to_top):
+    """Solve ``L X = X`` in place for a range of columns, for X (n, 3).
+
+    Entries of each column from `top_entry` (n,) on are in rows from `top` on, which `to_top` takes instead.
+    """
+    for j in range(first, end):
         x, y, z = X[j, 0], X[j, 1], X[j, 2]
-        for k in range(start[j], start[j + 1]):
+        for k in range(start[j], top_entry[j]):
             i, v = row[k], value[k]
             X[i, 0] -= v * x
             X[i, 1] -= v * y
             X[i, 2] -= v * z
+        for k in range(top_entry[j], start[j + 1]):
+            i, v = row[k] - np.uint32(top), value[k]
+            to_top[i, 0] -= v * x
+            to_top[i, 1] -= v * y
+            to_top[i, 2] -= v * z
+
+
+@kernel(fastmath={"contract"})
+def _backward(first, end, start, row, value, inverse_pivot, X):
+    """Solve ``D L^T X = X`` in place for a range of columns, from the last, for X (n, 3)."""
+    one = np.uint32(1)
     # A row subtracts first the terms that are known first, and has two sums, so that the processor does not
     # wait for the last addition.
-    for j in range(n - 1, -1, -1):
-        d, k, first = inverse_pivot[j], start[j + 1], start[j]
+    for j in range(end - 1, first - 1, -1):
+        d, k, begin = inverse_pivot[j], start[j + 1], start[j]
         x, y, z = d * X[j, 0], d * X[j, 1], d * X[j, 2]
         a = b = c = 0.0
-        while k > first + one:
+        while k > begin + one:
             i, v, h, w = row[k - one], value[k - one], row[k - one - one], value[k - one - one]
             x -= v * X[i, 0]
             y -= v * X[i, 1]
@@ -125,8 +237,8 @@ def _substitute(start, row, value, inverse_pivot, X):
             b += w * X[h, 1]
             c += w * X[h, 2]
             k -= one + one
-        if k > first:
-            i, v = row[first], value[first]
+        if k > begin:
+            i, v = row[begin], value[begin]
             x -= v * X[i, 0]
             y -= v * X[i, 1]
             z -= v * X[i, 2]

@@ -70,7 +70,7 @@ class Following:
         **energy: Any,
     ) -> None:
         assert solver.matrix is not None and solver.factorised is not None
-        self.solver, self._options, team = solver, complete(energy, ENERGY), ThreadTeam(workers)
+        self.solver, self._options, self._team = solver, complete(energy, ENERGY), ThreadTeam(workers)
         self._factorised = solver.factorised
         #: Columns of the matrix for the hard handles: how their moves pull on all vertices.
         self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]
@@ -78,7 +78,7 @@ class Following:
             solver,
             self._options,
             solver.to_system(positions, targets),
-            team=team,
+            team=self._team,
             window=window,
             single=True,
             accelerate_last=True,
@@ -127,7 +127,7 @@ class Following:
         stiffness = springs.stiffness if fraction is None else springs.stiffness * fraction[springs.handle]
         B = -(self._to_handles @ (fixed - u[solver.fixed]))
         B[springs.place] += stiffness[:, None] * (move - repeated * last)[springs.handle]
-        self._factorised.solve(B, step)
+        self._factorised.solve(B, step, self._team)
         u += step
         u[solver.fixed] = fixed
         if self._has_directions:

@@ -37,8 +37,8 @@ MOST_STEPS = 40
 class Linear(Protocol):
     """The linear solve of the global step. B and X are (n, 3) float64, in the solver's order."""
 
-    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
-        """Write M B to X. Rows of fixed vertices become 0 in both."""
+    def solve(self, B: np.ndarray, X: np.ndarray, team: ThreadTeam | None = None) -> None:
+        """Write M B to X. Rows of fixed vertices become 0 in both. The threads of a team share the work."""
 
     def end_step(self, short: bool) -> bool:
         """Count a global step, and return whether it proves convergence. By default every short step does.
@@ -82,18 +82,18 @@ class Factorised(Linear):
         except FloatingPointError as error:  # every component has a handle, so the mesh is the cause
             raise not_positive_definite() from error
         rows = movable[self.factorisation.order]
-        self._rows: np.ndarray = rows if place is None else place[rows]
+        self._rows: np.ndarray = rows if place is None else place[rows].astype(np.int64)
         self._fixed: np.ndarray = fixed if place is None else place[fixed]
         #: Row of the solution for each row of X; fixed ones take the row of zeros at the end.
         self._solved = np.full(matrix.shape[0], len(rows))
         self._solved[self._rows] = np.arange(len(rows))
 
-    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+    def solve(self, B: np.ndarray, X: np.ndarray, team: ThreadTeam | None = None) -> None:
         B[self._fixed] = 0.0
         solution = np.zeros((len(self._rows) + 1, 3))
         # NumPy's take is ten times as fast as an index array.
         np.take(B, self._rows, axis=0, out=solution[:-1], mode="clip")
-        self.factorisation.solve_ordered(solution[:-1])
+        self.factorisation.solve_ordered(solution[:-1], team)
         np.take(solution, self._solved, axis=0, out=X, mode="clip")
 
 
@@ -105,15 +105,14 @@ class VCycle(Linear):
     multigrid : Multigrid
     fixed : (k,) int
         Places of fixed vertices.
-    team : ThreadTeam
     """
 
-    def __init__(self, multigrid: Multigrid, fixed: np.ndarray, *, team: ThreadTeam) -> None:
-        self._multigrid, self._fixed, self._team = multigrid, fixed, team
+    def __init__(self, multigrid: Multigrid, fixed: np.ndarray) -> None:
+        self._multigrid, self._fixed = multigrid, fixed
 
-    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+    def solve(self, B: np.ndarray, X: np.ndarray, team: ThreadTeam | None = None) -> None:
         B[self._fixed] = 0.0
-        self._multigrid.apply(B, X, team=self._team)
+        self._multigrid.apply(B, X, team=team or ThreadTeam(1))
 
 
 class ConjugateGradients(VCycle):
@@ -124,21 +123,22 @@ class ConjugateGradients(VCycle):
 
     Parameters
     ----------
-    multigrid, fixed, team
+    multigrid, fixed
         As of :class:`VCycle`.
     steps : int
         Number of nearly exact solves.
     """
 
-    def __init__(self, multigrid: Multigrid, fixed: np.ndarray, *, steps: int, team: ThreadTeam) -> None:
-        super().__init__(multigrid, fixed, team=team)
+    def __init__(self, multigrid: Multigrid, fixed: np.ndarray, *, steps: int) -> None:
+        super().__init__(multigrid, fixed)
         self._steps = steps
 
-    def solve(self, B: np.ndarray, X: np.ndarray) -> None:
+    def solve(self, B: np.ndarray, X: np.ndarray, team: ThreadTeam | None = None) -> None:
         """Solve by conjugate gradients up to :data:`TOLERANCE`, or by one V-cycle."""
-        super().solve(B, X)
+        team = team or ThreadTeam(1)
+        super().solve(B, X, team)
         if self._steps > 0:
-            self.refine(B, X, TOLERANCE)
+            self.refine(B, X, TOLERANCE, team)
 
     def end_step(self, short: bool) -> bool:
         converged = short and self._steps > 0
@@ -146,13 +146,13 @@ class ConjugateGradients(VCycle):
         self._steps = max(self._steps - 1, int(short and not converged))
         return converged
 
-    def refine(self, B: np.ndarray, X: np.ndarray, tolerance: float) -> None:
+    def refine(self, B: np.ndarray, X: np.ndarray, tolerance: float, team: ThreadTeam) -> None:
         """Replace a V-cycle X of B by the solution, up to an error of `tolerance` in the energy norm.
 
         The three columns are solved at once. Both norms are estimates by V-cycles, and the matrix has single
         precision.
         """
-        A, n, team = self._multigrid.finest, len(B), self._team
+        A, n = self._multigrid.finest, len(B)
         if A is None:
             return
 

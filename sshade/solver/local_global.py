@@ -127,14 +127,14 @@ class LocalGlobal(System):
         u = self.to_system(self.mesh.V if start is None else start, targets)
         del start  # frees a large array if this is the last reference
         with ThreadTeam(workers) as team:
-            single = self.factorised is None
             window = window if accelerate else 0
-            state = Descent(self, options, u, team=team, window=window, single=single, softened=softened)
+            kinds = {"single": self.multigrid, "softened": softened}
+            state = Descent(self, options, u, team=team, window=window, **kinds)
             state.aim(targets, prescribed, fraction, volume_goal, part_goals)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin()
-            if softened and state.softens:
+            if state.softens:
                 tolerance *= SOFTENED
             done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)
         return self.solution(state, done, targets, options)

@@ -101,8 +101,8 @@ class System:
         The soft handles and attached vertices.
     sliding : Sliding or None
         The handles that slide; they are neither in `hard` nor in `springs`.
-    response : (s, s) float64 or None
-        See :meth:`sshade.solver.sliding.Sliding.response`.
+    multigrid : bool
+        Whether V-cycles take the place of a factorisation.
     corners : int
         Number of corners of an element: 2 for edges, 3 for triangles. All terms of the energy have this
         factor, because the as-rigid-as-possible terms count each element once for each corner.
@@ -121,13 +121,15 @@ class System:
     matrix : (n, n) csr_array or None
         Laplacian with stiffness of pulls and bending, in the mesh's order. None with multigrid.
     factorised : Factorised or None
-        None with multigrid.
+        Of `matrix`; made when first asked for, which a softened solve never does. None with multigrid.
+    response : (s, s) float64 or None
+        See :meth:`sshade.solver.sliding.Sliding.response`.
 
     Raises
     ------
     InputError
-        On an unknown energy, slides with multigrid, handle vertices that are out of range or
-        missing in a component, or a Laplacian that is not positive definite to rounding.
+        On an unknown energy, slides with multigrid, or handle vertices that are out of range or missing in a
+        component. A factorisation raises it for a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -155,13 +157,13 @@ class System:
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
         self._take_handles(index, stiffness, slide)
         h = half_cotangents(mesh)
-        self._multigrid = multigrid
+        self.multigrid = multigrid
         needed = bending > 0 or not multigrid
         self._laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h)) if needed else None
         self.corners = 2 if energy == "spokes" else 3
         self.struts = Struts.of(mesh, self.place, thickness, self.corners) if thickness else None
         with ThreadPoolExecutor(max_workers=1) as pool:
-            bound = pool.submit(self._bind)  # the factorisation takes longest
+            bound = pool.submit(self._bind)
             self._list_elements(h)
             bound.result()
 
@@ -171,11 +173,14 @@ class System:
         """Bind other handles of the same mesh and energy, by a new factorisation.
 
         Both systems stay usable, and share all data that do not depend on handles. Parameters and errors as
-        for the class, without multigrid.
+        for the class and a factorisation, without multigrid.
         """
         other = copy(self)
+        for name in "factorised", "response":
+            other.__dict__.pop(name, None)
         other._take_handles(index, stiffness, slide)
         other._bind()
+        other.response  # noqa: B018 - raises errors of the factorisation
         return other
 
     def _take_handles(
@@ -200,8 +205,8 @@ class System:
         self.springs = Springs(handle, index[handle], self.place[index[handle]], stiffness[handle])
 
     def _bind(self) -> None:
-        """Make the bending energy; assemble and factorise the matrix, unless V-cycles take its place."""
-        self.matrix, self.plate, self.factorised, self.response = None, None, None, None
+        """Make the bending energy; assemble the matrix, unless V-cycles take its place."""
+        self.matrix, self.plate = None, None
         laplacian, fixed = self._laplacian, self.index[self.hard]
         if laplacian is None:
             return
@@ -211,7 +216,7 @@ class System:
             in_order.sort_indices()
             rest = in_order @ (self.mesh.V - self.mesh.origin)[self.vertex]
             self.plate = Plate(in_order, stiffness[self.vertex], rest, self.corners)
-        if self._multigrid:
+        if self.multigrid:
             return
         self.matrix = laplacian
         if len(self.springs.vertex):
@@ -223,9 +228,15 @@ class System:
             self.matrix = csr_array(self.matrix + self.struts.matrix(self.mesh.n))
         if self._length:
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
-        self.factorised = Factorised(self.matrix, fixed, self.place)
-        if self.sliding:
-            self.response = self.sliding.response(self.factorised, self.mesh.n)
+
+    @cached_property
+    def factorised(self) -> Factorised | None:
+        return None if self.matrix is None else Factorised(self.matrix, self.index[self.hard], self.place)
+
+    @cached_property
+    def response(self) -> np.ndarray | None:
+        factorised = self.factorised
+        return self.sliding.response(factorised, self.mesh.n) if self.sliding and factorised else None
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
@@ -271,14 +282,18 @@ class System:
             L = csr_array(L + self.struts.matrix(self.mesh.n, ends=ends))
         return L
 
+    def softens(self, weight: np.ndarray | None) -> bool:
+        """Whether a Laplacian with strain weights can be factorised: there are some, and no handle slides."""
+        return weight is not None and not self.multigrid and self.sliding is None
+
     def linear(self, weight: np.ndarray | None, *, team: ThreadTeam, softened: bool = False) -> Linear:
         """Return the linear solve of a global step, for strain weights (m,) where the solve begins.
 
-        If `softened`, factorise the Laplacian with these weights, where handles do not slide.
+        If `softened`, factorise the Laplacian with these weights, where they can be had: see :meth:`softens`.
         """
+        if softened and weight is not None and self.softens(weight):
+            return Factorised(self.metric(np.maximum(weight, LEAST_WEIGHT)), self.fixed)
         if self.factorised:
-            if softened and weight is not None and not self.sliding:
-                return Factorised(self.metric(np.maximum(weight, LEAST_WEIGHT)), self.fixed)
             return self.factorised
         fixed = np.zeros(self.mesh.n, dtype=bool)
         fixed[self.fixed] = True
@@ -291,5 +306,5 @@ class System:
             raise not_positive_definite() from error
         give_back()
         if self.exact_steps:
-            return ConjugateGradients(multigrid, self.fixed, steps=self.exact_steps, team=team)
-        return VCycle(multigrid, self.fixed, team=team)
+            return ConjugateGradients(multigrid, self.fixed, steps=self.exact_steps)
+        return VCycle(multigrid, self.fixed)

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.coarse import sample_coarsely
 from sshade.sampling.proxy import sample_proxy
+from sshade.solver import factorisation
 from sshade.solver.linear import ConjugateGradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
@@ -135,8 +137,13 @@ def _cycled() -> np.ndarray:
     with ThreadTeam(1) as team:
         multigrid.apply(B, X, team=team)
         Y[:] = X
-        ConjugateGradients(multigrid, np.flatnonzero(held), steps=1, team=team).refine(B, Y, 1e-3)
+        ConjugateGradients(multigrid, np.flatnonzero(held), steps=1).refine(B, Y, 1e-3, team)
     return np.concatenate([X, Y])
+
+
+def _factorised_in_halves() -> np.ndarray:
+    with patch.object(factorisation, "SHARED", 0):
+        return local_global(task(), **FEW).vertices
 
 
 COARSE = partial(local_global, **FEW)
@@ -165,6 +172,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "points near needles": _on_needles,
     "files": _written,
     "multigrid cycles": _cycled,
+    "factorisation in halves": _factorised_in_halves,
 }
 
 

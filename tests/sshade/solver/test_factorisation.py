@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from sshade.solver import factorisation
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorisation
+from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, jittered, strip
 
 
@@ -26,6 +28,37 @@ def test_solves_to_rounding_and_each_column_alone(Q, columns):
     assert np.allclose(X, np.linalg.solve(Q.toarray(), B), rtol=0, atol=1e-12 * np.abs(X).max())
     for c in range(columns):
         assert np.array_equal(X[:, [c]], factorisation.solve(B[:, [c]]))
+
+
+def test_two_threads_divide_the_work_and_return_the_bits_of_one(monkeypatch):
+    Q = system(bumpy(4))
+    whole = Factorisation(Q)
+    monkeypatch.setattr(factorisation, "SHARED", 0)
+    divided = Factorisation(Q)
+    first, top = divided.halves
+    start, row, *_ = divided.factors
+    assert whole.halves == (0, 0) and 0 < first < top < Q.shape[0]
+    assert (row[start[0] : start[first]] < first).any() and not np.isin(
+        row[: start[first]], range(first, top)
+    ).any()
+    work = np.diff(start[[0, first, top, -1]].astype(int))
+    assert max(work[:2]) < 0.6 * work[:2].sum() and work[2] < 0.4 * work.sum()
+    B = np.random.default_rng(0).normal(size=(Q.shape[0], 3))
+    assert np.allclose(divided.solve(B), whole.solve(B), rtol=0, atol=1e-12 * np.abs(whole.solve(B)).max())
+    one, two = B.copy(), B.copy()
+    divided.solve_ordered(one)
+    with ThreadTeam(2) as team:
+        divided.solve_ordered(two, team)
+    assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("Q", [sp.eye_array(40), sp.csr_array(np.eye(40) + 1.0)], ids=["diagonal", "full"])
+def test_matrices_without_halves_and_of_single_columns(monkeypatch, Q):
+    monkeypatch.setattr(factorisation, "SHARED", 0)
+    B = np.random.default_rng(0).normal(size=(40, 3))
+    factorisation_of_Q = Factorisation(sp.csr_array(Q))
+    assert np.allclose(factorisation_of_Q.solve(B), np.linalg.solve(Q.toarray(), B), rtol=0, atol=1e-12)
+    assert factorisation_of_Q.halves in ((0, 0), (20, 40))
 
 
 def test_fill_is_that_of_a_symmetric_ordering():

@@ -155,8 +155,8 @@ def solved(name: str, tolerance: float, *, workers: int = 1, coarsest: int = 100
     B[held] = 0.0
     X, multigrid = np.full_like(B, np.nan), Multigrid(A, held, coarsest=coarsest)
     with ThreadTeam(workers) as team:
-        VCycle(multigrid, np.flatnonzero(held), team=team).solve(B, X)
-        ConjugateGradients(multigrid, np.flatnonzero(held), steps=1, team=team).refine(B, X, tolerance)
+        VCycle(multigrid, np.flatnonzero(held)).solve(B, X, team)
+        ConjugateGradients(multigrid, np.flatnonzero(held), steps=1).refine(B, X, tolerance, team)
     return A[free][:, free], B[free], X[free], X[held]
 
 
