@@ -61,7 +61,7 @@ def waist() -> Example:
     """A sitting body, of which the picture shows one half."""
     few, places = body(9, "7 groups"), [(0, 0.95, -0.15), (0, 1.3, 0.2), (0.13, 0.5, 0.1), (-0.13, 0.5, 0.1)]
     more, (x, y, _) = body(9, "11 groups", *places), few.mesh.V.T
-    first = "*Elastic; *fast; *fine; fast strain_limit=0.25; fast thickness=1; fine detail=0.5"
+    first = "*Elastic; *fast; *fine; fast strain_limit=0.25; fast thickness=1; fine detail=0.75"
     then = "Elastic; *fast; fine; fast bending=0.006; fast strain_limit=0.25; *fast thickness=1"
     runs = [(few, first), (more, f"{then}; fine thickness=1; *truth")]
     shown = (y > 0.4) & (abs(x + 0.12) < 0.12)

@@ -165,7 +165,7 @@ class Options:
     guide_attachment: float = _option(0.0, "[0, inf)", FAST)
     coarse: Callable[..., Any] | None = _option(None, "", PAPER)
     warm_start: bool = _option(False, "", PAPER)
-    detail: float = _option(0.75, "[0, 1]", FINE)
+    detail: float = _option(0.5, "[0, 1]", FINE)
     proxy_attachment: float = _option(0.0, "[0, inf)", FINE)
     proxy_bending: float = _option(0.0, "[0, inf)", FINE)
     proxy_stiffness: float = _option(1.0, "(0, 1]", FINE)
@@ -273,8 +273,8 @@ _REGIONS: Mapping[str, Any] = {"area": 0.1, "stiffness": 0.08}
 #: Differences of the methods where handles are regions.
 REGIONS: Mapping[str, Mapping[str, Any]] = {
     "fast": {**_REGIONS, "bending": 0.003},
-    "fine": {**_REGIONS, "detail": 0.5, "proxy_bending": 0.003},
-    "fine_free": {**_REGIONS, "area": 0.0, "detail": 0.5, "proxy_bending": 0.003},
+    "fine": {**_REGIONS, "proxy_bending": 0.003},
+    "fine_free": {**_REGIONS, "area": 0.0, "proxy_bending": 0.003},
 }
 
 #: Names of options and methods before they were renamed.
