@@ -143,40 +143,44 @@ def _not_positive_definite() -> FloatingPointError:
 
 
 def _halves(start: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """(n,) half of each column, 0 or 1; 2 for the top. All are 2 if the work is small or cannot be divided.
+    """(n,) half of each column, or 2 for the top. All are 2 if the work is small or cannot be divided."""
+    n = len(start) - 1
+    half, parent, inner = np.full(n, 2), np.full(n, -1), np.flatnonzero(np.diff(start))
+    parent[inner] = row[start[inner]]
+    work = _subtree_work(start, parent)
+    if len(row) >= SHARED:
+        for column, number in _roots_of_halves(parent, work):
+            half[column] = number
+    _spread(parent, half)
+    return half
+
+
+def _roots_of_halves(parent: np.ndarray, work: np.ndarray) -> list[tuple[int, int]]:
+    """Return the roots of the subtrees in the halves, each with its half; none if the top becomes too large.
 
     The top grows from the roots of the elimination tree, by the column with the largest subtree, until the
     subtrees below fill two halves.
     """
-    n = len(start) - 1
-    half = np.full(n, 2)
-    if len(row) < SHARED:
-        return half
-    parent = np.full(n, -1)
-    inner = np.flatnonzero(np.diff(start))
-    parent[inner] = row[start[inner]]
-    work = _subtree_work(start, parent)
     child = np.argsort(parent, kind="stable")
-    begin = np.searchsorted(parent[child], np.arange(n + 1))
+    begin = np.searchsorted(parent[child], np.arange(len(parent) + 1))
     heap = [(-work[root], root) for root in np.flatnonzero(parent < 0)]
     heapify(heap)
     rest = total = float(work[parent < 0].sum())
     while rest > (1.0 - TOP) * total:
         if -heap[0][0] <= HALF * rest:
-            load = [0.0, 0.0]
+            load, found = [0.0, 0.0], []
             for size, column in sorted(heap):
-                half[column] = int(load[1] < load[0])
-                load[half[column]] -= size
+                number = int(load[1] < load[0])
+                load[number] -= size
+                found.append((column, number))
             if max(load) <= HALF * rest:
-                _spread(parent, half)
-                return half
-            half[:] = 2
+                return found
         size, column = heappop(heap)
         children = child[begin[column] : begin[column + 1]]
         rest += size + float(work[children].sum())
         for one in children:
             heappush(heap, (-work[one], one))
-    return half
+    return []
 
 
 @kernel

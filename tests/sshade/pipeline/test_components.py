@@ -297,7 +297,8 @@ def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
         result = deformed(mesh, own, method)
     assert stretch(mesh, result.vertices).max() < 1.7  # 2.9 to 15 if the surface is cut
     assert result.extra["one_sided"] == mesh.n and result.extra["copies"] == result.extra["turned"] == 0
-    assert 0 < result.extra["side_gap"] < 0.03 and result.extra["gap"] == 0
+    # More attachment on the proxy draws the sides of the bottle into different minima.
+    assert 0 < result.extra["side_gap"] < (0.1 if method is fine else 0.03) and result.extra["gap"] == 0
     expected = ["the volume constraint is off: one-sided"] if method is not paper else []
     assert caplog.messages == expected
 
