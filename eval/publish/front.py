@@ -103,7 +103,8 @@ def _family(name: str, value: Any) -> str:
 def with_times(rows: pd.DataFrame, times: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     """Return the rows of timed methods, with the median time as a measure, and the machine of the times.
 
-    A method was timed if there are times of its configuration and of the version of the code of its rows.
+    A method was timed if there are times of its configuration, from the commit of its rows. Outside a
+    checkout the version of the code takes the place of the commit.
 
     Raises
     ------
@@ -115,11 +116,12 @@ def with_times(rows: pd.DataFrame, times: pd.DataFrame) -> tuple[pd.DataFrame, s
             raise InputError(f"the times differ in {column}, so one chart cannot show them")
     kept = times[times["kept"].eq(True)]
     seconds = numbers(kept, "seconds.total").groupby(kept["method.hash"]).median()
-    rows = rows[rows["env.version.code"].isin(distinct(times, "env.version.code"))]
+    version = "env.commit" if distinct(times, "env.commit") else "env.version.code"
+    rows = rows[rows[version].isin(distinct(times, version))]
     rows = rows.assign(**{f"metric.{TIME}": rows["method.hash"].map(seconds)})
     timed = rows[rows[f"metric.{TIME}"].notna()]
     if timed.empty:
-        raise InputError("no method was timed with the configuration and version of these rows")
+        raise InputError("no method was timed with the configuration and at the commit of these rows")
     return timed, distinct(times, "env.machine")[0]
 
 

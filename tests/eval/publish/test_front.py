@@ -83,7 +83,11 @@ def test_times_are_those_of_the_same_configuration_and_version():
     with pytest.raises(InputError, match="differ in env.machine"):
         with_times(rows, frame(*timed, timed[0] | {"env.machine": "another"}))
     with pytest.raises(InputError, match="no method was timed"):
-        with_times(rows, frame(*(one | {"env.version.code": "other"} for one in timed)))
+        with_times(rows, frame(*(one | {"env.commit": "other"} for one in timed)))
+    with pytest.raises(InputError, match="no method was timed"):
+        with_times(rows, frame(*(one | {"env.commit": "", "env.version.code": "other"} for one in timed)))
+    elsewhere = frame(*(one | {"env.version.code": "of all timed methods"} for one in timed))
+    assert with_times(rows, elsewhere)[0]["metric.time"].tolist() == found["metric.time"].tolist()
 
 
 def test_the_front_has_the_points_that_no_other_beats_and_its_line_is_drawn():
