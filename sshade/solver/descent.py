@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from sshade.options import Options
@@ -89,6 +87,7 @@ class Descent:
             self.slides = Slides(*bound, corners=system.corners, origin=mesh.origin, unit=mesh.diagonal)
         self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
         self._softened = softened
+        self._made: Linear | None = None
         self._quasi_newton: QuasiNewton | None = None
         if window:
             unit = system.mesh.diagonal
@@ -123,10 +122,13 @@ class Descent:
         value = self.energy.local_step(self.u) + self._constraints.penalty(self.u, restored=restored)
         return value + self.slides.penalty(self.u) if self.slides else value
 
-    @cached_property
+    @property
     def _linear(self) -> Linear:
         """The linear solve, made when the first strain weights are known."""
-        return self._system.linear(self.energy.weight, team=self._team, softened=self._softened)
+        if self._made is None:
+            weight, softened = self.energy.weight, self._softened
+            self._made = self._system.linear(weight, team=self._team, softened=softened)
+        return self._made
 
     def step(self) -> float:
         u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints

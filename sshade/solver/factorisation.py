@@ -172,7 +172,7 @@ def _roots_of_halves(parent: np.ndarray, work: np.ndarray) -> list[tuple[int, in
             for size, column in sorted(heap):
                 number = int(load[1] < load[0])
                 load[number] -= size
-                found.append((column, number))
+                found.append((int(column), number))
             if max(load) <= HALF * rest:
                 return found
         size, column = heappop(heap)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
+from threading import RLock
 from typing import Self
 
 import numpy as np
@@ -176,8 +177,6 @@ class System:
         for the class and a factorisation, without multigrid.
         """
         other = copy(self)
-        for name in "factorised", "response":
-            other.__dict__.pop(name, None)
         other._take_handles(index, stiffness, slide)
         other._bind()
         other.response  # noqa: B018 - raises errors of the factorisation
@@ -207,6 +206,10 @@ class System:
     def _bind(self) -> None:
         """Make the bending energy; assemble the matrix, unless V-cycles take its place."""
         self.matrix, self.plate = None, None
+        # A cached_property of Python 3.11 would let one system wait for the factorisation of another.
+        self._factorised: Factorised | None = None
+        self._response: np.ndarray | None = None
+        self._lock = RLock()
         laplacian, fixed = self._laplacian, self.index[self.hard]
         if laplacian is None:
             return
@@ -229,14 +232,19 @@ class System:
         if self._length:
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
 
-    @cached_property
+    @property
     def factorised(self) -> Factorised | None:
-        return None if self.matrix is None else Factorised(self.matrix, self.index[self.hard], self.place)
+        with self._lock:
+            if self._factorised is None and self.matrix is not None:
+                self._factorised = Factorised(self.matrix, self.index[self.hard], self.place)
+            return self._factorised
 
-    @cached_property
+    @property
     def response(self) -> np.ndarray | None:
-        factorised = self.factorised
-        return self.sliding.response(factorised, self.mesh.n) if self.sliding and factorised else None
+        with self._lock:
+            if self._response is None and self.factorised and self.sliding:
+                self._response = self.sliding.response(self.factorised, self.mesh.n)
+            return self._response
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
