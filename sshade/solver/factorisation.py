@@ -1,14 +1,14 @@
 """Sparse positive definite systems: factorise once, solve often, from any thread.
 
-Two threads share a substitution. Columns of the factor that lie in different subtrees of the elimination tree
-do not depend on each other. A division collects subtrees in two halves of equal work; the remaining columns,
-the top, come after both halves. The division depends on the matrix alone, so that results do not depend on
-the number of threads.
-
 SuperLU finds a symmetric factorisation, of which only L and D of ``Q = P^T L D L^T P`` are kept. The
 substitutions are kernels here, because SciPy's `solve` holds the GIL. SuperLU comes with SciPy, so that no
 other library is needed; CHOLMOD through `cholespy` solves a system of 12,000 unknowns in three quarters of
 the time, and takes 1.4 times as long to factorise it.
+
+Two threads share a substitution. Columns of the factor that lie in different subtrees of the elimination tree
+do not depend on each other. A division collects subtrees in two halves of equal work; the remaining columns,
+the top, come after both halves. The division depends on the matrix alone, so that results do not depend on
+the number of threads.
 
 X. S. Li, "An overview of SuperLU", 2005; T. A. Davis, "Direct methods for sparse linear systems", 2006.
 """
@@ -86,11 +86,8 @@ class Factorisation:
         below = np.ones(lower.nnz, dtype=bool)
         below[lower.indptr[:-1]] = False  # the unit diagonal is the first entry of each column
         start = lower.indptr - np.arange(n + 1)
-        row, value, inverse = (
-            lower.indices[below],
-            lower.data[below].astype(np.float64, copy=False),
-            1.0 / pivots,
-        )
+        row, inverse = lower.indices[below], 1.0 / pivots
+        value = lower.data[below].astype(np.float64, copy=False)
         half = _halves(start, row)
         new, count = np.argsort(half, kind="stable"), np.diff(start)
         self.halves = int((half == 0).sum()), int((half < 2).sum())
