@@ -33,8 +33,8 @@ CURVED = 1e-10
 #: Number that stands for "no pair".
 NONE = -1
 #: Number of coordinates that a kernel works on at a time. A thread takes half of all coordinates at a time,
-#: but at least LEAST and at most CHUNK of them; of the shorter work of :func:`_curvature` and
-#: :func:`_add_step` at least LEAST_SHORT.
+#: but at least LEAST and at most CHUNK of them. :func:`_curvature` and :func:`_add_step` do little work, so
+#: their threads take at least LEAST_SHORT.
 BLOCK, LEAST, LEAST_SHORT, CHUNK = 1024, 9 * 1024, 48 * 1024, 96 * 1024
 
 

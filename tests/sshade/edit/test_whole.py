@@ -56,7 +56,7 @@ def in_sight(page, locator) -> bool:
     )
 
 
-@pytest.mark.parametrize("size", few(SIZES, SIZES[1]))
+@pytest.mark.parametrize("size", SIZES)
 def test_the_work_survives_a_killed_program_and_is_exported(browser, session, size):
     V = session.mesh.V
     with running("body.ply", "--no-browser") as (process, address):

@@ -289,7 +289,7 @@ def test_sides_in_different_minima_meet_from_their_mean():
     assert np.array_equal(result.vertices, mesh.V) and result.extra["side_gap"] == 0
 
 
-@pytest.mark.parametrize("method", [fast, fine, paper])
+@pytest.mark.parametrize("method", [fast, fine, partial(fine, detail=0.75), paper])
 @pytest.mark.parametrize("mesh", [moebius(120), klein_bottle(), projective_plane(3)])
 def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
     own = end_handles(mesh.V, axis=1, count=12, shift=(0.4, 0, 0.3), turn=QUARTER)
