@@ -56,7 +56,7 @@ class Drag:
             thickness=options.thickness,
             parts=parts,
         )
-        self._solver.response  # noqa: B018 - factorises now, and raises its errors
+        self._solver.factorise()
         self.reset()
 
     @property

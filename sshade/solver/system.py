@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
 from threading import RLock
-from typing import Self
+from typing import Self, TypeGuard
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -179,7 +179,7 @@ class System:
         other = copy(self)
         other._take_handles(index, stiffness, slide)
         other._bind()
-        other.response  # noqa: B018 - raises errors of the factorisation
+        other.factorise()
         return other
 
     def _take_handles(
@@ -232,6 +232,12 @@ class System:
         if self._length:
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
 
+    def factorise(self) -> None:
+        """Factorise now instead of in the first solve. Errors as of the class."""
+        with self._lock:
+            if self._response is None and self.factorised and self.sliding:
+                self._response = self.sliding.response(self.factorised, self.mesh.n)
+
     @property
     def factorised(self) -> Factorised | None:
         with self._lock:
@@ -241,10 +247,8 @@ class System:
 
     @property
     def response(self) -> np.ndarray | None:
-        with self._lock:
-            if self._response is None and self.factorised and self.sliding:
-                self._response = self.sliding.response(self.factorised, self.mesh.n)
-            return self._response
+        self.factorise()
+        return self._response
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
@@ -290,7 +294,7 @@ class System:
             L = csr_array(L + self.struts.matrix(self.mesh.n, ends=ends))
         return L
 
-    def softens(self, weight: np.ndarray | None) -> bool:
+    def softens(self, weight: np.ndarray | None) -> TypeGuard[np.ndarray]:
         """Whether a Laplacian with strain weights can be factorised: there are some, and no handle slides."""
         return weight is not None and not self.multigrid and self.sliding is None
 
@@ -299,7 +303,7 @@ class System:
 
         If `softened`, factorise the Laplacian with these weights, where they can be had: see :meth:`softens`.
         """
-        if softened and weight is not None and self.softens(weight):
+        if softened and self.softens(weight):
             return Factorised(self.metric(np.maximum(weight, LEAST_WEIGHT)), self.fixed)
         if self.factorised:
             return self.factorised
