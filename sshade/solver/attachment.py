@@ -19,6 +19,7 @@ so that the surface never jumps while handles are dragged.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,12 @@ class Attachment:
             group_of[near] = nearest[near]
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
-        self._group_of, self._rest = group_of[near], mesh.V[near]
+        near = near[np.argsort(group_of[near], kind="stable")]
+        # The attached vertices of group g are those from self._start[g] to self._start[g + 1].
+        self._group_of, self._arm, self._start = group_of[near], mesh.V[near], np.zeros(1, dtype=np.int64)
+        if self._groups is not None:
+            self._arm -= self._groups.centre[self._group_of]
+            self._start = np.searchsorted(self._group_of, np.arange(len(self._groups.centre) + 1))
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
         self.slide: np.ndarray | None = None
@@ -123,12 +129,12 @@ class Attachment:
         fraction : (p,) float64
             Fraction of the stiffness, in [0, 1].
         """
-        fraction, k = np.ones(len(target) + len(self._rest)), len(target)
+        fraction, k = np.ones(len(target) + len(self._arm)), len(target)
         if self._groups is not None:
             R, centre, certainty = self._groups.motions(target, rotation)
-            arm, goal = self._rest - self._groups.centre[self._group_of], centre[self._group_of]
-            for c in range(3):
-                goal[:, c] += (R[self._group_of, c] * arm).sum(axis=1)
+            goal = np.empty_like(self._arm)
+            for g, (first, end) in enumerate(pairwise(self._start)):
+                goal[first:end] = np.einsum("ij,kj->ki", R[g], self._arm[first:end]) + centre[g]
             target, fraction[k:] = np.concatenate([target, goal]), certainty[self._group_of]
         if self._kept is not None:
             return target[self._kept], np.ones(len(self.vertex))

@@ -167,6 +167,7 @@ class System:
             bound = pool.submit(self._bind)
             self._list_elements(h)
             bound.result()
+        self.rest_energy = self._total_rest_energy()
 
     def with_handles(
         self, index: np.ndarray, *, stiffness: np.ndarray | None = None, slide: np.ndarray | None = None
@@ -179,6 +180,7 @@ class System:
         other = copy(self)
         other._take_handles(index, stiffness, slide)
         other._bind()
+        other.rest_energy = other._total_rest_energy()
         other.factorise()
         return other
 
@@ -266,12 +268,9 @@ class System:
             self.elements = Triangles(corners, mesh.V[self.vertex], h[face])
             self.rest = rest_energies(mesh, h)[face]
         self.ranges = vertex_ranges(self.elements.corners, mesh.n)
-        self._elements_rest_energy = float(self.rest.sum())
 
-    @property
-    def rest_energy(self) -> float:
-        terms = [term.rest_energy for term in (self.plate, self.struts) if term]
-        return self._elements_rest_energy + sum(terms)
+    def _total_rest_energy(self) -> float:
+        return float(self.rest.sum()) + sum(term.rest_energy for term in (self.plate, self.struts) if term)
 
     @cached_property
     def surface(self) -> Surface:
