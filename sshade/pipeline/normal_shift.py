@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.kernels import kernel
-from sshade.solver.constraints import add_gradients
+from sshade.solver.constraints import VOLUME_ALONE, add_gradients
 from sshade.threads import CHUNK, ThreadTeam, available_cpus
 
 #: Number of Newton steps for the root of the polynomial.
@@ -43,7 +43,7 @@ def shifted(
     with ThreadTeam(available_cpus() if len(F) > CHUNK else 1) as team:
         # Each half of the faces has its own sums, so that results do not depend on the number of threads.
         G, Z = np.zeros((2, n, 3)), np.empty_like(V)
-        team(lambda i: add_gradients(F[i * half :][:half], V, 1.0, 0.0, G[i], G[i], 0, n), 2)
+        team(lambda i: add_gradients(F[i * half :][:half], VOLUME_ALONE, V, 1.0, 0.0, G[i], G[i], 0, n), 2)
         team.ranges(lambda *own: _directions(*own, *G, weight, Z), n, rows=CHUNK)
         total = sum(team.ranges(lambda *own: _volume(*own, F, V, Z, origin), len(F), rows=CHUNK))
     now, a, b, c = total.tolist()

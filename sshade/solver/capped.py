@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.solver.constraints import add_gradients, volume_and_area
+from sshade.solver.constraints import VOLUME_ALONE, add_gradients, volume_and_area
 
 
 class CappedVolume:
@@ -62,7 +62,7 @@ class CappedVolume:
         """Add the gradient of the volume at P (n, 3), times a factor, to G (n, 3)."""
         X, k = self._with_centroids(P), len(self.vertex)
         gradient = np.zeros_like(X)
-        add_gradients(self._F, X, factor, 0.0, gradient, gradient, 0, len(X))
+        add_gradients(self._F, VOLUME_ALONE, X, factor, 0.0, gradient, gradient, 0, len(X))
         for axis in range(3 if self.loops else 0):
             share = gradient[k:, axis] / self._count
             gradient[:k, axis] += np.bincount(self._tail, share[self._loop], minlength=k)
