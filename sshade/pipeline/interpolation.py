@@ -27,6 +27,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sshade.kernels import kernel, subroutine
+from sshade.threads import CHUNK, ThreadTeam, available_cpus
 
 #: Number of points of a spline: the nearest ones, and in equal number the nearest ones of a thinned set.
 POINTS = 50
@@ -39,6 +40,8 @@ CELLS = 128
 #: Smallest extent of a spline's points in a direction along which its polynomial is linear, as a fraction of
 #: their largest extent.
 FLAT = 1e-3
+#: Number of nodes that a thread evaluates at a time.
+NODES = 2048
 #: Number of splines that are solved at once.
 BATCH = 512
 
@@ -213,18 +216,22 @@ def interpolate(splines: Splines, V: np.ndarray, reliable: np.ndarray) -> tuple[
     ijk = np.column_stack(np.unravel_index(used, size))
     nodes = low + cell * ijk
     m = min(BLENDED, len(splines.scale) - 1) if len(splines.scale) > 1 else 1
-    distance, centre = splines.tree.query(nodes, k=m + 1 if len(splines.scale) > 1 else 1)
+    distance, centre = splines.tree.query(
+        nodes, k=m + 1 if len(splines.scale) > 1 else 1, workers=available_cpus()
+    )
     distance, centre = distance.reshape(len(nodes), -1), centre.reshape(len(nodes), -1)
     share = np.maximum(1.0 - distance[:, :m] / np.maximum(distance[:, -1:], 1e-300), 0.0) ** 2
     share[share.sum(axis=1) == 0, 0] = 1.0
     share /= share.sum(axis=1, keepdims=True)
     values = np.empty((len(nodes), 13))
-    _evaluate(
-        nodes, np.ascontiguousarray(centre[:, :m]), share, splines.points, splines.x, splines.linear,
-        splines.offset, splines.weights, splines.scale, reliable, values,
-    )  # fmt: skip
+    blended = np.ascontiguousarray(centre[:, :m]), share, splines.points, splines.x, splines.linear
+    fitted = splines.offset, splines.weights, splines.scale, reliable, values
     out, weight = np.empty_like(V), np.empty(len(V))
-    _place(V, low, cell, size, number, values, out, weight)
+    with ThreadTeam(available_cpus() if len(nodes) > NODES else 1) as team:
+        team.ranges(lambda *own: _evaluate(*own, nodes, *blended, *fitted), len(nodes), rows=NODES)
+        team.ranges(
+            lambda *own: _place(*own, V, low, cell, size, number, values, out, weight), len(V), rows=CHUNK
+        )
     return out, weight
 
 
@@ -246,10 +253,10 @@ def _number_nodes(V, low, cell, size):
 
 
 @kernel
-def _evaluate(nodes, centre, share, points, x, linear, offset, weights, scale, reliable, values):
-    """Write value (3), linear map (9) and reliability of each node to its row of `values`."""
+def _evaluate(first, end, nodes, centre, share, points, x, linear, offset, weights, scale, reliable, values):
+    """Write value (3), linear map (9) and reliability of nodes `first` to `end` to their rows of `values`."""
     f, G = np.empty(3), np.empty((3, 3))
-    for n in range(len(nodes)):
+    for n in range(first, end):
         values[n, :] = 0.0
         for s in range(centre.shape[1]):
             w = share[n, s]
@@ -288,10 +295,10 @@ def _spline(at, c, points, x, linear, offset, weights, scale, f, G):
 
 
 @kernel
-def _place(V, low, cell, size, number, values, out, weight):
+def _place(first, end, V, low, cell, size, number, values, out, weight):
     mean, w8 = np.empty(9), np.empty(8)
     row = np.empty(8, np.int64)
-    for v in range(len(V)):
+    for v in range(first, end):
         x, y, z = (V[v, 0] - low[0]) / cell, (V[v, 1] - low[1]) / cell, (V[v, 2] - low[2]) / cell
         i, j, k = int(x), int(y), int(z)
         x, y, z = x - i, y - j, z - k
