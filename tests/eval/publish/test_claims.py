@@ -50,8 +50,11 @@ CLAIMS = {
         ],
     },
     "docs/tracks.md": {
-        "`fast` is nearer to the ground truth than Elastic": ["noisy_2mm held_out | truth | fast < elastic"],
-        "cannot tell `fine` or `paper` from Elastic": ["noisy_2mm held_out | truth | elastic = fine paper"],
+        "`fast` and `fine` are nearer to the ground truth than Elastic": [
+            "noisy_2mm held_out | truth | fast < elastic",
+            "noisy_2mm held_out | truth | fine < elastic",
+        ],
+        "cannot tell `paper` from Elastic": ["noisy_2mm held_out | truth | elastic = paper"],
     },
     "docs/methods.md": {
         "It stretches least at full size, cannot be told apart from `fine` at 25,000 vertices": [
