@@ -228,11 +228,11 @@ class HandleRegions:
     @cached_property
     def _rest_volume(self) -> float:
         """Volume of M, in length^3."""
-        return float(self._measured(self._mesh.V)[0])
+        return enclosed_volume(self._mesh.V, self._faces)
 
     def volume_deficit(self, V: np.ndarray) -> float:
         """Return :attr:`volume` minus the volume of M' (n, 3), in length^3; 0 where :attr:`volume` is 0."""
-        return self.volume - self._measured(V)[0] if self.volume else 0.0
+        return self.volume - enclosed_volume(V, self._faces) if self.volume else 0.0
 
     def correct_volume(self, V: np.ndarray) -> np.ndarray:
         """Correct the volume deficit of M' (n, 3): movable vertices move along their normals.
@@ -256,11 +256,6 @@ class HandleRegions:
         weight[vertex] *= 1 - phi
         weight[self.fixed] = 0.0
         return weight
-
-    def _measured(self, V: np.ndarray) -> np.ndarray:
-        """(2,) volume and area for positions V (n, 3)."""
-        F, origin = self._faces, V[self._faces[0, 0]]
-        return sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))
 
     @cached_property
     def _faces(self) -> np.ndarray:
@@ -343,6 +338,12 @@ class HandleRegions:
             near, other = distance[vertex], Fronts(graph, between).distance[vertex]
             phi = phi * (1 - _smooth_fall(other / np.maximum(near, other)))
         return vertex, fronts.cell[vertex], phi
+
+
+def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
+    """Return the volume inside the faces F (m, 3) of a closed, oriented surface at positions V (n, 3)."""
+    origin = V[F[0, 0]]
+    return float(sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))[0])
 
 
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:

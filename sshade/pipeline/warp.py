@@ -30,11 +30,9 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.unconstrained import move_rigidly, without_handles
 from sshade.options import Options
 from sshade.pipeline.interpolation import fit_splines, interpolate, neighbours, points_elsewhere
-from sshade.pipeline.regions import edge_vertices
+from sshade.pipeline.regions import edge_vertices, enclosed_volume
 from sshade.progress import Progress, silent
-from sshade.solver.constraints import volume_and_area
 from sshade.task import DeformationTask
-from sshade.threads import in_ranges
 
 #: Least number of clusters of handles that can determine a deformation.
 LEAST = 8
@@ -95,7 +93,7 @@ class Warp(NamedTuple):
         """Return options of the elastic deformation with which volume and area follow the interpolation."""
         found = {"area": min(options.area, YIELDING * (1 - self.portion) / self.portion)}
         if options.volume and mesh.is_closed and mesh.is_oriented:
-            implied = _volume(self.vertices, mesh.F) / _volume(mesh.V, mesh.F)
+            implied = enclosed_volume(self.vertices, mesh.F) / enclosed_volume(mesh.V, mesh.F)
             ratio = 1 + self.portion * (implied - 1)
             found |= {"volume_goal": ratio} if ratio > 0 else {"volume": 0.0}
         return found
@@ -176,11 +174,6 @@ def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) 
     # No dot product: the threads of BLAS would add in another order on another number of cores.
     portion = 1.0 if (weight == 1.0).all() else float((weight * area).sum() / area.sum())
     return Warp(V, weight, portion, exact)
-
-
-def _volume(V: np.ndarray, F: np.ndarray) -> float:
-    origin = V[F[0, 0]]
-    return float(sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))[0])
 
 
 def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

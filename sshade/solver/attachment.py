@@ -96,11 +96,11 @@ class Attachment:
         pull[handles.index] = 0.0
         near = np.flatnonzero(pull)
         near = near[np.argsort(group_of[near], kind="stable")]
-        # The attached vertices of group g are those from self._start[g] to self._start[g + 1].
-        self._group_of, self._arm, self._start = group_of[near], mesh.V[near], np.zeros(1, dtype=np.int64)
-        if self._groups is not None:
-            self._arm -= self._groups.centre[self._group_of]
-            self._start = np.searchsorted(self._group_of, np.arange(len(self._groups.centre) + 1))
+        centre = np.zeros((0, 3)) if self._groups is None else self._groups.centre
+        self._group_of = group_of[near]
+        self._arm = mesh.V[near] - centre[self._group_of]
+        # Group g attaches the vertices from self._start[g] to self._start[g + 1].
+        self._start = np.searchsorted(self._group_of, np.arange(len(centre) + 1))
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
         self.slide: np.ndarray | None = None
