@@ -29,7 +29,7 @@ def names(group):
 #: Experiments that make their own data.
 MAKING_DATA = (
     *("resolution", "ablation_touching", "peers_shapes", "peers_scans"),
-    *("animals_25k", "noisy_2mm"),
+    *("animals_25k", "noisy_2mm", "noisy_170k"),
 )
 METHODS = methods("", "peer", "transfer")
 
