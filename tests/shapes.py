@@ -210,6 +210,17 @@ def end_handles(
     return Handles(index, target, dynamic=dynamic, group=dynamic.astype(int))
 
 
+def moved_parts(V: np.ndarray, *parts, weights=np.inf, **more) -> Handles:
+    """Groups of handles: each has its vertices, as ids or a mask, and how far or by which map they move."""
+    index = [np.arange(len(V))[vertices] for vertices, _ in parts]
+    group = np.repeat(np.arange(len(parts)), [len(own) for own in index])
+    target = [
+        move(V[own]) if callable(move) else V[own] + move for own, (_, move) in zip(index, parts, strict=True)
+    ]
+    weight = np.broadcast_to(weights, len(parts))[group]
+    return Handles(np.concatenate(index), np.concatenate(target), group=group, weight=weight, **more)
+
+
 def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER) -> DeformationTask:
     """One end along an axis stays, the other turns about the origin and rises by 0.1 along the axis."""
     handles = end_handles(mesh.V, axis=axis, share=share, turn=turn, shift=0.1 * np.eye(3)[axis])

@@ -40,16 +40,16 @@ def t_fin(height: int = 3) -> Mesh:
     return Mesh(np.concatenate(V), np.concatenate(F))
 
 
-def moebius(around: int = 24) -> Mesh:
-    """A one-sided band of three vertices across."""
+def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
+    """A band of three vertices across, which is one-sided after an odd number of half turns."""
     a, x = (
         p.ravel() for p in np.meshgrid(2 * np.pi * np.arange(around) / around, [-0.3, 0, 0.3], indexing="ij")
     )
-    ring = 1 + x * np.cos(a / 2)
-    V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(a / 2)], axis=1)
+    ring, tilt = 1 + x * np.cos(half_turns * a / 2), half_turns * a / 2
+    V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(tilt)], axis=1)
     F = quads(around + 1, 3)
-    last = 3 * around <= F
-    return Mesh(V, np.where(last, 2 - (F - 3 * around), F))
+    last, across = 3 * around <= F, F - 3 * around
+    return Mesh(V, np.where(last, 2 - across if half_turns % 2 else across, F))
 
 
 def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
