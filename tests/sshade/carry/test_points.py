@@ -113,7 +113,7 @@ def test_nested_spheres_that_move_apart_stretch_space_by_the_bound_at_most(level
 
 def test_nothing_jumps_around_a_bent_ball():
     posed, rng = bent(BALL.V), np.random.default_rng(2)
-    ends = around(BALL, 40).reshape(20, 2, 3)
+    ends = around(BALL, 20).reshape(10, 2, 3)
     fraction = np.linspace(0, 1, 4001)[:, None]
     paths = ends[:, :1] * (1 - fraction) + ends[:, 1:] * fraction
     moved = bind_points(BALL, paths.reshape(-1, 3))(posed).reshape(paths.shape)
@@ -169,7 +169,7 @@ def test_bad_points_and_poses_are_refused():
 def test_distances_from_triangles_are_those_of_dense_points_on_them():
     """Also from needles, and at corners, sides and inner points of triangles."""
     rng = np.random.default_rng(4)
-    corners = rng.normal(size=(50, 3, 3))
+    corners = rng.normal(size=(30, 3, 3))
     corners[::5, 2] = corners[::5, 0] + 0.3 * (corners[::5, 1] - corners[::5, 0]) + 1e-9
     u = np.linspace(0, 1, 201)
     s, t = (part.ravel() for part in np.meshgrid(u, u))

@@ -14,12 +14,12 @@ from tests.sshade.solver.test_multigrid import CASES, matrix
 
 #: A turn by 30 degrees about x.
 TILT = Rotation.from_rotvec([np.pi / 6, 0.0, 0.0]).as_matrix()
-BALL = held_ends(bumpy(4))
+BALL = held_ends(bumpy(3))
 #: Of several topologies; held by regions and by single vertices; one has faces without area.
 TASKS = {
     "region": BALL,
-    "genus two": held_ends(double_torus(cells=5), axis=0, share=0.1, turn=np.eye(3)),
-    "boundary": held_ends(jittered(tube(50, 50), 0.02), axis=2, share=0.1, turn=TILT),
+    "genus two": held_ends(double_torus(cells=3), axis=0, share=0.1, turn=np.eye(3)),
+    "boundary": held_ends(jittered(tube(30, 30), 0.02), axis=2, share=0.1, turn=TILT),
 }
 SOFT = {"stiffness": 0.1, "strain": 0.02}
 EXACT = {"volume": np.inf, "area": np.inf}
@@ -27,10 +27,10 @@ EXACT = {"volume": np.inf, "area": np.inf}
 
 @pytest.fixture(autouse=True)
 def _several_levels(monkeypatch):
-    """These meshes have a few thousand vertices."""
+    """These meshes have about a thousand vertices."""
     monkeypatch.setattr(
         "sshade.solver.system.Multigrid",
-        lambda A, held, **options: Multigrid(A, held, coarsest=100, **options),
+        lambda A, held, **options: Multigrid(A, held, coarsest=50, **options),
     )
 
 
