@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.pipeline import deformer as deformer_module
-from tests.shapes import bumpy, tube
+from tests.shapes import bumpy, end_handles, moved_parts, tube
 from tests.sshade.pipeline.calls import fast, paper
 
 
@@ -16,8 +17,7 @@ def mesh() -> Mesh:
 
 @pytest.fixture(scope="module")
 def held(mesh: Mesh) -> np.ndarray:
-    order = np.argsort(mesh.V[:, 2])
-    return np.concatenate([order[:8], order[-8:]])
+    return end_handles(mesh.V, count=8).index
 
 
 @pytest.fixture
@@ -54,16 +54,15 @@ def bound_and_task(name: str, **options):
     mesh = {"bumpy": bumpy(4), "soft": bumpy(4), "regions": bumpy(4), "bar": tube(30, 80, length=7.0)}[name]
     order = np.argsort(mesh.V[:, 2])
     count = {"bumpy": 12, "soft": 12, "regions": mesh.n // 4, "bar": 20}[name]
-    index = np.concatenate([order[:count], order[-count:]])
-    group = np.repeat([0, 1], count)
-    centre = mesh.V[order[-count:]].mean(axis=0)
-    c, s = np.cos(0.5), np.sin(0.5)
-    turn = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
-    moved = centre + (mesh.V[index] - centre) @ turn.T + [0.2, 0.1, 0.1]
-    target = np.where((group == 1)[:, None], moved, mesh.V[index])
-    weight = np.where(group == 1, 5.0, np.inf) if name == "soft" else np.inf
-    task = DeformationTask("t", mesh, Handles(index, target, group=group, weight=weight))
-    return Deformer(mesh, index, group=group, weight=weight, vertices=300, **options), task
+    centre, turn = mesh.V[order[-count:]].mean(axis=0), Rotation.from_rotvec([0.5, 0, 0])
+    own = moved_parts(
+        mesh.V,
+        (order[:count], 0),
+        (order[-count:], lambda V: centre + turn.apply(V - centre) + [0.2, 0.1, 0.1]),
+        weights=[np.inf, 5.0 if name == "soft" else np.inf],
+    )
+    drag = Deformer(mesh, own.index, group=own.group, weight=own.weight, vertices=300, **options)
+    return drag, DeformationTask("t", mesh, own)
 
 
 @pytest.mark.parametrize(("name", "samplings"), [("bumpy", 1), ("bumpy", 3), ("soft", 2), ("regions", 2)])
@@ -284,11 +283,8 @@ def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(
 
 
 def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
-    mesh = bumpy(5)
-    order = np.argsort(mesh.V[:, 2], kind="stable")
-    low, high = order[: int(0.3 * mesh.n)], order[-int(0.3 * mesh.n) :]
-    index = np.r_[low, high]
-    target = np.concatenate([mesh.V[low], 1.2 * mesh.V[high]])
-    options = {"vertices": 600, "tolerance": 0.0, "max_iterations": 8}
-    assert fast(DeformationTask("grown", mesh, Handles(index, target)), **options).iterations == 8
-    assert Deformer(mesh, index, **options)(target).iterations == 8
+    mesh = bumpy(4)
+    grown = end_handles(mesh.V, count=int(0.3 * mesh.n), turn=1.2 * np.eye(3))
+    options = {"vertices": 150, "tolerance": 0.0, "max_iterations": 8}
+    assert fast(DeformationTask("grown", mesh, grown), **options).iterations == 8
+    assert Deformer(mesh, grown.index, **options)(grown.target).iterations == 8

@@ -14,7 +14,7 @@ from sshade.io.handles import read_task
 from sshade.io.meshes import write_mesh
 from sshade.solver.capped import CappedVolume
 from sshade.solver.local_global import local_global
-from tests.shapes import beside, bumpy, icosphere, shifted, tube
+from tests.shapes import beside, bumpy, end_handles, icosphere, shifted, tube
 
 BODY = bumpy(3)
 #: Largest relative error of the volumes of the whole and of a part.
@@ -30,10 +30,8 @@ def side(mesh: Mesh, axis: int = 2) -> np.ndarray:
 
 def task_of(mesh: Mesh, *goals: VolumeGoal, count: int = 12) -> DeformationTask:
     """The ends of each component along z, one of them moved."""
-    order = np.argsort(mesh.V[:, 2])
-    index = np.concatenate([order[:count], order[-count:]])
-    move = np.where(np.arange(2 * count) < count, 0.0, 0.3)[:, None] * [1.0, 0, 1]
-    return DeformationTask("t", mesh, Handles(index, mesh.V[index] + move), volumes=goals)
+    handles = end_handles(mesh.V, count=count, shift=[0.3, 0, 0.3])
+    return DeformationTask("t", mesh, handles, volumes=goals)
 
 
 def ratio(mesh: Mesh, V: np.ndarray, faces: np.ndarray | None = None) -> float:
@@ -69,19 +67,18 @@ def test_the_solver_ends_where_a_general_one_does():
     found = local_global(task, **options)
     free = np.setdiff1d(np.arange(mesh.n), task.handles.index)
 
-    def energy(x):
+    def placed(x):
         V = found.vertices.copy()
         V[free] = x.reshape(-1, 3)
-        alone = replace(task, guess=V, volumes=())
+        return V
+
+    def energy(x):
+        alone = replace(task, guess=placed(x), volumes=())
         return local_global(alone, max_iterations=0).extra["energy"]
 
     def error(volume, goal):
-        def measured(x):
-            V = found.vertices.copy()
-            V[free] = x.reshape(-1, 3)
-            return volume.measure(V)[0] / volume.measure(mesh.V)[0] - goal
-
-        return {"type": "eq", "fun": measured}
+        rest = volume.measure(mesh.V)[0]
+        return {"type": "eq", "fun": lambda x: volume.measure(placed(x))[0] / rest - goal}
 
     start = found.vertices[free] + np.random.default_rng(0).normal(size=(len(free), 3)) * 0.01
     constraints = [error(part, 1.3), error(whole, 1.1)]

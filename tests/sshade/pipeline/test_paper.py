@@ -8,7 +8,7 @@ from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
 from sshade.progress import silent
 from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import local_global
-from tests.shapes import bent, bumpy, family
+from tests.shapes import bent, bumpy, family, moved_parts
 from tests.sshade.pipeline.calls import paper
 
 MESHES = family()
@@ -19,12 +19,10 @@ def ends(mesh: Mesh) -> DeformationTask:
     x = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
     ends = x < x.min() + 0.08 * np.ptp(x), x > x.max() - 0.08 * np.ptp(x)
     low, high = (np.flatnonzero(end)[:12] for end in ends)
-    centre = mesh.V[high].mean(axis=0)
-    turn = Rotation.from_euler("z", -32, degrees=True).as_matrix()
-    moved = (mesh.V[high] - centre) @ turn.T + centre + 0.1 * mesh.diagonal
-    dynamic = np.repeat([False, True], 12)
-    handles = Handles(np.r_[low, high], np.concatenate([mesh.V[low], moved]), dynamic=dynamic, group=dynamic)
-    return DeformationTask("ends", mesh, handles)
+    turn, centre = Rotation.from_euler("z", -32, degrees=True), mesh.V[high].mean(axis=0)
+    turned = high, lambda V: turn.apply(V - centre) + centre + 0.1 * mesh.diagonal
+    own = moved_parts(mesh.V, (low, 0), turned, dynamic=np.repeat([False, True], 12))
+    return DeformationTask("ends", mesh, own)
 
 
 def bending(task, *, seed, progress=silent) -> DeformationResult:
@@ -86,31 +84,6 @@ def test_handles_come_near_their_targets_and_static_ones_stay(name):
     assert result.extra["degenerate_frames"] == 0
 
 
-def test_the_coarse_method_gets_the_proxy_as_a_task(body_task):
-    seen = []
-
-    def spy(task, *, seed, progress=silent):
-        seen.append((task, seed))
-        progress("inner", 1, 2, "note")
-        return bending(task, seed=seed)
-
-    reported = []
-    progress = lambda *args: reported.append(args)  # noqa: E731
-    paper(body_task, vertices=70, samplings=2, coarse=spy, seed=11, workers=1, progress=progress)
-    handles = body_task.handles
-    for number, (task, seed) in enumerate(seen):
-        expected = bind(body_task.mesh, 70, first=handles.index, seed=(11, number)).proxy
-        assert isinstance(task, DeformationTask) and seed == 11
-        assert np.array_equal(task.mesh.V, expected.V) and np.array_equal(task.mesh.F, expected.F)
-        assert np.array_equal(task.handles.index, np.arange(len(handles)))
-        assert np.array_equal(task.mesh.V[: len(handles)], body_task.mesh.V[handles.index])
-        for name in ("target", "dynamic", "group"):
-            assert np.array_equal(getattr(task.handles, name), getattr(handles, name))
-    assert len(seen) == 2
-    assert reported[::2] == [("proxy 1", 0, 1000), ("proxy 2", 0, 1000)]
-    assert reported[1::2] == [("proxy 1", 1, 2, "note"), ("proxy 2", 1, 2, "note")]
-
-
 def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
     def unsure(task, *, seed, progress=silent):
         return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
@@ -135,6 +108,7 @@ def test_the_first_result_starts_the_others(body_task):
     results = {}
 
     def solver(task, *, seed, progress=silent) -> DeformationResult:
+        assert seed == 2
         result = bending(task, seed=seed)
         results[task.name] = (task, result)
         return result
@@ -145,6 +119,8 @@ def test_the_first_result_starts_the_others(body_task):
         number = {int(name.split()[-1]): run for name, run in results.items()}
         first, solved = number[0]
         assert first.guess is None
+        for name in ("target", "dynamic", "group"):
+            assert np.array_equal(getattr(first.handles, name), getattr(body_task.handles, name))
         binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(2, 0))
         carried = binding.carry(solved.vertices)[0]
         for i in (1, 2):
