@@ -1,5 +1,7 @@
 """Handles that are regions of any size."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,15 +12,15 @@ from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.pipeline.regions import HandleRegions, edge_vertices
-from tests.shapes import bumpy, jittered, rotation, strip, tube
+from tests.shapes import bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.pipeline.calls import fast, fine, paper
 
 VERTICES = 600
 METHODS = {
-    "paper": lambda task, **options: paper(task, **{"vertices": VERTICES, "samplings": 2} | options),
-    "fast": lambda task, **options: fast(task, **{"vertices": VERTICES} | options),
-    "fine": lambda task, **options: fine(task, **{"vertices": VERTICES} | options),
-    "graph": lambda task: deformation_graph(task, nodes=VERTICES),
+    "paper": partial(paper, vertices=VERTICES, samplings=2),
+    "fast": partial(fast, vertices=VERTICES),
+    "fine": partial(fine, vertices=VERTICES),
+    "graph": partial(deformation_graph, nodes=VERTICES),
 }
 
 
@@ -26,10 +28,9 @@ METHODS = {
 def task() -> DeformationTask:
     """The lowest 30 % of the vertices held, the highest 5 % moved and turned by 20 degrees."""
     mesh = bumpy(5)
-    order = np.argsort(mesh.V[:, 2], kind="stable")
-    low, high = order[: int(0.3 * mesh.n)], order[-int(0.05 * mesh.n) :]
-    moved = mesh.V[high] @ Rotation.from_euler("z", 20, degrees=True).as_matrix().T + [0.2, 0.1, 0.2]
-    return DeformationTask("body", mesh, Handles(np.r_[low, high], np.concatenate([mesh.V[low], moved])))
+    order, turn = np.argsort(mesh.V[:, 2], kind="stable"), Rotation.from_euler("z", 20, degrees=True)
+    moved = order[-int(0.05 * mesh.n) :], lambda V: turn.apply(V) + [0.2, 0.1, 0.2]
+    return DeformationTask("body", mesh, moved_parts(mesh.V, (order[: int(0.3 * mesh.n)], 0), moved))
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +53,9 @@ def test_the_volume_of_the_whole_is_held(task, results, name):
 
 def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
     """The proxy has few samples inside of the region; the mesh holds its volume all the same."""
-    low = np.flatnonzero(task.mesh.V[:, 2] < -1.0)
-    top = np.flatnonzero(task.mesh.V[:, 2] > 1.6)
-    target = np.concatenate([task.mesh.V[low] * [1.05, 1.05, 1], task.mesh.V[top]])
-    grown = DeformationTask("grown", task.mesh, Handles(np.r_[low, top], target))
+    z = task.mesh.V[:, 2]
+    own = moved_parts(task.mesh.V, (z < -1.0, lambda V: V * [1.05, 1.05, 1]), (z > 1.6, 0))
+    grown = DeformationTask("grown", task.mesh, own)
     for name in ("fast", "fine"):
         after = Mesh(METHODS[name](grown).vertices, task.mesh.F)
         assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
@@ -165,13 +165,11 @@ def test_a_ring_divides_the_mesh():
     """What is between two regions follows them alone."""
     mesh = tube(32, 60, length=12.0)
     z = mesh.V[:, 2]
-    parts = [np.flatnonzero(part) for part in (z < 1.5, (z > 5.5) & (z < 7.5), z > 10.5)]
-    index = np.concatenate(parts)
-    shift = np.repeat([[0, 0, 0], [0, 0, 0], [1.0, 0, 0.5]], [len(part) for part in parts], axis=0)
-    V = fast(DeformationTask("ring", mesh, Handles(index, mesh.V[index] + shift)), vertices=480).vertices
+    own = moved_parts(mesh.V, (z < 1.5, 0), ((z > 5.5) & (z < 7.5), 0), (z > 10.5, [1, 0, 0.5]))
+    V = fast(DeformationTask("ring", mesh, own), vertices=480).vertices
     lower = (z > 1.5) & (z < 5.5)
     assert np.abs(V[lower] - mesh.V[lower]).max() < 5e-3 * mesh.diagonal
-    np.testing.assert_array_equal(V[index], mesh.V[index] + shift)
+    np.testing.assert_array_equal(V[own.index], own.target)
 
 
 def test_a_bound_mesh_without_free_vertices_returns_the_targets():

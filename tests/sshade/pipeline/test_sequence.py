@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Handles, InputError, Mesh, Slide, deform, deform_sequence
+from sshade import DeformationTask, Handles, InputError, Slide, deform, deform_sequence
 from sshade.pipeline import engine
 from sshade.pipeline.sequence import NEAR_POSE, Sequence
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
@@ -117,8 +117,7 @@ def test_poses_that_follow_each_other_do_not_flicker():
 
 
 def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
-    ball = bumpy(3)
-    mesh = beside(ball, shifted(ball, [5.0, 0, 0]))
+    mesh = beside(bumpy(3), shifted(bumpy(3), [5.0, 0, 0]))
     handles = end_handles(mesh.V, share=0.05)
     task = DeformationTask("two", mesh, handles)
     rest, up = mesh.V[handles.index], handles.dynamic[:, None] * np.array([0.1, 0.05, 0.1])
@@ -167,5 +166,4 @@ def test_poses_with_other_handles_are_refused():
     with pytest.raises(InputError):
         Sequence(task, method="slow")
     with pytest.raises(InputError, match="pose before"):
-        short = Mesh(task.mesh.V[:4], [[0, 1, 2], [1, 2, 3]]).V
-        Sequence(task, vertices=100)(handles, after=(handles, short))
+        Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))

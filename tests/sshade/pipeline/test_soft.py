@@ -109,14 +109,9 @@ def test_a_hard_handle_among_soft_ones_takes_them_along():
 
 def test_components_share_a_group_and_keep_its_stiffness():
     """Two bodies far apart, of which each has half of each group: as one with the weight halved."""
-    own = task_of(1.0).handles
-    both = beside(BODY, shifted(BODY, 50))
-    pair = Handles(
-        np.r_[own.index, own.index + BODY.n],
-        np.concatenate([own.target, own.target + 50]),
-        group=np.r_[own.group, own.group],
-        weight=np.r_[own.weight, own.weight],
-    )
+    both, own = beside(BODY, shifted(BODY, 50)), task_of(1.0).handles
+    index, target = np.r_[own.index, own.index + BODY.n], np.concatenate([own.target, own.target + 50])
+    pair = Handles(index, target, group=np.tile(own.group, 2), weight=np.tile(own.weight, 2))
     joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
     alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
     assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
