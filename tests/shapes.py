@@ -217,8 +217,8 @@ def moved_parts(V: np.ndarray, *parts, weights=np.inf, **more) -> Handles:
     target = [
         move(V[own]) if callable(move) else V[own] + move for own, (_, move) in zip(index, parts, strict=True)
     ]
-    weight = np.broadcast_to(weights, len(parts))[group]
-    return Handles(np.concatenate(index), np.concatenate(target), group=group, weight=weight, **more)
+    more = {"group": group, "weight": np.broadcast_to(weights, len(parts))[group], **more}
+    return Handles(np.concatenate(index), np.concatenate(target), **more)
 
 
 def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER) -> DeformationTask:

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from eval.metrics.deformation import edge
 from eval.metrics.deformed import Deformed
-from sshade import DeformationTask, Handles, Mesh
+from sshade import DeformationTask, Mesh
 from sshade.solver.local_global import local_global
 from tests.full import few
 from tests.methods import LEARNED, configured, methods
-from tests.shapes import block, bumpy, jittered
+from tests.shapes import beside, block, bumpy, jittered, moved_parts, shifted
 
 METHODS = [name for name in methods("", "peer") if name != "identity"]
 
@@ -26,58 +26,39 @@ LINEAR = {"peer/harmonic", "peer/biharmonic", "peer/rbf"}
 MORE = 3.0
 
 
-def parts(mesh: Mesh, *moves: tuple[np.ndarray, np.ndarray]) -> DeformationTask:
-    """Each part (n,) bool of the mesh goes to its place among (n, 3) positions."""
-    index = [np.flatnonzero(part) for part, _ in moves]
-    target = np.concatenate([V[own] for own, (_, V) in zip(index, moves, strict=True)])
-    return DeformationTask("regions", mesh, Handles(np.concatenate(index), target))
+def turned(degrees: float, *, shift=(0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0)):
+    """A map that turns positions about the direction z through a point and shifts them."""
+    turn = Rotation.from_euler("z", degrees, degrees=True)
+    return lambda V: turn.apply(V - centre) + centre + shift
 
 
-def turned(V: np.ndarray, degrees: float, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    return V @ Rotation.from_euler("z", degrees, degrees=True).as_matrix().T + shift
+def cases() -> dict[str, tuple[Mesh, list[tuple]]]:
+    """Meshes with the parts that are held or moved."""
+    body, bar = bumpy(4), jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
+    two = beside(body, shifted(body, [6, 0, 0]))
+    z, first = body.V[:, 2], np.arange(two.n) < body.n
+    low, middle, high = np.quantile(z, [1 / 3, 1 / 2, 0.95])
+    held, moved = z < low, z > high
+    ring = (bar.V[:, 2] > 3.0) & (bar.V[:, 2] < 3.5)
+    return {
+        "a third held, a twentieth moved": (body, [(held, 0), (moved, turned(20, shift=(0.2, 0.1, 0.2)))]),
+        "regions that touch": (
+            body,
+            [(held, 0), ((z >= low) & (z < middle), turned(5)), (moved, turned(20))],
+        ),
+        "ring": (bar, [(bar.V[:, 2] < 1, 0), (ring, turned(40, centre=(0.5, 0.5, 0)))]),
+        "a component": (
+            two,
+            [(first & np.tile(held, 2), 0), (first & np.tile(moved, 2), turned(20)), (~first, [0, 0, 9])],
+        ),
+        "nothing free": (body, [(slice(None), lambda V: turned(30)(V * [1.0, 1.1, 1.2]))]),
+    }
 
 
-def bar() -> Mesh:
-    """A box of 1 x 1 x 6, closed."""
-    return jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
-
-
-@cache
-def task(name: str) -> DeformationTask:
-    mesh = bar() if name == "ring" else bumpy(4)
-    V = mesh.V
-    low, middle, high = np.quantile(V[:, 2], [1 / 3, 1 / 2, 0.95])
-    held = V[:, 2] < low
-    if name == "a third held, a twentieth moved":
-        return parts(mesh, (held, V), (V[:, 2] > high, turned(V, 20, (0.2, 0.1, 0.2))))
-    if name == "regions that touch":
-        beside = (V[:, 2] >= low) & (V[:, 2] < middle)
-        return parts(mesh, (held, V), (beside, turned(V, 5)), (V[:, 2] > high, turned(V, 20)))
-    if name == "ring":
-        ring = (V[:, 2] > 3.0) & (V[:, 2] < 3.5)
-        about = V - [0.5, 0.5, 0]
-        return parts(mesh, (V[:, 2] < 1, V), (ring, turned(about, 40) + [0.5, 0.5, 0]))
-    if name == "a component":
-        both = Mesh(np.concatenate([V, V + [6, 0, 0]]), np.concatenate([mesh.F, mesh.F + mesh.n]))
-        first = np.arange(both.n) < mesh.n
-        of_first = first & (both.V[:, 2] < low), first & (both.V[:, 2] > high)
-        moves = (
-            (of_first[0], both.V),
-            (of_first[1], turned(both.V, 20)),
-            (~first, turned(both.V, 0, (0, 0, 9))),
-        )
-        return parts(both, *moves)
-    assert name == "nothing free"
-    return parts(mesh, (np.ones(mesh.n, dtype=bool), turned(V * [1.0, 1.1, 1.2], 30)))
-
-
-CASES = (
-    "a third held, a twentieth moved",
-    "regions that touch",
-    "ring",
-    "a component",
-    "nothing free",
-)
+CASES = {
+    name: DeformationTask("regions", mesh, moved_parts(mesh.V, *parts, group=None))
+    for name, (mesh, parts) in cases().items()
+}
 
 
 @pytest.fixture(scope="module", params=METHODS)
@@ -88,13 +69,13 @@ def method(request):
 
 @cache
 def arap(name: str) -> Deformed:
-    case = task(name)
+    case = CASES[name]
     return Deformed(case, local_global(case, energy="spokes", start="rigid").vertices)
 
 
 @pytest.mark.parametrize("name", few(CASES, "a third held, a twentieth moved", "ring", "nothing free"))
 def test_regions_are_taken(method, name):
-    case = task(name)
+    case = CASES[name]
     before = [array.copy() for array in (case.mesh.V, case.handles.index, case.handles.target)]
     try:
         V = method.call(case, seed=1).vertices
