@@ -108,6 +108,11 @@ def beside(*meshes: Mesh) -> Mesh:
     return Mesh(np.concatenate([mesh.V for mesh in meshes]), np.concatenate(faces))
 
 
+def unjoined(mesh: Mesh) -> Mesh:
+    """The mesh with vertices of its own for each face."""
+    return Mesh(mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3))
+
+
 def shifted(mesh: Mesh, shift) -> Mesh:
     """The mesh elsewhere."""
     return Mesh(mesh.V + shift, mesh.F)

@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.mesh import cutting as module
 from sshade.mesh.cutting import cut_to_manifold
-from tests.shapes import beside, block, bumpy, quads, strip, subdivided, tube
+from tests.shapes import beside, block, bumpy, quads, strip, subdivided, tube, unjoined
 
 BODY = bumpy(2)
 
@@ -27,24 +27,20 @@ def cut(mesh: Mesh):
 def t_fin(height: int = 3) -> Mesh:
     """A strip with another one standing on its middle line."""
     base = strip(10, 4)
-    row = 5 * np.arange(11) + 2
-    V, F = [base.V], [base.F]
-    for level in range(1, height + 1):
-        above = base.n + 11 * (level - 1) + np.arange(11)
-        V.append(base.V[5 * np.arange(11) + 2] + [0, 0, level])
-        F += [
-            np.stack([row[:-1], row[1:], above[1:]], axis=1),
-            np.stack([row[:-1], above[1:], above[:-1]], axis=1),
-        ]
-        row = above
-    return Mesh(np.concatenate(V), np.concatenate(F))
+    return with_fin(base, 5 * np.arange(11) + 2, np.outer(np.arange(height) + 1, [0, 0, 1]))
+
+
+def with_fin(base: Mesh, row: np.ndarray, shifts: np.ndarray) -> Mesh:
+    """A mesh with copies of a row of its vertices, shifted, as the rows of a strip that stands on the row."""
+    rows = np.concatenate([row[None], base.n + np.arange(len(shifts) * len(row)).reshape(-1, len(row))])
+    F = rows.ravel()[quads(len(rows), len(row))][:, ::-1]
+    V = (base.V[row] + shifts[:, None]).reshape(-1, 3)
+    return Mesh(np.concatenate([base.V, V]), np.concatenate([base.F, F]))
 
 
 def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
     """A band of three vertices across, which is one-sided after an odd number of half turns."""
-    a, x = (
-        p.ravel() for p in np.meshgrid(2 * np.pi * np.arange(around) / around, [-0.3, 0, 0.3], indexing="ij")
-    )
+    a, x = np.repeat(2 * np.pi * np.arange(around) / around, 3), np.tile([-0.3, 0, 0.3], around)
     ring, tilt = 1 + x * np.cos(half_turns * a / 2), half_turns * a / 2
     V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(tilt)], axis=1)
     F = quads(around + 1, 3)
@@ -55,8 +51,8 @@ def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
 def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
     """A closed one-sided surface that crosses itself: a figure eight that makes half a turn."""
     u, v = (
-        2 * np.pi * p.ravel()
-        for p in np.meshgrid(np.arange(around) / around, np.arange(across) / across, indexing="ij")
+        2 * np.pi * p.ravel() / count
+        for p, count in zip(np.indices((around, across)), (around, across), strict=True)
     )
     out = np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
     up = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
@@ -74,9 +70,7 @@ def projective_plane(level: int = 2) -> Mesh:
     return mesh
 
 
-@pytest.mark.parametrize(
-    "mesh", [BODY, tube(), Mesh(BODY.V[BODY.F].reshape(-1, 3), np.arange(3 * BODY.m).reshape(-1, 3))]
-)
+@pytest.mark.parametrize("mesh", [BODY, tube(), unjoined(BODY)])
 def test_an_oriented_manifold_is_returned_itself(mesh):
     assert cut(mesh).mesh is mesh
 
@@ -137,10 +131,7 @@ def test_a_one_sided_surface_is_covered_twice_and_stays_whole(mesh, cover):
 
 def test_a_fin_on_a_one_sided_band_comes_off_and_two_sided_components_stay_single():
     band = moebius()
-    row = 3 * np.arange(9) + 1
-    above = band.n + np.arange(9)
-    fin = [np.stack([row[:-1], row[1:], above[1:]], 1), np.stack([row[:-1], above[1:], above[:-1]], 1)]
-    mesh = Mesh(np.concatenate([band.V, band.V[row] + [0, 0, 0.3]]), np.concatenate([band.F, *fin]))
+    mesh = with_fin(band, 3 * np.arange(9) + 1, np.array([[0, 0, 0.3]]))
     found = cut(beside(mesh, BODY))
     assert found.mesh.topology == (0 + 1 + 2, 3, 2 + 1)  # an annulus, a disc and a sphere
     assert np.array_equal(found.one_sided, np.arange(band.m + 16 + BODY.m) < band.m)

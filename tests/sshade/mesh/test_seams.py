@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError, Mesh
 from sshade.mesh.seams import same_rows
 from sshade.mesh.surface import surface
-from tests.shapes import beside, icosphere, jittered, shifted, strip
+from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
 
 SPHERE = icosphere(2)
@@ -19,18 +19,12 @@ def split(mesh: Mesh, first: np.ndarray) -> Mesh:
     return Mesh(np.concatenate([mesh.V, mesh.V])[used], F.reshape(-1, 3))
 
 
-def soup(mesh: Mesh) -> Mesh:
-    """The mesh with vertices of its own for each face."""
-    return Mesh(mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3))
-
-
 HALF = SPHERE.V[SPHERE.F].mean(axis=1)[:, 0] > 0
-SOME = np.random.default_rng(1).random(SPHERE.m) < 0.3
 
 
 @pytest.mark.parametrize(
     "parts",
-    [soup(SPHERE), split(SPHERE, HALF), split(SPHERE, np.random.default_rng(1).random(SPHERE.m) < 0.3)],
+    [unjoined(SPHERE), split(SPHERE, HALF), split(SPHERE, np.random.default_rng(1).random(SPHERE.m) < 0.3)],
 )
 def test_a_surface_cut_anywhere_becomes_whole_again(parts):
     joined, vertex, facts = surface(parts.V, parts.F)
@@ -62,13 +56,10 @@ def test_vertices_at_one_place_apart_from_a_seam_stay_apart():
 def test_a_pole_of_many_vertices_with_faces_without_area_closes():
     """Rows of squares up to a pole, each square with vertices of its own, as exporters make a globe."""
     k = 8
-    angle = 2 * np.pi * np.arange(k + 1) / k
+    angle = 2 * np.pi * (np.arange(k + 1) % k) / k
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(k + 1)])
-    ring[-1] = ring[0]
     V = np.concatenate([ring, np.tile([0.0, 0, 1], (k + 1, 1)), ring, np.tile([0.0, 0, -1], (k + 1, 1))])
-    i = np.arange(k)
-    lower, upper = np.column_stack([i, i + 1, i + k + 1]), np.column_stack([i + 1, i + k + 2, i + k + 1])
-    up = np.concatenate([lower, upper])
+    up = quads(2, k + 1)
     F = np.concatenate([up, up[:, ::-1] + 2 * (k + 1)])
     joined, vertex, _ = surface(V, F)
     assert joined.n == k + 2 and joined.is_closed and joined.topology.euler == 2
@@ -85,10 +76,10 @@ def test_equal_rows_have_equal_ids():
 
 @pytest.mark.parametrize("mesh", [SPHERE, moebius(20)])
 def test_a_soup_whose_triangles_disagree_about_their_direction_becomes_whole(mesh):
-    V, F = soup(mesh).V, soup(mesh).F
-    turned = np.random.default_rng(0).random(len(F)) < 0.3
-    joined, vertex, _ = surface(V, np.where(turned[:, None], F[:, ::-1], F))
-    assert joined.n == mesh.n and joined.topology == mesh.topology and np.array_equal(joined.V[vertex], V)
+    parts, turned = unjoined(mesh), np.random.default_rng(0).random(mesh.m) < 0.3
+    joined, vertex, _ = surface(parts.V, np.where(turned[:, None], parts.F[:, ::-1], parts.F))
+    assert joined.n == mesh.n and joined.topology == mesh.topology
+    assert np.array_equal(joined.V[vertex], parts.V)
 
 
 @pytest.mark.parametrize("repair", [False, True])

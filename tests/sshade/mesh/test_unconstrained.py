@@ -5,21 +5,13 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.mesh.unconstrained import contacts, how_to_constrain, move_rigidly, without_handles
-from tests.shapes import beside, bumpy, rotation, shifted
+from tests.shapes import beside, bumpy, jittered, rotation, shifted, unjoined
 
 BODY = bumpy(2)
 
 
-def soup(mesh: Mesh = BODY, noise: float = 0.0) -> Mesh:
-    """Every triangle with vertices of its own."""
-    V = mesh.V[mesh.F].reshape(-1, 3)
-    V = V + np.random.default_rng(0).uniform(-noise, noise, V.shape) * mesh.diagonal
-    return Mesh(V, np.arange(3 * mesh.m).reshape(-1, 3))
-
-
 def test_contacts_are_places_of_several_components():
-    mesh = soup()
-    free = np.arange(1, BODY.m)
+    mesh, free = unjoined(BODY), np.arange(1, BODY.m)
     found = contacts(mesh, free)
     assert found.components == BODY.m - 1 and len(found.vertex) == mesh.n
     assert np.array_equal(np.sort(found.vertex), np.arange(mesh.n))
@@ -53,7 +45,7 @@ def test_an_opening_is_the_distance_between_vertices_that_touched():
     ],
 )
 def test_the_advice_fits_the_mesh(noise, advice):
-    mesh = soup(noise=noise)
+    mesh = jittered(unjoined(BODY), noise * BODY.diagonal)
     assert advice in how_to_constrain(mesh, without_handles(mesh, np.array([0, 1])))
     with pytest.raises(InputError) as refused:
         DeformationTask("m", mesh, Handles([0], mesh.V[:1]))
@@ -62,7 +54,7 @@ def test_the_advice_fits_the_mesh(noise, advice):
 
 
 def test_what_the_advice_says_helps():
-    mesh = soup(noise=3e-7)
+    mesh = jittered(unjoined(BODY), 3e-7 * BODY.diagonal)
     b = np.array([np.argmin(mesh.V[:, 2]), np.argmax(mesh.V[:, 2])])
     moved = deform(mesh, b, mesh.V[b] * 1.1, repair=True, weld=1e-6, vertices=60)
     assert np.abs(moved.V[b] - mesh.V[b] * 1.1).max() < 1e-3
@@ -70,7 +62,7 @@ def test_what_the_advice_says_helps():
 
 def test_components_that_come_apart_are_named_before(caplog):
     """Only the corners of the triangles touch, which are no seams."""
-    mesh, b = soup(), np.array([0, 1, 2])
+    mesh, b = unjoined(BODY), np.array([0, 1, 2])
     target = mesh.V[b] @ rotation(1).T
     seen = []
     task = DeformationTask("m", mesh, Handles(b, target), carry_unconstrained=True)
