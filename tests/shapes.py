@@ -215,15 +215,33 @@ def end_handles(
     return Handles(index, target, dynamic=dynamic, group=dynamic.astype(int))
 
 
-def moved_parts(V: np.ndarray, *parts, weights=np.inf, **more) -> Handles:
-    """Groups of handles: each has its vertices, as ids or a mask, and how far or by which map they move."""
+def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=None, **more) -> Handles:
+    """Groups of handles: each has its vertices, as ids or a mask, and how far or by which map they move.
+
+    Weights, slides and rotations are one for each group, a rotation that is None left free.
+    """
     index = [np.arange(len(V))[vertices] for vertices, _ in parts]
     group = np.repeat(np.arange(len(parts)), [len(own) for own in index])
     target = [
         move(V[own]) if callable(move) else V[own] + move for own, (_, move) in zip(index, parts, strict=True)
     ]
     more = {"group": group, "weight": np.broadcast_to(weights, len(parts))[group], **more}
+    if slides is not None:
+        more["slide"] = [slides[number] for number in group]
+    if rotations is not None:
+        more["rotation"] = np.array([np.full((3, 3), np.nan) if R is None else R for R in rotations])[group]
     return Handles(np.concatenate(index), np.concatenate(target), **more)
+
+
+def of_all(*given: tuple[Handles, int]) -> Handles:
+    """Handles of several meshes, with what is to be added to their ids."""
+    return Handles(
+        np.concatenate([handles.index + offset for handles, offset in given]),
+        np.concatenate([handles.target for handles, _ in given]),
+        dynamic=np.concatenate([handles.dynamic for handles, _ in given]),
+        weight=np.concatenate([handles.weight for handles, _ in given]),
+        group=np.concatenate([handles.group + 2 * i for i, (handles, _) in enumerate(given)]),
+    )
 
 
 def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER) -> DeformationTask:

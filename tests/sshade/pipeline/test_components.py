@@ -18,6 +18,7 @@ from tests.shapes import (
     end_handles,
     icosphere,
     moved_parts,
+    of_all,
     rotation,
     shifted,
     strip,
@@ -35,16 +36,6 @@ def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> 
 
 def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
     return end_handles(mesh.V, count=8, shift=lift)
-
-
-def of_all(*given: tuple[Handles, int]) -> Handles:
-    """Handles of several meshes, with what is to be added to their ids."""
-    return Handles(
-        np.concatenate([handles.index + offset for handles, offset in given]),
-        np.concatenate([handles.target for handles, _ in given]),
-        dynamic=np.concatenate([handles.dynamic for handles, _ in given]),
-        group=np.concatenate([handles.group + 2 * i for i, (handles, _) in enumerate(given)]),
-    )
 
 
 PAIR = beside(BODY, shifted(BODY, 9))

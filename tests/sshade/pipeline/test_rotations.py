@@ -1,6 +1,7 @@
 """Prescribed rotations of handles: an oracle, what follows, resolution, invariance, levels, files."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,12 +15,11 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.options import resolve
 from sshade.pipeline.engine import solve_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
-from tests.shapes import bumpy, rotation, strip, tube
+from tests.shapes import bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.naive import Naive
 from tests.sshade.pipeline.calls import METHODS
 
 BODY = bumpy(3)
-OPEN = np.full((3, 3), np.nan)
 
 
 def turn(degrees: float, axis: str = "z") -> np.ndarray:
@@ -30,11 +30,9 @@ def sheet(cells: int, *, degrees: float, axis: str = "z") -> DeformationTask:
     """A unit square, its border held, its middle turned in place."""
     given = strip(cells, cells)
     mesh = Mesh(given.V / cells, given.F)
-    border = np.flatnonzero((np.abs(mesh.V[:, :2] - 0.5) > 0.5 - 1e-9).any(axis=1))
-    middle = np.flatnonzero((np.abs(mesh.V[:, :2] - 0.5) < 1e-9).all(axis=1))
-    index = np.r_[border, middle]
-    R = np.concatenate([np.broadcast_to(OPEN, (len(border), 3, 3)), turn(degrees, axis)[None]])
-    return DeformationTask("sheet", mesh, Handles(index, mesh.V[index], group=index == middle, rotation=R))
+    away = np.abs(mesh.V[:, :2] - 0.5).max(axis=1)
+    parts = (away > 0.5 - 1e-9, 0), (away < 1e-9, 0)
+    return DeformationTask("sheet", mesh, moved_parts(mesh.V, *parts, rotations=[None, turn(degrees, axis)]))
 
 
 def turned_about(mesh: Mesh, V: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
@@ -115,24 +113,19 @@ def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
 def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
     """One vertex a side: their rotations alone bend the tube, whose other end is free."""
     even = tube(24, 60)
-    z = even.V[:, np.argmax(np.ptp(even.V, axis=0))]
-    low, high = np.flatnonzero(z == z.min()), np.flatnonzero(z == z.max())
+    z = even.V[:, 2]
     # On a tube with equal distances a motion's rounding chooses other samples.
-    mesh = Mesh(even.V + 1e-3 * np.random.default_rng(0).normal(size=even.V.shape), even.F)
-    bend = np.repeat([np.eye(3), turn(40, "x")], [len(low), len(high)], axis=0)
-    index = np.r_[low, high]
-    weight = np.repeat([np.inf, 1e-6], [len(low), len(high)])
-    own = Handles(index, mesh.V[index], group=np.isfinite(weight), weight=weight, rotation=bend)
+    mesh = jittered(even, 2e-3)
+    ends = {"weights": [np.inf, 1e-6], "rotations": [np.eye(3), turn(40, "x")]}
+    own = moved_parts(mesh.V, (z == z.min(), 0), (z == z.max(), 0), **ends)
     options = {"vertices": 400, "volume": 0.0, "area": 0.0, "tolerance": 1e-7}
     V = METHODS["fast"](DeformationTask("tube", mesh, own), **options).vertices
-    way = np.linalg.norm(V[high].mean(0) - mesh.V[high].mean(0)) / np.ptp(z)
+    way = np.linalg.norm((V - mesh.V)[z == z.max()].mean(0)) / np.ptp(z)
     assert way > 0.05
     R, shift = rotation(5), np.array([2.0, 3, -1])
-    mesh_2 = Mesh(mesh.V @ R.T + shift, mesh.F)
-    own_2 = Handles(
-        index, own.target @ R.T + shift, group=own.group, weight=own.weight, rotation=R @ own.rotation @ R.T
-    )
-    V_2 = METHODS["fast"](DeformationTask("tube", mesh_2, own_2), **options).vertices
+    there = Mesh(mesh.V @ R.T + shift, mesh.F)
+    turned = replace(own, target=own.target @ R.T + shift, rotation=R @ own.rotation @ R.T)
+    V_2 = METHODS["fast"](DeformationTask("tube", there, turned), **options).vertices
     assert np.abs(V_2 - V @ R.T - shift).max() < 1e-5 * mesh.diagonal
 
 

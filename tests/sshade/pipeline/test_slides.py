@@ -11,7 +11,7 @@ from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, deform
 from sshade.io.handles import read_handles, write_handles
 from sshade.solver.local_global import local_global
-from tests.shapes import beside, block, icosphere, rotation, shifted
+from tests.shapes import beside, block, icosphere, moved_parts, rotation, shifted
 from tests.sshade.naive import Naive
 from tests.sshade.pipeline.calls import fast, fine
 
@@ -25,13 +25,9 @@ TILTED = [0.3, -0.2, 1.0]
 def ends(mesh: Mesh, slide, *, shift=(0.6, 0.3, 0.8), weight=np.inf, turned=False) -> DeformationTask:
     """The lower end stays, and the upper end slides through shifted targets."""
     z = mesh.V[:, 2]
-    low, high = np.flatnonzero(z < z.min() + 0.1), np.flatnonzero(z > z.max() - 0.1)
-    index, group = np.r_[low, high], np.repeat([0, 1], [len(low), len(high)])
-    R = np.where(group[:, None, None] == 1, TURN, np.nan) if turned else None
-    weights = np.where(group == 1, weight, np.inf)
-    kinds = [slide if number else None for number in group]
-    target = mesh.V[index] + group[:, None] * np.array(shift)
-    return DeformationTask("ends", mesh, Handles(index, target, None, group, None, weights, None, R, kinds))
+    parts, turns = [(z < z.min() + 0.1, 0), (z > z.max() - 0.1, shift)], [None, TURN] if turned else None
+    how = {"weights": [np.inf, weight], "slides": [None, slide], "rotations": turns}
+    return DeformationTask("ends", mesh, moved_parts(mesh.V, *parts, **how))
 
 
 def off(task: DeformationTask, V: np.ndarray) -> float:
@@ -117,12 +113,10 @@ def test_a_surface_holds_handles_at_its_faces_and_at_its_edges():
 
     low = block(np.ones((1, 1, 1)))
     box = Mesh(2.0 * low.V - 3.0, low.F)  # from -1 to 1
-    top, ring = BALL.V[:, 2].argmax(), np.flatnonzero(BALL.V[:, 2] < -0.5)
-    index, group = np.r_[ring, top], np.repeat([0, 1], [len(ring), 1])
-    target = BALL.V[index] + (1 - group[:, None]) * [-1.5, 0.2, 0.3]
-    target[-1] = 0.0  # has no effect on a surface; the coordinates of the other minimiser begin there
-    slide = [None] * len(ring) + [Slide.on(box)]
-    task = DeformationTask("box", BALL, Handles(index, target, group=group, slide=slide))
+    top = BALL.V[:, 2].argmax()
+    # Targets have no effect on a surface; the coordinates of the other minimiser begin there.
+    parts = (BALL.V[:, 2] < -0.5, [-1.5, 0.2, 0.3]), ([top], np.zeros_like)
+    task = DeformationTask("box", BALL, moved_parts(BALL.V, *parts, slides=[None, Slide.on(box)]))
     result = local_global(task, **EXACT)
     energy, P = minimum(task, np.eye(3), bounds=[(-1, 1)] * 3)
     assert P[top, 0] == -1 and P[top, 2] == 1  # on an edge
@@ -130,19 +124,12 @@ def test_a_surface_holds_handles_at_its_faces_and_at_its_edges():
     assert np.abs(result.vertices - P).max() < 1e-3
 
 
-def top_and_sides(slide, *, method=fast, V=None, **options):
+def top_and_sides(slide, *, method=fast):
     """A ball pushed at its side; all vertices near its top slide."""
-    V = SPHERE.V if V is None else V
-    up = SPHERE.V[:, 2]
-    cap, low = np.flatnonzero(up > 0.9), np.flatnonzero(up < -0.9)
-    side = np.flatnonzero(SPHERE.V[:, 0] > 0.95)
-    index, group = np.r_[low, side, cap], np.repeat([0, 1, 2], [len(low), len(side), len(cap)])
-    shift = np.where((group == 1)[:, None], [0.5, 0.0, 0.4], 0.0)
-    kinds = [slide if number == 2 else None for number in group]
-    turn = options.pop("turn", np.eye(3))
-    handles = Handles(index, (SPHERE.V[index] + shift) @ turn.T, group=group, slide=kinds)
-    task = DeformationTask("ball", Mesh(SPHERE.V @ turn.T, SPHERE.F), handles)
-    return task, method(task, vertices=600, **options)
+    x, _, z = SPHERE.V.T
+    parts = (z < -0.9, 0), (x > 0.95, [0.5, 0.0, 0.4]), (z > 0.9, 0)
+    task = DeformationTask("ball", SPHERE, moved_parts(SPHERE.V, *parts, slides=[None, None, slide]))
+    return task, method(task, vertices=600)
 
 
 @pytest.mark.parametrize("method", [fast, fine])
@@ -207,14 +194,10 @@ def test_a_drag_slides_and_settles_in_the_minimum():
 
 def test_components_slide_each_for_itself():
     two = beside(SPHERE, shifted(SPHERE, [4, 0, 0]))
-    n, top, low = SPHERE.n, SPHERE.V[:, 2].argmax(), np.flatnonzero(SPHERE.V[:, 2] < -0.9)
-    index = np.r_[low, top, low + n, top + n]
-    group = np.repeat([0, 1, 2, 3], [len(low), 1, len(low), 1])
-    kinds = [Slide.plane([0, 0, 1]) if number % 2 else None for number in group]
-    shift = np.select(
-        [(group == 0)[:, None], (group == 2)[:, None]], [[0.5, 0.1, 0], [0, 0.6, 0.1]], [0.0, 0, 0.2]
-    )
-    task = DeformationTask("two", two, Handles(index, two.V[index] + shift, group=group, slide=kinds))
+    n, top, low = SPHERE.n, [SPHERE.V[:, 2].argmax()], np.flatnonzero(SPHERE.V[:, 2] < -0.9)
+    parts = (low, [0.5, 0.1, 0]), (top, [0, 0, 0.2]), (low + n, [0, 0.6, 0.1]), ([top[0] + n], [0, 0, 0.2])
+    own = moved_parts(two.V, *parts, slides=[None, Slide.plane([0, 0, 1])] * 2)
+    task = DeformationTask("two", two, own)
     result = fast(task, vertices=1000)
     assert off(task, result.vertices) < 1e-12
 

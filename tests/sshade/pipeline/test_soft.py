@@ -1,6 +1,7 @@
 """Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from sshade import DeformationTask, Handles, deform
 from sshade.io.handles import read_handles, write_handles
 from sshade.solver.local_global import local_global
-from tests.shapes import beside, bumpy, shifted
+from tests.shapes import beside, bumpy, moved_parts, of_all, shifted
 from tests.sshade.pipeline.calls import METHODS
 
 BODY = bumpy(4)
@@ -81,11 +82,9 @@ def test_a_fit_to_targets_at_every_vertex_is_taken():
 def test_a_small_group_beside_large_regions_keeps_its_pull():
     """One vertex of 320 that are sampled thinly: its group has a vertex of the proxy all the same."""
     tip = np.argmax(BODY.V[:, 0])
-    index = np.r_[np.setdiff1d(REGIONS, tip), tip]
-    target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0.4, 0, 0]])
-    group = np.r_[np.zeros(len(index) - 1, dtype=int), 1]
-    for weight in (1e4, [*np.full(len(index) - 1, np.inf), 1e4]):
-        task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weight))
+    parts = (np.setdiff1d(REGIONS, tip), 0), ([tip], [0.4, 0, 0])
+    for weights in (1e4, [np.inf, 1e4]):
+        task = DeformationTask("tip", BODY, moved_parts(BODY.V, *parts, weights=weights))
         V = METHODS["fast"](task, vertices=400, volume=0.0, area=0.0).vertices
         assert V[tip, 0] - BODY.V[tip, 0] > 0.35
 
@@ -110,8 +109,8 @@ def test_a_hard_handle_among_soft_ones_takes_them_along():
 def test_components_share_a_group_and_keep_its_stiffness():
     """Two bodies far apart, of which each has half of each group: as one with the weight halved."""
     both, own = beside(BODY, shifted(BODY, 50)), task_of(1.0).handles
-    index, target = np.r_[own.index, own.index + BODY.n], np.concatenate([own.target, own.target + 50])
-    pair = Handles(index, target, group=np.tile(own.group, 2), weight=np.tile(own.weight, 2))
+    pair = of_all((own, 0), (replace(own, target=own.target + 50), BODY.n))
+    pair = replace(pair, group=np.tile(own.group, 2))
     joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
     alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
     assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)

@@ -1,13 +1,16 @@
 """Struts between opposite vertices keep the local thickness."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import sshade
 from sshade import DeformationTask, Deformer, Handles, Mesh
 from sshade.solver.local_global import local_global
 from sshade.solver.terms.struts import opposite_vertices
-from tests.shapes import beside, icosphere, rotation, shifted, strip, tube
+from tests.shapes import beside, icosphere, moved_parts, of_all, rotation, shifted, strip, tube
 
 
 def hose(wall: float, *, around: int = 32, along: int = 40, length: float = 8.0) -> Mesh:
@@ -28,12 +31,9 @@ HOSE = hose(0.25)
 
 def bend_task(mesh: Mesh) -> DeformationTask:
     """One end of the mesh turned by 60 degrees."""
-    low, high = (np.flatnonzero(np.abs(mesh.V[:, 2] - z) < 0.7) for z in (0.0, 8.0))
-    c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
-    turned = (mesh.V[high] - [0, 0, 8.0]) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + [3.6, 0, 6.3]
-    index = np.concatenate([low, high])
-    group = np.repeat([0, 1], [len(low), len(high)])
-    return DeformationTask("t", mesh, Handles(index, np.concatenate([mesh.V[low], turned]), group=group))
+    z, turn = mesh.V[:, 2], Rotation.from_rotvec([0, np.pi / 3, 0])
+    turned = z > 7.3, lambda V: turn.apply(V - [0, 0, 8.0]) + [3.6, 0, 6.3]
+    return DeformationTask("t", mesh, moved_parts(mesh.V, (z < 0.7, 0), turned))
 
 
 def test_opposite_vertices_are_across_a_wall_or_a_ball_and_a_sheet_has_none():
@@ -91,9 +91,7 @@ def test_a_drag_and_several_components_keep_it_too():
     drag = Deformer(HOSE, task.handles.index, group=task.handles.group, thickness=3)
     alone = sshade.deform(task, thickness=3).vertices
     assert np.abs(drag(task.handles.target).vertices - alone).max() < 5e-3
-    both = beside(HOSE, shifted(HOSE, [9.0, 0, 0]))
-    index = np.concatenate([task.handles.index, task.handles.index + HOSE.n])
-    target = np.concatenate([task.handles.target, task.handles.target + [9.0, 0, 0]])
-    group = np.tile(task.handles.group, 2)
-    V = sshade.deform(DeformationTask("t", both, Handles(index, target, group=group)), thickness=3).vertices
-    assert np.abs(V[: HOSE.n] - alone).max() < 2e-2
+    own = task.handles
+    pair = of_all((own, 0), (replace(own, target=own.target + [9.0, 0, 0]), HOSE.n))
+    both = DeformationTask("t", beside(HOSE, shifted(HOSE, [9.0, 0, 0])), pair)
+    assert np.abs(sshade.deform(both, thickness=3).vertices[: HOSE.n] - alone).max() < 2e-2
