@@ -12,7 +12,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.attachment import LINK, RADIUS, REACH, Attachment
 from sshade.solver.local_global import local_global
-from tests.shapes import rotation, subdivided, tube
+from tests.shapes import moved_parts, rotation, subdivided, tube
 from tests.sshade.naive import vertex_areas
 
 BAR = tube(24, 90, length=9.0)
@@ -27,8 +27,7 @@ def patch(mesh: Mesh, point, count: int) -> np.ndarray:
 def two_patches(mesh: Mesh, *, turn=TURN, shift=(0.4, 0.1, 0.2), count=7) -> Handles:
     """One end stays, the other is turned and shifted."""
     low, high = patch(mesh, [0, 1, mesh.V[:, 2].min()], count), patch(mesh, [0, 1, mesh.V[:, 2].max()], count)
-    target = np.concatenate([mesh.V[low], mesh.V[high] @ turn.T + shift])
-    return Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], count))
+    return moved_parts(mesh.V, (low, 0), (high, lambda V: V @ turn.T + shift))
 
 
 class Pulled(NamedTuple):
@@ -92,13 +91,11 @@ def test_nothing_is_attached_to_handles_without_a_rigid_motion(case):
         handles = two_patches(mesh, count=1 + (case == "two"))
     elif case == "a line":
         line = np.flatnonzero(np.isclose(mesh.V[:, :2], mesh.V[0, :2]).all(axis=1))[:8]
-        handles = Handles(line, mesh.V[line])
+        handles = moved_parts(mesh.V, (line, 0))
     elif case == "not rigid":
-        index = patch(mesh, [0, 1, top], 12)
-        handles = Handles(index, mesh.V[index] * [1.0, 1.0, 4.0])
+        handles = moved_parts(mesh.V, (patch(mesh, [0, 1, top], 12), lambda V: V * [1.0, 1.0, 4.0]))
     elif case == "region":
-        index = np.flatnonzero(mesh.V[:, 2] < 0.8 * top)
-        handles = Handles(index, mesh.V[index])
+        handles = moved_parts(mesh.V, (mesh.V[:, 2] < 0.8 * top, 0))
     else:
         weight = 0.0
     pulled = attached(mesh, handles, weight)
@@ -133,9 +130,8 @@ def test_handles_of_one_group_that_are_far_apart_move_apart():
 
 def test_groups_that_touch_move_apart():
     held = patch(BAR, [0, 1, 0], 24)
-    group = (BAR.V[held, 2] > np.median(BAR.V[held, 2])).astype(int)
-    shift = np.outer(group, [0.1, 0.2, 0.3])
-    pulled = attached(BAR, Handles(held, BAR.V[held] + shift, group=group), 0.1)
+    upper = BAR.V[held, 2] > np.median(BAR.V[held, 2])
+    pulled = attached(BAR, moved_parts(BAR.V, (held[~upper], 0), (held[upper], [0.1, 0.2, 0.3])), 0.1)
     moved = np.round(pulled.target - BAR.V[pulled.vertex], 9)
     assert np.unique(moved[len(held) :], axis=0).tolist() == [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]]
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from sshade import DeformationTask, Handles, Mesh
+from sshade import DeformationTask, Mesh
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
-from tests.shapes import bumpy, held_ends, jittered, strip
+from tests.shapes import bumpy, held_ends, jittered, moved_parts, strip
 from tests.sshade.naive import TASKS, Naive, vertex_areas
 from tests.sshade.pipeline.test_degenerate import split
 
@@ -65,9 +65,8 @@ def test_a_sheet_between_two_circles_bends_as_a_clamped_plate_does():
     """Its middle lifted a little, without a turn: Kirchhoff's a + b r^2 + c log r + d r^2 log r."""
     mesh = Mesh(jittered(strip(60, 60), 0.05, seed=1).V * [1, 1, 0] - [30, 30, 0], strip(60, 60).F)
     r, inner, outer, lift = np.linalg.norm(mesh.V, axis=1), 6.0, 28.0, 0.01
-    held = np.flatnonzero((r < inner) | (r > outer))
-    target = mesh.V[held] + lift * (r[held] < inner)[:, None] * [0, 0, 1]
-    task = DeformationTask("plate", mesh, Handles(held, target))
+    own = moved_parts(mesh.V, (r < inner, [0, 0, lift]), (r > outer, 0))
+    task = DeformationTask("plate", mesh, own)
     V = local_global(task, bending=1.0, tolerance=1e-12, max_iterations=3000).vertices
 
     def basis(r):
@@ -78,7 +77,7 @@ def test_a_sheet_between_two_circles_bends_as_a_clamped_plate_does():
 
     ends = np.array([inner, outer])
     a = np.linalg.solve(np.concatenate([basis(ends), slopes(ends)]), [lift, 0, 0, 0])
-    free = np.delete(np.arange(mesh.n), held)
+    free = np.delete(np.arange(mesh.n), own.index)
     plate, membrane = basis(r[free]) @ a, lift * np.log(outer / r[free]) / np.log(outer / inner)
     assert np.abs(V[free, 2] - plate).max() < 0.25 * np.abs(membrane - plate).max()
     assert np.abs(V[:, :2] - mesh.V[:, :2]).max() < 1e-4
@@ -86,9 +85,9 @@ def test_a_sheet_between_two_circles_bends_as_a_clamped_plate_does():
 
 def test_faces_without_area_change_the_shape_little():
     mesh = bumpy(3)
-    flat = split(mesh, np.arange(0, mesh.m, 7), np.full(len(range(0, mesh.m, 7)), 0.5))
+    faces, task = np.arange(0, mesh.m, 7), held_ends(mesh)
+    flat = split(mesh, faces, np.full(len(faces), 0.5))
     assert flat.without_area.any()
-    task = held_ends(mesh)
     same = DeformationTask("flat", flat, task.handles)
     V, W = (local_global(t, bending=0.02, tolerance=1e-8).vertices for t in (task, same))
     assert np.isfinite(W).all()

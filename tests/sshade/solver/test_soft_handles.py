@@ -5,7 +5,7 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.solver.local_global import local_global
-from tests.shapes import bumpy, rotation, strip
+from tests.shapes import bumpy, moved_parts, rotation, strip
 from tests.sshade.naive import Naive, vertex_areas
 
 BODY = bumpy(2)
@@ -13,16 +13,12 @@ BODY = bumpy(2)
 EXACT = {"tolerance": 1e-11, "max_iterations": 20_000}
 
 
-def task_of(mesh: Mesh, *, weight=5.0, turn=None, held=(), seed=0) -> DeformationTask:
+def task_of(mesh: Mesh, *, weight=5.0, held=()) -> DeformationTask:
     """Two soft groups pulled apart and turned, and some hard handles in a third."""
-    order = np.argsort(mesh.V[:, 2], kind="stable")
-    low, high = order[:6], order[-6:]
-    R = rotation(seed) if turn is None else turn
-    target = np.concatenate([mesh.V[low], mesh.V[high] @ R.T + [0.3, 0, 0.1], mesh.V[list(held)]])
-    group = np.repeat([0, 1, 2], [6, 6, len(held)])
-    index = np.concatenate([low, high, np.array(held, dtype=int)])
-    weights = np.where(group < 2, weight, np.inf)
-    return DeformationTask("soft", mesh, Handles(index, target, group=group, weight=weights))
+    order, R = np.argsort(mesh.V[:, 2], kind="stable"), rotation()
+    turned = order[-6:], lambda V: V @ R.T + [0.3, 0, 0.1]
+    own = moved_parts(mesh.V, (order[:6], 0), turned, (list(held), 0), weights=[weight, weight, np.inf])
+    return DeformationTask("soft", mesh, own)
 
 
 def energy(task: DeformationTask, P: np.ndarray, *, kind: str) -> float:
@@ -86,13 +82,11 @@ def test_light_handles_leave_the_rest_shape_moved_rigidly_as_fits_them_best():
 def test_a_spring_at_the_end_of_a_strip_shares_its_stretch():
     """A strip of n edges in a row is a bar: pulled along, it and the spring are two springs in series."""
     mesh = strip(20, 1)
-    left, right = np.flatnonzero(mesh.V[:, 0] == 0), np.flatnonzero(mesh.V[:, 0] == mesh.V[:, 0].max())
+    left, right = mesh.V[:, 0] == 0, mesh.V[:, 0] == mesh.V[:, 0].max()
     length, width = np.ptp(mesh.V[:, 0]), np.ptp(mesh.V[:, 1])
     for weight in (0.01, 0.1, 1.0):
-        target = np.concatenate([mesh.V[left], mesh.V[right] + [2.0, 0, 0]])
-        weights = np.repeat([np.inf, weight], [len(left), len(right)])
-        task = DeformationTask("bar", mesh, Handles(np.r_[left, right], target, weight=weights))
-        P = local_global(task, **EXACT).vertices
+        own = moved_parts(mesh.V, (left, 0), (right, [2.0, 0, 0]), weights=[np.inf, weight])
+        P = local_global(DeformationTask("bar", mesh, own), **EXACT).vertices
         # Integral of |u_x - 1|^2 is width / length x stretch^2, and the spring is w x (2 - stretch)^2.
         stiffness = width / length
         # Both ends of the edge on the right, of which one has two triangles.
@@ -107,11 +101,8 @@ def test_a_weight_means_the_same_at_any_resolution(radius):
     for cells in (12, 24, 48, 96):
         sheet = strip(cells, cells)
         mesh = Mesh(sheet.V / cells, sheet.F)
-        left = np.flatnonzero(mesh.V[:, 0] == 0)
-        disc = np.flatnonzero(np.hypot(mesh.V[:, 0] - 0.5, mesh.V[:, 1] - 0.5) <= radius + 1e-9)
-        weights = np.repeat([np.inf, 1.0], [len(left), len(disc)])
-        target = np.concatenate([mesh.V[left], mesh.V[disc] + [0.1, 0, 0]])
-        own = Handles(np.r_[left, disc], target, group=np.isfinite(weights), weight=weights)
+        disc = np.hypot(mesh.V[:, 0] - 0.5, mesh.V[:, 1] - 0.5) <= radius + 1e-9
+        own = moved_parts(mesh.V, (mesh.V[:, 0] == 0, 0), (disc, [0.1, 0, 0]), weights=[np.inf, 1.0])
         P = local_global(DeformationTask("m", mesh, own), tolerance=1e-8, max_iterations=5000).vertices
         followed.append((P[disc] - mesh.V[disc])[:, 0].mean() / 0.1)
     f = np.array(followed)
