@@ -1,10 +1,13 @@
 """Small meshes for the tests, each with a known topology and no file behind it, and handles at their ends."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 
+NO_TURN = np.eye(3)
 #: A quarter turn about z.
 QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
@@ -195,7 +198,7 @@ def end_handles(
     axis: int = 2,
     share: float = 0.1,
     count: int | None = None,
-    turn=None,
+    turn=NO_TURN,
     shift=(0.0, 0, 0),
 ) -> Handles:
     """Handles at both ends along an axis: one stays, the other is turned and shifted.
@@ -209,10 +212,8 @@ def end_handles(
     else:
         order = np.argsort(x, kind="stable")
         low, high = order[:count], order[-count:]
-    moved = V[high] @ (np.eye(3) if turn is None else turn).T + shift
-    dynamic = np.repeat([False, True], [len(low), len(high)])
-    index, target = np.concatenate([low, high]), np.concatenate([V[low], moved])
-    return Handles(index, target, dynamic=dynamic, group=dynamic.astype(int))
+    own = moved_parts(V, (low, 0), (high, lambda V: V @ turn.T + shift))
+    return replace(own, dynamic=own.group > 0)
 
 
 def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=None, **more) -> Handles:

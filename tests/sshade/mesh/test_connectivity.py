@@ -24,17 +24,18 @@ def soup(seed: int, *, n: int = 12, m: int = 14) -> tuple[np.ndarray, int]:
 
 #: Manifold and oriented meshes.
 MESHES = {
-    "closed": jittered(icosphere(2), 0.05),
-    "genus one": jittered(torus(18, 10), 0.02),
+    "closed": jittered(icosphere(1), 0.05),
+    "genus one": jittered(torus(9, 6), 0.02),
     "genus two": double_torus(cells=1),
-    "two boundary loops": jittered(tube(9, 14), 0.05),
+    "two boundary loops": jittered(tube(6, 8), 0.05),
     "one triangle": Mesh(np.eye(3) * [1, 2, 3], [[0, 1, 2]]),
-    "grid": strip(12, 9),
+    "grid": strip(9, 3),
     "lattice block": block(np.ones((4, 3, 2))),
     "inside out": Mesh(strip(6, 4).V, strip(6, 4).F[:, ::-1]),
     "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
     "two components": beside(tetrahedron(), Mesh(tetrahedron().V + 3, tetrahedron().F)),
 }
+CONNECTED = [name for name in MESHES if name != "two components"]
 CASES = [soup(seed) for seed in range(60)] + [(np.array(mesh.F), mesh.n) for mesh in MESHES.values()]
 #: Faces of a fan: work that grows as the square of the faces at a vertex would take minutes.
 MANY = 200_000

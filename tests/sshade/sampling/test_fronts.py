@@ -9,7 +9,7 @@ from sshade import InputError, Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.sampling.fronts import Fronts, farthest_point_sampling, thinned
 from tests.shapes import strip
-from tests.sshade.mesh.test_connectivity import MESHES
+from tests.sshade.mesh.test_connectivity import CONNECTED, MESHES
 
 
 def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
@@ -28,9 +28,6 @@ def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
 def assert_same(fronts: Fronts, expected: tuple[np.ndarray, ...]) -> None:
     for array, other in zip((fronts.samples, fronts.distance, fronts.cell), expected, strict=True):
         assert np.array_equal(array, other)
-
-
-CONNECTED = [name for name in MESHES if name != "two components"]
 
 
 @pytest.mark.parametrize("name", CONNECTED)
