@@ -16,7 +16,7 @@ from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
-from tests.shapes import bumpy, held_ends, icosphere, rotation, tube, two_spheres
+from tests.shapes import bumpy, held_ends, icosphere, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}
 VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
@@ -162,11 +162,7 @@ def test_bounded_biharmonic_weights_blend_two_bones():
     """Between a bone that stays and one that is shifted, every vertex goes a share of the way."""
     mesh = bumpy(3)
     z = mesh.V[:, 2]
-    low, high = np.flatnonzero(z < np.quantile(z, 0.1)), np.flatnonzero(z > np.quantile(z, 0.9))
-    index = np.concatenate([low, high])
-    group = np.repeat([0, 1], [len(low), len(high)])
-    shift = np.array([0.0, 0.0, 1.0])
-    handles = Handles(index, mesh.V[index] + group[:, None] * shift, group=group)
+    handles = moved_parts(mesh.V, (z < np.quantile(z, 0.1), 0), (z > np.quantile(z, 0.9), [0.0, 0.0, 1.0]))
     result = bounded_biharmonic_weights(DeformationTask("shift", mesh, handles), **COARSE)
     moved = result.vertices - mesh.V
     assert np.abs(moved[:, :2]).max() < 1e-9
