@@ -76,7 +76,7 @@ def test_maps_are_the_derivative_of_a_smooth_map():
     assert error[1] < 0.4 * error[0] and error[1] < 0.02
 
 
-@pytest.mark.parametrize(("cells", "others"), [(20, 20), (20, 5), (40, 40)])
+@pytest.mark.parametrize(("cells", "others"), [(20, 20), (20, 5)])
 def test_walls_that_slide_on_each_other_stretch_space_by_the_bound_at_most(cells, others):
     rng = np.random.default_rng(1)
     for gap in (0.005, 0.03, 0.1, 0.3, 1.0):

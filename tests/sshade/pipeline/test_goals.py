@@ -89,7 +89,7 @@ def test_the_solver_ends_where_a_general_one_does():
 
 MESHES = {
     "closed": BODY,
-    "open": tube(24, 60),
+    "open": tube(16, 40),
     "two": beside(BODY, shifted(BODY, [6.0, 0, 0])),
     "regions": BODY,
 }
