@@ -1,4 +1,4 @@
-"""docs/artefacts.md: it shows every picture of its script, and its numbers are those of the methods."""
+"""docs/artefacts.md: it shows every table of its script, and its numbers are those of the methods."""
 
 import re
 
@@ -14,12 +14,10 @@ TEXT = artefacts.PAGE.read_text(encoding="utf-8")
 ROWS = {row[0]: row[1:] for row in re.findall("\\| " + r"(.+?) \| " * 7 + r"(\S+) \|", TEXT)}
 
 
-def test_the_pages_show_every_picture_and_table_of_the_script():
+def test_the_pages_show_every_table_of_the_script():
     for name in artefacts.EXAMPLES:
         text = artefacts.PAGES.get(name, artefacts.PAGE).read_text(encoding="utf-8")
-        place = f"figures/artefacts_{name}.png"
-        assert text.count(f"]({place})") == 1 and text.count(f"<!-- {name} -->\n| run |") == 1
-        assert 1000 < (artefacts.PAGE.parent / place).stat().st_size < 150_000
+        assert text.count(f"<!-- {name} -->\n| run |") == 1
 
 
 @pytest.mark.parametrize("method", ["Elastic", "fast", "fine thickness=1", "truth"])

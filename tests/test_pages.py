@@ -2,10 +2,12 @@
 
 import re
 
+import pandas as pd
 import pytest
 
-from docs.beyond import EXAMPLES
+from docs import artefacts, beyond, blender, blocks, measures, scaling, tracks
 from docs.pages import PAGES, ROOT, filled, filled_page
+from eval.metrics import METRICS
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -20,6 +22,15 @@ def headings(page) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_of_a_page_are_up_to_date(page):
     assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python -m docs.pages"
+
+
+@pytest.mark.parametrize("script", [blender, scaling, tracks], ids=lambda script: script.__name__)
+def test_tables_that_a_script_writes_are_those_of_its_rows(script):
+    tables = script.tables() if script is tracks else script.tables(pd.read_csv(script.ROWS))
+    page = script.PAGE.read_text(encoding="utf-8")
+    assert blocks.filled(page, tables) == page, f"run: python -m {script.__name__}"
+    with pytest.raises(ValueError, match="0 blocks 'absent'"):
+        blocks.filled(page, {"absent": ""})
 
 
 def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
@@ -58,6 +69,11 @@ def test_links_lead_to_files_and_headings(page):
     assert broken == []
 
 
+def test_every_measure_is_explained():
+    page = (ROOT / "docs" / "measures.md").read_text(encoding="utf-8")
+    assert [name for name in METRICS if f"`{name}`" not in page] == []
+
+
 def test_names_on_the_code_page_are_in_their_files():
     page = ROOT / "docs" / "code.md"
     rows = re.findall(r"^\|[^|]+\|([^|]+)\|([^|]+)\|$", page.read_text(encoding="utf-8"), re.M)
@@ -72,9 +88,17 @@ def test_names_on_the_code_page_are_in_their_files():
     assert missing == []
 
 
-def test_the_pictures_of_beyond_are_there_and_small():
-    page = ROOT / "docs" / "beyond_fast.md"
-    places = re.findall(r"\]\((figures/[^)]+)\)", page.read_text(encoding="utf-8"))
-    assert len(places) > 5 and len(set(places)) == len(places)
-    assert [place for place in places if (page.parent / place).stat().st_size > 150_000] == []
-    assert sorted(f"figures/beyond_{name}.png" for name in EXAMPLES) == sorted(places)
+@pytest.mark.parametrize(
+    ("names", "pages"),
+    [
+        ([f"beyond_{name}" for name in beyond.EXAMPLES], ["beyond_fast.md"]),
+        ([f"measures_{name}" for name in measures.EXAMPLES], ["measures_examples.md"]),
+        ([f"artefacts_{name}" for name in artefacts.EXAMPLES], ["artefacts.md", "beyond_fine.md"]),
+        (["blender"], ["blender.md"]),
+    ],
+)
+def test_pages_show_each_picture_of_their_script_once_and_pictures_are_small(names, pages):
+    text = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in pages)
+    assert sorted(re.findall(r"\]\(figures/(.+)\.png\)", text)) == sorted(names)
+    for name in names:
+        assert 1000 < (ROOT / "docs" / "figures" / f"{name}.png").stat().st_size < 150_000

@@ -12,8 +12,6 @@ from defaust.build.verify import verify
 from defaust.sources.noisy import NoisyBodies, bone_rotations, correlated_noise, pose_names
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks import load_task
-from docs import tracks
-from docs.blocks import filled
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from sshade import InputError
 from sshade.mesh.rigid import rigid_motion
@@ -144,8 +142,3 @@ def test_poses_of_another_version_have_no_truth(folder, tmp_path):
     change(other, lambda document: document["source"].update(poses_sha256="0" * 64))
     task = load_task(other, subject=5, pose=1)
     assert task.truth is None and "made from other poses (asset 000000000000)" in task.meta["no_truth"]
-
-
-def test_the_tables_of_the_page_are_those_of_its_rows():
-    text = tracks.PAGE.read_text(encoding="utf-8")
-    assert filled(text, tracks.tables()) == text

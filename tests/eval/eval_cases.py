@@ -1,62 +1,17 @@
 """Small deformation tasks with known answers, for the tests of `eval` and of the methods' contract."""
 
-import multiprocessing
 import os
-import subprocess
-import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import sleep
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eval.main import main
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.progress import silent
 from sshade.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
-
-_HERE = Path(__file__).parent
-#: ``sshade-eval run`` as a program, with the methods and datasets of these tests.
-RUN = [sys.executable, "-m", "eval", "run", "--config-dir", str(_HERE / "extra_conf")]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parents[1])])}
-
-
-#: Programs that begin with the libraries read already: a fork of one process that has done nothing else.
-_SERVER = multiprocessing.get_context("spawn" if os.name == "nt" else "forkserver")
-_SERVER.set_forkserver_preload(["eval.configure.app", "eval.run.run", "sshade.pipeline.deform"])
-
-
-def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess:
-    """Run the program as a user starts it, for launchers, which begin processes of their own like it."""
-    command, environment = [*RUN, *arguments], ENVIRONMENT | variables
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-
-
-def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Run the program in a forked process and a folder, until it ends. A fork starts ten times as fast."""
-    with TemporaryDirectory() as scratch:
-        said = [Path(scratch, name) for name in ("stdout", "stderr")]
-        process = _SERVER.Process(target=_program, args=(folder, [*RUN[3:], *arguments], said))
-        process.start()
-        process.join(300)
-        if process.is_alive():
-            process.kill()
-            raise subprocess.TimeoutExpired(arguments, 300)
-        return subprocess.CompletedProcess(arguments, process.exitcode, *(path.read_text() for path in said))
-
-
-def _program(folder: Path, arguments: list[str], said: list[Path]) -> None:
-    """Do the work of ``python -m eval`` in a folder, with output and errors in files."""
-    for stream, path in enumerate(said, start=1):
-        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), stream)
-    os.chdir(folder)
-    os.environ.update(ENVIRONMENT)
-    sys.path[:0] = [str(folder), *ENVIRONMENT["PYTHONPATH"].split(os.pathsep)]
-    sys.argv[:] = ["eval", *arguments]
-    sys.exit(main())
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:

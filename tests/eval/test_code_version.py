@@ -10,6 +10,7 @@ import sshade
 from eval.rows.store import run_folders
 from eval.run import code
 from eval.run.run import run
+from sshade.cli.configuration import PACKAGES
 
 TARGET = "ours.method.method"
 FILES = {
@@ -43,8 +44,8 @@ def method(task):
 
 
 def forget() -> None:
-    """Forget all parsed files, as a new process would."""
-    for cached in (code.places, code._parsed, code._files, code._of_program):
+    """Forget all files but the project's, as a new process would."""
+    for cached in (code.places, code._files, code._of_program):
         cached.cache_clear()
     for name in [name for name in sys.modules if name.split(".")[0] in ("ours", "theirs", "beside", "far")]:
         del sys.modules[name]
@@ -52,7 +53,13 @@ def forget() -> None:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder on Python's path, with the package `ours` as a package of the project."""
+    """A folder on Python's path, with the package `ours` as a package of the project.
+
+    Its files are parsed again after `forget`; the project's own are parsed once for all tests.
+    """
+    once = code._parsed
+    again = {True: once, False: once.__wrapped__}
+    monkeypatch.setattr(code, "_parsed", lambda path, root: again[root == PACKAGES](path, root))
     for place, text in FILES.items():
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / place).write_text(text)

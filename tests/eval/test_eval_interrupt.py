@@ -9,7 +9,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
-from eval_cases import ENVIRONMENT, RUN
+from eval_program import ENVIRONMENT, RUN
 
 from eval.rows.collect import gather
 from eval.rows.frame import records
@@ -101,7 +101,7 @@ def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):
 
 def test_a_terminal_shows_bars_and_a_file_the_lines(tmp_path):
     ours, theirs = pty.openpty()
-    overrides = ["-m", "dataset=bumpy", "method=arap", "seed=0,1", "run.fresh=true"]
+    overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=arap", "seed=0,1", "run.fresh=true"]
     with start_eval(tmp_path, *overrides, stderr=theirs) as process:
         os.close(theirs)
         shown = b""

@@ -4,7 +4,8 @@ import os
 
 import pytest
 from compositions import composed
-from eval_cases import ENVIRONMENT, run_program, write_theirs
+from eval_cases import write_theirs
+from eval_program import ENVIRONMENT, run_eval, run_program
 from hydra.errors import HydraException
 
 from eval.configure import app as cli
@@ -20,7 +21,7 @@ NEEDS = {
     "ray_cluster": "hydra_plugins.hydra_ray_launcher",
 }
 JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-RUNS = ["-m", "dataset=bumpy", "method=failing,paper", "proxy.vertices=100"]
+RUNS = ["-m", "dataset=bumpy", "method=failing,identity"]
 
 
 @pytest.mark.parametrize("launcher", NEEDS)
@@ -38,7 +39,7 @@ def test_the_launcher_composes(launcher):
 def basic(tmp_path_factory):
     """A sweep of one failing and one good run, one after the other."""
     folder = tmp_path_factory.mktemp("basic")
-    done = run_program(folder, *RUNS)
+    done = run_eval(folder, *RUNS)
     return done, collect(folder / "out/runs/single")
 
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 from compositions import composed
-from eval_cases import run_eval
+from eval_program import run_eval
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, split_of

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from eval_cases import bumpy_task, run_eval
+from eval_cases import bumpy_task
+from eval_program import run_eval
 from external_programs import COPYING, TEXTS, allow, program
 from test_code_version import forget
 from test_eval_interrupt import alive, start_eval, wait_for
@@ -36,6 +37,7 @@ SETTINGS = " ".join(f"method.{name}={value}" for name, value in TEXTS.items())
 
 @pytest.fixture(autouse=True)
 def nothing_allowed(monkeypatch):
+    forget()  # programs of the same names in another test's folder
     monkeypatch.setenv(ALLOWED, "")
 
 
@@ -216,7 +218,6 @@ def test_bench_times_a_program(here, monkeypatch, case):
 @pytest.fixture
 def theirs(here):
     """A folder of configurations, and programs that leave a file."""
-    forget()  # of another test's folder with the same names
     program(here, "touch hacked; " + COPYING, name="evil.sh")
     program(here, "touch called; " + COPYING, name="mine.sh")
     (here / "configs/method").mkdir(parents=True)

@@ -1,6 +1,6 @@
 """The experiment of isometric transfers, from its configuration to its table, on a user's own sequence."""
 
-from eval_cases import run_eval
+from eval_program import run_eval
 
 from defaust.cli import main as defaust
 from eval.publish.notes import REBUILT_NOTE, TRANSFERRED_NOTE

@@ -1,0 +1,28 @@
+"""``sshade-eval run`` with the methods and datasets of these tests, in this process or in another."""
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.robustness.case import run, working_in
+
+_HERE = Path(__file__).parent
+_ARGUMENTS = ["run", "--config-dir", str(_HERE / "extra_conf")]
+#: The program in a process of its own, and what it needs.
+RUN = [sys.executable, "-m", "eval", *_ARGUMENTS]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parents[1])])}
+
+
+def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess:
+    """Run the program as a user starts it, for launchers, which begin processes of their own like it."""
+    command, environment = [*RUN, *arguments], ENVIRONMENT | variables
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Run the program in this process and a folder. It starts ten times as fast."""
+    with working_in(folder):
+        ended = run(shlex.join(["sshade-eval", *_ARGUMENTS, *arguments]))
+    return subprocess.CompletedProcess(arguments, *ended)
