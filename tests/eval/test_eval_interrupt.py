@@ -5,7 +5,6 @@ import pty
 import signal
 import subprocess
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
@@ -62,10 +61,6 @@ def alive(group):
     return True
 
 
-def children(pid):
-    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-
-
 @pytest.mark.parametrize("fresh", few(["false", "true"], "true"))
 def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fresh):
     overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless", f"run.fresh={fresh}"]
@@ -86,17 +81,6 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
         ("stretching", "bumpy_30", "not_converged"),
         ("endless", "bumpy_30", "missing"),
     ]
-
-
-def test_a_killed_program_takes_the_process_of_its_run_along(tmp_path):
-    overrides = ["dataset=bumpy", "dataset.level=2", "method=endless", "run.fresh=true"]
-    with start_eval(tmp_path, *overrides) as process:
-        wait_for(lambda: children(process.pid))
-        sleep(2.0)  # into the run that does not end
-        process.kill()
-        process.communicate(timeout=60)
-    wait_for(lambda: not alive(process.pid))
-    assert not list(tmp_path.rglob("row.json"))
 
 
 def test_a_terminal_shows_bars_and_a_file_the_lines(tmp_path):

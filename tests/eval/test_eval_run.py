@@ -226,22 +226,22 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
 
 
 def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 5.0)
+    monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 2.0)
     method = {"_target_": "eval_cases.endless", "warming": True}
     row = run(task, method, name="e", root=tmp_path, time_limit=0.2).row
-    assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 5 s")
+    assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 2 s")
 
 
 @pytest.mark.parametrize("fresh", [False, True])
-def test_curves_are_kept_with_the_run(tmp_path, fresh):
+def test_curves_are_kept_with_the_run(task, tmp_path, fresh):
     method = {"_target_": "eval_cases.with_losses"}
-    done = run(bumpy_task(), method, name="learned", root=tmp_path, fresh=fresh)
+    done = run(task, method, name="learned", root=tmp_path, fresh=fresh)
     assert done.row["status"] == "ok", done.row["reason"]
     (name, curve), *others = read_curves(done.folder).items()
     assert (name, curve.tolist(), others) == ("loss_curve", [[3.0, 1.0], [0.5, 0.25]], [])
     assert not any("curve" in column or "rotations" in column for column in done.row)
     method["_target_"] = "baselines.identity.identity"
-    assert read_curves(run(bumpy_task(), method, name="identity", root=tmp_path).folder) == {}
+    assert read_curves(run(task, method, name="identity", root=tmp_path).folder) == {}
 
 
 def test_a_write_that_fails_leaves_no_row(tmp_path):
