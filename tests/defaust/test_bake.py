@@ -1,7 +1,6 @@
 """The tool that baked the synthetic bodies. Its source files are not in the repository."""
 
 import numpy as np
-import pytest
 
 from defaust.sources.noisy import bone_rotations, pose_names
 from defaust.sources.source import read_asset
@@ -24,7 +23,6 @@ def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
         np.testing.assert_allclose(again[name], first[name], atol=1e-4)
 
 
-@pytest.mark.full
 def test_a_pose_of_the_noisy_bodies_can_be_baked_again():
     name = pose_names(5)[0]
     rotations, shift = noisy.make_pose(

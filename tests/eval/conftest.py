@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from report_runs import make_runs
 
+from eval.main import call
 from eval.run.warmup import tiny_task
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
@@ -20,6 +21,18 @@ def tiny(tmp_path_factory) -> Path:
 def tiny_runs(tiny) -> Path:
     """The run folders of the small experiment."""
     return tiny.parent / "runs" / "tiny"
+
+
+@pytest.fixture(scope="session")
+def tiny_report(tiny, tiny_runs) -> Path:
+    """The report of the small experiment, made while its methods cannot run."""
+    out = tiny.parent / "report.html"
+    look = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("stretching", "with_losses", "failing", "missing_extra"):
+            patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
+        assert call("report", [str(tiny), "-o", str(out), "--runs", str(tiny_runs), *look]) == 0
+    return out
 
 
 @pytest.fixture

@@ -1,12 +1,14 @@
 """Small deformation tasks with known answers, for the tests of `eval` and of the methods' contract."""
 
 import os
+import signal
 from pathlib import Path
 from time import sleep
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from eval.run.provenance import process_memory
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.progress import silent
@@ -77,6 +79,21 @@ def sleeping(task, *, seconds: float, seed: int, progress=silent) -> Deformation
 def dying(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method that takes its process down."""
     os._exit(3)
+
+
+def killed(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method whose process dies as if the system killed it for lack of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method that allocates 1 GiB where the limit allows 100 MiB more."""
+    import resource
+
+    limit = process_memory("VmSize") + 100 * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    V = np.ones((2**27, 1))[: task.mesh.n] * task.mesh.V
+    return DeformationResult(V, iterations=0, converged=None)
 
 
 #: A method of a user's that imports two modules, and may edit one of them.

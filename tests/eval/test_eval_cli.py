@@ -66,6 +66,18 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert forced.stdout.splitlines()[-1].startswith("2 runs: 2 new")
 
 
+def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
+    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "run.fresh=true"]
+    done = run_eval(tmp_path, *sweep, "method=hungry,killed,dying,identity")
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    rows = {row["method.name"]: row for row in records(collect(tmp_path / "out/runs/single"))}
+    assert [name for name, row in rows.items() if row["status"] != "failed"] == ["identity"]
+    assert rows["hungry"]["reason"].startswith("MemoryError: Unable to allocate 1.00 GiB")
+    assert "killed by signal 9" in rows["killed"]["reason"] and "memory" in rows["killed"]["reason"]
+    assert rows["dying"]["reason"] == "the process ended with exit code 3"
+    assert rows["identity"]["status"] == "ok" and rows["identity"]["peak_mib"] > 10
+
+
 def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
     """A run that a sweep never reached counts like a run that was removed later."""
     sweep = ["-m", "dataset=listed", "label=${hydra:runtime.choices.method}-${method.factor}", "seed=0,1"]

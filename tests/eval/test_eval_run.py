@@ -76,18 +76,17 @@ def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("method", "fresh", "reason"),
+    ("method", "reason"),
     [
-        ("failing", False, "ArithmeticError: this method always fails"),
-        ("missing_extra", False, "ImportError: torch is not installed; install the extra torch"),
-        ("dying", True, "the process ended with exit code 3"),
+        ("failing", "ArithmeticError: this method always fails"),
+        ("missing_extra", "ImportError: torch is not installed; install the extra torch"),
     ],
 )
 def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_again(
-    task, tmp_path, method, fresh, reason
+    task, tmp_path, method, reason
 ):
     for _ in range(2):
-        done = run(task, {"_target_": f"eval_cases.{method}"}, name="m", root=tmp_path, fresh=fresh)
+        done = run(task, {"_target_": f"eval_cases.{method}"}, name="m", root=tmp_path)
         status = "skipped" if method == "missing_extra" else "failed"
         assert (done.row["status"], done.row["reason"]) == (status, reason) and not done.found
         assert done.failed == (status == "failed") and not (done.folder / "vertices.npy").exists()

@@ -1,1 +1,1 @@
-"""Builds and sweeps that are killed, run twice at once, or out of memory."""
+"""Builds and sweeps that are killed or run twice at once."""

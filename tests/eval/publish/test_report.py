@@ -44,15 +44,9 @@ def report(path, out, *options):
     return out.read_text(encoding="utf-8")
 
 
-LOOK = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
-
-
 @pytest.fixture(scope="module")
-def text(tiny, tiny_runs):
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("stretching", "with_losses", "failing", "missing_extra"):
-            patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
-        return report(tiny, tiny.parent / "report.html", "--runs", str(tiny_runs), *LOOK)
+def text(tiny_report):
+    return tiny_report.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +169,7 @@ def test_a_system_that_cannot_draw_gets_a_report_without_pictures(
 @pytest.mark.usefixtures("without_charts")
 def test_pose_transfers_are_held_against_the_truth(tmp_path):
     rows = make_transfers(tmp_path)
-    page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved"), *LOOK))
+    page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved")))
     assert list(page.images) == ["rest", "truth", "mirror"] and len(page.images["truth"]) == 2
     assert "distance to the ground truth (% of the diagonal)" in page.told("div", "scale")
     assert "fixed" not in page.told("div", "scale")  # there are no handles

@@ -8,20 +8,11 @@ pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 pytest.importorskip("playwright")
 
-from eval.main import call
 from tests.browser import changed, pixels
 
 
-@pytest.fixture(scope="module")
-def report(tiny, tiny_runs, tmp_path_factory):
-    out = tmp_path_factory.mktemp("browser") / "report.html"
-    camera = ["--towards", "1", "0", "0", "--up", "0", "0", "1"]
-    assert call("report", [str(tiny), "-o", str(out), "--runs", str(tiny_runs), *camera]) == 0
-    return out
-
-
 @pytest.fixture(params=[400, pytest.param(1280, marks=pytest.mark.full)])
-def page(request, browser, report):
+def page(request, browser, tiny_report):
     opened = browser.new_page(
         viewport={"width": request.param, "height": 800}, has_touch=request.param == 400
     )
@@ -29,7 +20,7 @@ def page(request, browser, report):
     opened.on("console", lambda message: opened.said.append(message.text))
     opened.on("pageerror", lambda error: opened.said.append(str(error)))
     opened.on("request", lambda asked: opened.asked.append(asked.url))
-    opened.goto(report.as_uri())
+    opened.goto(tiny_report.as_uri())
     opened.wait_for_selector("#turn-stage[data-shape]")
     yield opened
     opened.close()
