@@ -6,9 +6,9 @@ from pathlib import Path
 from time import sleep
 
 import numpy as np
+import psutil
 from scipy.spatial.transform import Rotation
 
-from eval.run.provenance import process_memory
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.progress import silent
@@ -90,7 +90,7 @@ def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method that allocates 1 GiB where the limit allows 100 MiB more."""
     import resource
 
-    limit = process_memory("VmSize") + 100 * 2**20
+    limit = psutil.Process().memory_info().vms + 100 * 2**20
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     V = np.ones((2**27, 1))[: task.mesh.n] * task.mesh.V
     return DeformationResult(V, iterations=0, converged=None)

@@ -162,10 +162,13 @@ def test_a_figure_may_stand_alone_but_not_be_older_than_its_rows(project):
 
 
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
-def test_committed_tables_follow_from_committed_rows(path):
-    table = make_table(read_csv(path), title=path.stem, mixed=True)
+def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_place_in_the_project(path):
+    rows = read_csv(path)
+    table = make_table(rows, title=path.stem, mixed=True)
     for suffix, text_of in FORMATS.items():
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)
+    sources = map(json.loads, distinct(rows, "task.source"))
+    assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)
 
 
 def test_every_committed_table_has_its_rows():
@@ -179,9 +182,3 @@ def test_committed_tables_of_times_follow_from_committed_rows(path):
     times = of_times.make_time_table(read_csv(path), title=path.stem)
     for suffix, text_of in TIME_FORMATS.items():
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(times)
-
-
-@pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
-def test_committed_rows_name_files_by_their_place_in_the_project(path):
-    sources = map(json.loads, distinct(read_csv(path), "task.source"))
-    assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)

@@ -9,18 +9,11 @@ from sshade.errors import InputError
 OLD, NEW = range(1, 5), range(5, 11)
 
 
-def test_old_poses_and_the_first_five_bodies_are_for_tuning():
+def test_new_poses_of_the_last_five_bodies_are_held_out_and_a_case_of_a_readers_own_is_in_no_half():
     body = "defaust-synthetic/subject_{:02d}/pose_{}".format
     assert {split_of(body(s, p)) for s in range(10) for p in OLD} == {TUNING}
     assert {split_of(body(s, p)) for s in range(5) for p in NEW} == {TUNING}
-
-
-def test_new_poses_of_the_last_five_bodies_are_held_out():
-    cases = [f"defaust-synthetic/subject_{s:02d}/pose_{p}" for s in range(5, 10) for p in NEW]
-    assert {split_of(case) for case in cases} == {HELD_OUT}
-
-
-def test_a_case_of_a_readers_own_belongs_to_neither():
+    assert {split_of(body(s, p)) for s in range(5, 10) for p in NEW} == {HELD_OUT}
     assert split_of("mine/pose") is None
 
 
