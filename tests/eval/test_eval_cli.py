@@ -129,14 +129,12 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     """The method that a sweep starts from, paper, has neither."""
-    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1,2"]
+    sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1"]
     done = run_eval(tmp_path, *sweep, "method=fine,fine_free", "method.stiffness=0.5")
     assert done.returncode == 0, done.stderr
     rows = records(collect(tmp_path / "out/runs/single"))
-    assert sorted((row["method.name"], row["method.polish_iterations"]) for row in rows) == [
-        (name, steps) for name in ("fine", "fine_free") for steps in (1, 2)
-    ]
-    assert all(row["method.stiffness"] == 0.5 for row in rows)
+    assert sorted(row["method.name"] for row in rows) == ["fine", "fine_free"]
+    assert all((row["method.polish_iterations"], row["method.stiffness"]) == (1, 0.5) for row in rows)
     for setting in ("method.polish_iterations=3", "method.vertices=", "+method.nothing=1"):
         wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", setting)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
