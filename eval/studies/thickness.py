@@ -11,11 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from igl.embree import EmbreeIntersector
 
 from sshade.mesh.mesh import Mesh
 
-#: Number of pairs by default, and of rays at a time.
-PAIRS, RAYS = 500, 50
+#: Number of pairs by default.
+PAIRS = 500
 #: Least distance of a hit, as a fraction of the diagonal. Nearer hits are the point itself.
 NEAR = 1e-6
 #: Largest cosine between the normals of a pair. Others are not opposite.
@@ -58,8 +59,7 @@ def opposite_points(mesh: Mesh, *, pairs: int = PAIRS, faces: np.ndarray) -> Pai
     chance = mesh.face_areas[faces]
     rng = np.random.default_rng(0)
     face = np.sort(rng.choice(faces, min(pairs, len(faces)), replace=False, p=chance / chance.sum()))
-    hits = [_first_hits(mesh, face[i : i + RAYS]) for i in range(0, len(face), RAYS)]
-    opposite, weight = (np.concatenate(column) for column in zip(*hits, strict=True))
+    opposite, weight = _first_hits(mesh, face)
     cosine = np.einsum("pd,pd->p", mesh.face_normals[face], mesh.face_normals[opposite])
     found = (opposite >= 0) & (cosine <= OPPOSITE)
     return Pairs(face[found], opposite[found], weight[found])
@@ -67,26 +67,13 @@ def opposite_points(mesh: Mesh, *, pairs: int = PAIRS, faces: np.ndarray) -> Pai
 
 def _first_hits(mesh: Mesh, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Face (p,) that each inward normal hits first, or -1, and barycentric coordinates (p, 3) there."""
-    a, b, c = (mesh.V[mesh.F[:, k]] for k in range(3))
-    u, v = b - a, c - a
+    rays = EmbreeIntersector()
+    rays.init(np.array(mesh.V), mesh.F.astype(np.int32))
     begin, along = mesh.V[mesh.F[face]].mean(axis=1), -mesh.face_normals[face]
-    # The ray t -> begin + t along meets a + y u + z v where these determinants say (Moeller and Trumbore).
-    with np.errstate(divide="ignore", invalid="ignore"):
-        p = np.cross(along[:, None], v)
-        inverse = 1.0 / np.einsum("md,pmd->pm", u, p)
-        offset = begin[:, None] - a
-        y = np.einsum("pmd,pmd->pm", offset, p) * inverse
-        q = np.cross(offset, u)
-        z = np.einsum("pd,pmd->pm", along, q) * inverse
-        t = np.einsum("md,pmd->pm", v, q) * inverse
-        inside = (y >= 0) & (z >= 0) & (y + z <= 1) & (t > NEAR * mesh.diagonal)
-    t = np.where(inside, t, np.inf)
-    first = np.argmin(t, axis=1)
-    row = np.arange(len(face))
-    y, z = y[row, first], z[row, first]
-    weight = np.stack([1 - y - z, y, z], axis=1)
-    hit = np.isfinite(t[row, first])
-    return np.where(hit, first, -1), np.where(hit[:, None], weight, 0.0)
+    near = NEAR * mesh.diagonal
+    hits = [rays.intersectRay_first(*ray, near) for ray in zip(begin, along, strict=True)]
+    first, _, y, z = np.array(hits).T  # -1 where a ray hits nothing
+    return first.astype(np.int64), np.stack([1 - y - z, y, z], axis=1)
 
 
 def local_thickness(rest: Mesh, V: np.ndarray, pairs: Pairs) -> dict[str, float]:
