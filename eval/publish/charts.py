@@ -153,12 +153,9 @@ def _curves(title: str, lines: list[tuple[str, np.ndarray]], *, looks: dict) -> 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
-    parser.add_argument(
-        "--format",
-        choices=[suffix[1:] for suffix in SUFFIXES],
-        default="svg",
-        help="format of the charts (default: svg)",
-    )
+    formats = [suffix[1:] for suffix in SUFFIXES]
+    text = "format of the charts (default: svg)"
+    parser.add_argument("--format", choices=formats, default="svg", help=text)
     add_out(parser, FIGURES, "folder of the charts")
 
 

@@ -112,13 +112,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
-    parser.add_argument(
-        "--worst", metavar="METRIC", help="show the case with the largest value of this measure"
-    )
+    text = "show the case with the largest value of this measure"
+    parser.add_argument("--worst", metavar="METRIC", help=text)
     add_camera(parser)
-    parser.add_argument(
-        "-o", "--out", type=Path, help="picture to write (default: out/figures/<experiment>.png)"
-    )
+    text = "picture to write (default: out/figures/<experiment>.png)"
+    parser.add_argument("-o", "--out", type=Path, help=text)
 
 
 def command(options: argparse.Namespace) -> int:

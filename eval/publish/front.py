@@ -191,24 +191,17 @@ def _label(name: str) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="+", type=rows_file, help=ROWS_HELP)
-    parser.add_argument(
-        "--knob", default=KNOB, metavar="SETTING", help=f"setting whose values make a curve (default: {KNOB})"
-    )
+    text = f"setting whose values make a curve (default: {KNOB})"
+    parser.add_argument("--knob", default=KNOB, metavar="SETTING", help=text)
     measures = {"choices": METRICS, "default": MEASURES, "metavar": "METRIC"}
     text = f"measures; the others are drawn against the first (default: {' '.join(MEASURES)})"
     parser.add_argument("--measures", nargs="+", **measures, help=text)
-    parser.add_argument(
-        "--leave-out",
-        nargs="*",
-        default=["identity"],
-        metavar="METHOD",
-        help="methods to leave out (default: identity)",
-    )
+    text = "methods to leave out (default: identity)"
+    parser.add_argument("--leave-out", nargs="*", default=["identity"], metavar="METHOD", help=text)
     text = "draw all measures against the times in out/timing or results/timing, on a logarithmic axis"
     parser.add_argument("--times", metavar="NAME", help=text)
-    parser.add_argument(
-        "-o", "--out", type=Path, help="picture to write (default: out/figures/<first experiment>.png)"
-    )
+    text = "picture to write (default: out/figures/<first experiment>.png)"
+    parser.add_argument("-o", "--out", type=Path, help=text)
 
 
 def command(options: argparse.Namespace) -> int:

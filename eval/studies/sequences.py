@@ -75,7 +75,8 @@ def measure_drive(drive: Any) -> list[list[str]]:
     rows = []
     for number, name in enumerate(drive.pose_names):
         step = size * (drive.poses[number] - source.V)[marks[:, 0]]
-        handles = replace(_at_marks(target, marks), target=target.V[marks[:, 1]] + step)
+        # Each mark is a group of its own.
+        handles = Handles(marks[:, 1], target.V[marks[:, 1]] + step, group=np.arange(len(marks)))
         copied = deform(DeformationTask(name, target, handles)).vertices
         cells = []
         for V in (moved[number], copied, target.V):
@@ -87,25 +88,14 @@ def measure_drive(drive: Any) -> list[list[str]]:
     return rows
 
 
-def _at_marks(target: Mesh, marks: np.ndarray) -> Handles:
-    """Return handles at the marks of the target, each in a group of its own."""
-    index = marks[:, 1]
-    return Handles(index, target.V[index], group=np.arange(len(index)))
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = f"poses of the synthetic bodies into which they move (default: {' '.join(MOTIONS)})"
     parser.add_argument("--motions", nargs="+", default=list(MOTIONS), metavar="POSE", help=text)
     text = "methods to compare (default: fast)"
     parser.add_argument("--methods", nargs="+", default=["fast"], metavar="METHOD", help=text)
-    parser.add_argument(
-        "--poses",
-        type=int,
-        default=None,
-        metavar="N",
-        help=f"poses of a motion, 3 or more (default: {POSES})",
-    )
+    text = f"poses of a motion, 3 or more (default: {POSES})"
+    parser.add_argument("--poses", type=int, metavar="N", help=text)
     text = f"bodies of 6,890 vertices instead of 110,210, and {QUICK_POSES} poses"
     parser.add_argument("--quick", action="store_true", help=text)
 

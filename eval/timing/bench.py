@@ -66,29 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cases", nargs="+", default=(), metavar="CASE", help="cases, see above")
     parser.add_argument("--name", help=f"name of the CSV in {TIMING} (default: KIND)")
     parser.add_argument("--rounds", type=int, default=3, metavar="R", help="accepted repeats (default: 3)")
-    parser.add_argument(
-        "--extrapolate",
-        nargs="+",
-        default=(),
-        metavar="LABEL",
-        help="methods whose time is estimated, for speed",
-    )
-    parser.add_argument(
-        "--block",
-        type=int,
-        default=10,
-        metavar="I",
-        help="iterations that methods of --extrapolate run (default: 10)",
-    )
+    text = "methods whose time is estimated, for speed"
+    parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help=text)
+    text = "iterations that methods of --extrapolate run (default: 10)"
+    parser.add_argument("--block", type=int, default=10, metavar="I", help=text)
     parser.add_argument("--against", metavar="COMMIT", help="older version to time too, for versions")
-    parser.add_argument(
-        "--sizes",
-        type=int,
-        nargs="+",
-        default=(),
-        metavar="N",
-        help="numbers of vertices to which the cases are subdivided",
-    )
+    text = "numbers of vertices to which the cases are subdivided"
+    parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help=text)
 
 
 def command(options: argparse.Namespace) -> int:

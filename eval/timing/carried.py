@@ -24,6 +24,7 @@ from typing import NamedTuple
 import igl
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from eval.publish.markdown import markdown_lines
 from eval.timing.warps import MAPS, QUICK_LEVEL, ellipsoid
@@ -85,15 +86,15 @@ def truth_along_normals(mesh: Mesh, posed: np.ndarray, place: Place) -> PosedPoi
 def _along_normals(V: np.ndarray, F: np.ndarray, place: Place) -> tuple[np.ndarray, np.ndarray]:
     """Return points (k, 3), and their derivatives (k, 3, 3) by two barycentric coordinates and the height."""
     corners, normals = V[F[place.face]], igl.per_vertex_normals(V, np.array(F))[F[place.face]]
-    N = np.einsum("ni,nij->nj", place.barycentric, normals)
-    length = np.linalg.norm(N, axis=1)[:, None]
+    on, N = (np.einsum("ni,nij->nj", place.barycentric, own) for own in (corners, normals))
+    length, height = np.linalg.norm(N, axis=1)[:, None], place.height[:, None]
     n = N / length
     columns = []
     for k in (1, 2):
         turn = (normals[:, k] - normals[:, 0]) / length
         turn -= (turn * n).sum(axis=1, keepdims=True) * n
-        columns.append(corners[:, k] - corners[:, 0] + place.height[:, None] * turn)
-    X = np.einsum("ni,nij->nj", place.barycentric, corners) + place.height[:, None] * n
+        columns.append(corners[:, k] - corners[:, 0] + height * turn)
+    X = on + height * n
     return X, np.stack([*columns, n], axis=2)
 
 
@@ -130,8 +131,6 @@ def errors(found: PosedPoints, true: PosedPoints, shapes: np.ndarray, diagonal: 
 
 
 def _covariances(shapes: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
     R = Rotation.from_quat(shapes[:, [1, 2, 3, 0]]).as_matrix()
     return np.einsum("nij,nj,nkj->nik", R, np.exp(2 * shapes[:, 4:]), R)
 
@@ -162,9 +161,8 @@ def _compared(
             "nearest handle": nearest_handle(mesh, posed, X),
             "linear blend": linear_blend(mesh, posed, X),
         }
-        body += [
-            [name, label, *errors(points, true, shapes, mesh.diagonal)] for label, points in found.items()
-        ]
+        size = mesh.diagonal
+        body += [[name, label, *errors(points, true, shapes, size)] for label, points in found.items()]
     labels = [kind, "method", "position (%)", "rotation (deg)", "covariance (%)"]
     return "\n".join(markdown_lines(labels, body, left=(kind, "method")))
 
@@ -178,18 +176,19 @@ def times(mesh: Mesh, points: int) -> str:
         bound.with_maps(posed)  # compiles
         begin, cpu = perf_counter(), process_time()
         bound = PointBinder(mesh).bind(X)
-        seconds, used = perf_counter() - begin, process_time() - cpu
+        row = [perf_counter() - begin, process_time() - cpu]
         out = np.empty_like(X)
         bound(posed, out=out)
         cpu = process_time()
         bound(posed, out=out)
-        positions, cpu = process_time() - cpu, process_time()
+        row.append(process_time() - cpu)
+        cpu = process_time()
         found = bound.with_maps(posed)
-        maps, begin = process_time() - cpu, perf_counter()
+        row.append(process_time() - cpu)
+        begin = perf_counter()
         moved_shapes(np.ones((points, 7)), found.maps)
         turned_harmonics(np.ones((points, 45)), found.rotations)
-        splats = perf_counter() - begin
-        row = [seconds, used, positions, maps, splats]
+        row.append(perf_counter() - begin)
         body.append([label, *(f"{value:.3f}" for value in row)])
     labels = ["points", "bind (s)", "bind (CPU s)", "positions (CPU s)", "with maps (CPU s)", "splats (s)"]
     return "\n".join(markdown_lines(labels, body, left=("points",)))
@@ -199,33 +198,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
     text = f"{', '.join(MAPS)} (default: bend twist shear)"
-    parser.add_argument(
-        "--maps", nargs="+", choices=MAPS, default=["bend", "twist", "shear"], metavar="MAP", help=text
-    )
-    parser.add_argument(
-        "--posed", type=Path, nargs="+", metavar="FILE", help="true poses of the mesh, instead of maps"
-    )
-    parser.add_argument(
-        "--points",
-        type=int,
-        default=1_000_000,
-        metavar="N",
-        help="points whose times are measured (default: 1000000); 0 for none",
-    )
+    maps = {"choices": MAPS, "default": ["bend", "twist", "shear"], "metavar": "MAP"}
+    parser.add_argument("--maps", nargs="+", **maps, help=text)
+    text = "true poses of the mesh, instead of maps"
+    parser.add_argument("--posed", type=Path, nargs="+", metavar="FILE", help=text)
+    text = "points whose times are measured (default: 1000000); 0 for none"
+    parser.add_argument("--points", type=int, default=1_000_000, metavar="N", help=text)
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the tables; return the exit code."""
     mesh = read_mesh(options.mesh) if options.mesh else ellipsoid(QUICK_LEVEL)
-    low, high = mesh.V.min(axis=0), mesh.V.max(axis=0)
-    middle, diagonal = 0.5 * (low + high), np.linalg.norm(high - low)
+    middle, diagonal = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0)), mesh.diagonal
     rest = Mesh((mesh.V - middle) / diagonal, mesh.F)
     if options.posed:
-        poses = {path.stem: read_mesh(path) for path in options.posed}
-        for path, pose in zip(options.posed, poses.values(), strict=True):
+        poses = {}
+        for path in options.posed:
+            pose = read_mesh(path)
             if not np.array_equal(pose.F, mesh.F):
                 raise InputError(f"{path} has other faces than the mesh at rest; give poses of the same mesh")
-        print(compare_poses(rest, {name: (pose.V - middle) / diagonal for name, pose in poses.items()}))  # noqa: T201
+            poses[path.stem] = (pose.V - middle) / diagonal
+        print(compare_poses(rest, poses))  # noqa: T201
     else:
         print(compare(rest, options.maps))  # noqa: T201
     if options.points:
