@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from textwrap import fill, shorten
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from eval.metrics import Task
 from eval.publish.plotting import new_figure, style
 from sshade.figures import COLOURS, View, colour_range, edge_error, picture
+from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles, TransferTask
 
@@ -126,10 +125,8 @@ def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Me
     """Return the part of a mesh in a ball around a vertex that is connected to it: vertex ids and mesh."""
     inside = np.linalg.norm(mesh.V - mesh.V[vertex], axis=1) <= radius
     F = mesh.F[inside[mesh.F].all(axis=1) | (vertex == mesh.F).any(axis=1)]
-    i, j = F.ravel(), F[:, [1, 2, 0]].ravel()
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(mesh.n, mesh.n))
-    _, label = connected_components(graph, directed=False)
-    ids, faces = np.unique(F[label[F[:, 0]] == label[vertex]], return_inverse=True)
+    part = connectivity(F, mesh.n).component
+    ids, faces = np.unique(F[part[F[:, 0]] == part[vertex]], return_inverse=True)
     return ids, Mesh(mesh.V[ids], faces.reshape(-1, 3))
 
 
@@ -148,9 +145,6 @@ def _at_one_scale(views: list[View]) -> list[View]:
 @style()
 def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figure:
     """Draw rows of panels with a colour bar, labelled `label`, from 0 to `top`."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     columns = max(len(row.shapes) for row in rows)
     heights = [row.views[0].size[1] / row.views[0].size[0] for row in rows]
     inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
@@ -171,12 +165,19 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figur
             panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
         beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
         panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)
-    colours = ScalarMappable(Normalize(0, top), COLOURS)
-    bar = figure.colorbar(colours, ax=axes, shrink=0.6, extend="max", pad=0.01)
+    bar = _colour_bar(figure, axes, COLOURS, top=top, shrink=0.6, pad=0.01)
     bar.set_label(label)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _colour_bar(figure: Figure, axes: np.ndarray, colours: str, *, top: float, **place: Any) -> Any:
+    """Add a colour bar from 0 to `top` beside axes."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return figure.colorbar(ScalarMappable(Normalize(0, top), colours), ax=axes, extend="max", **place)
 
 
 @style()
@@ -205,14 +206,9 @@ def draw_captioned(
     towards, up : (3,) float64
         See :func:`rows_of`.
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     shapes = {"rest": task.mesh.V, **results, "truth": task.truth}
-    errors = {
-        name: 100 * np.linalg.norm(results.get(name, task.truth) - task.truth, axis=1) for name in shapes
-    }
-    errors = {name: error / task.mesh.diagonal for name, error in errors.items()}
+    moves = {name: results.get(name, task.truth) - task.truth for name in shapes}
+    errors = {name: 100 * np.linalg.norm(V, axis=1) / task.mesh.diagonal for name, V in moves.items()}
     top = colour_range(errors[name] for name in results)
     whole = View.of(shapes.values(), towards=towards, up=up)
     right = whole.axes[0]
@@ -228,21 +224,13 @@ def draw_captioned(
     below = {"ha": "center", "va": "top", "fontsize": 12, "linespacing": 1.4}
     for panel, (name, view) in zip(axes, views.items(), strict=True):
         panel.set_axis_off()
-        pixels = picture(
-            task.mesh,
-            shapes[name],
-            view=view,
-            width=round(PIXELS / INCHES * inches * view.size[0]),
-            error=errors[name],
-            top=top,
-            colours=DISTANCES,
-            handles=task.handles if name == "rest" else None,
-        )
-        panel.imshow(pixels)
+        width = round(PIXELS / INCHES * inches * view.size[0])
+        handles = task.handles if name == "rest" else None
+        form = {"error": errors[name], "top": top, "colours": DISTANCES, "handles": handles}
+        panel.imshow(picture(task.mesh, shapes[name], view=view, width=width, **form))
         panel.set_title(titles.get(name, name), fontsize=13, fontweight="bold")
         panel.text(0.5, -0.01, captions.get(name, ""), transform=panel.transAxes, **below)
-    scale = ScalarMappable(Normalize(0, top), DISTANCES)
-    bar = figure.colorbar(scale, ax=axes, location="bottom", shrink=0.4, aspect=40, extend="max")
+    bar = _colour_bar(figure, axes, DISTANCES, top=top, location="bottom", shrink=0.4, aspect=40)
     bar.set_label("distance to the true pose (% of the bounding-box diagonal)", fontsize=11)
     bar.ax.tick_params(labelsize=10)
     return figure

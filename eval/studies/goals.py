@@ -23,7 +23,6 @@ from sshade.solver.capped import CappedVolume
 from sshade.task import DeformationTask, Handles
 from sshade.volume_goals import VolumeGoal
 
-METHODS = ("fast", "fine")
 #: Weights of the thickness in the second table.
 WEIGHTS = (0.0, 1.0)
 #: Portion of the length at each end that is a handle region, and points around a shape.
@@ -69,14 +68,8 @@ def lathe(profile: np.ndarray, *, around: int = AROUND, wrap: bool = False) -> M
     """
     ring = profile[profile[:, 0] > 0]
     angle = 2 * np.pi * np.arange(around) / around
-    V = np.stack(
-        [
-            np.outer(ring[:, 0], np.cos(angle)),
-            np.outer(ring[:, 0], np.sin(angle)),
-            np.repeat(ring[:, 1:], around, axis=1),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
+    x, y = np.outer(ring[:, 0], np.cos(angle)), np.outer(ring[:, 0], np.sin(angle))
+    V = np.stack([x, y, np.repeat(ring[:, 1:], around, axis=1)], axis=-1).reshape(-1, 3)
     low = np.arange(len(ring) if wrap else len(ring) - 1)[:, None] * around
     high = (low + around) % len(V)
     i = np.arange(around)
@@ -85,11 +78,9 @@ def lathe(profile: np.ndarray, *, around: int = AROUND, wrap: bool = False) -> M
     F = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
     for end, first in ((0, 0), (-1, len(V) - around)):
         if not wrap and profile[end, 0] == 0:
-            pole = np.full(around, len(V))
+            side = (first + j, first + i) if end == 0 else (first + i, first + j)
+            F = np.append(F, np.stack([np.full(around, len(V)), *side], axis=1), axis=0)
             V = np.append(V, [[0.0, 0.0, profile[end, 1]]], axis=0)
-            F = np.append(
-                F, np.stack([pole, *((first + j, first + i) if end == 0 else (first + i, first + j))], 1), 0
-            )
     return Mesh(V, F)
 
 
@@ -203,7 +194,7 @@ def reached(case: Case, V: np.ndarray) -> dict[str, float]:
     return found
 
 
-def volumes(methods: tuple[str, ...]) -> list[list[str]]:
+def volumes(methods: list[str]) -> list[list[str]]:
     """Deform all cases and return the rows of the first table."""
     rows = []
     for case in cases():
@@ -221,7 +212,7 @@ def volumes(methods: tuple[str, ...]) -> list[list[str]]:
     return rows
 
 
-def thickness(methods: tuple[str, ...]) -> list[list[str]]:
+def thickness(methods: list[str]) -> list[list[str]]:
     """Bend shapes and return the rows of the second table; the exact bend is the first row of each."""
     rows = []
     for case in [*bends(), *(case for case in cases() if case.task.name.startswith("vessel"))]:
@@ -248,12 +239,12 @@ def _held(case: Case) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = "methods to compare (default: fast fine)"
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="METHOD", help=text)
+    parser.add_argument("--methods", nargs="+", default=["fast", "fine"], metavar="METHOD", help=text)
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    methods = tuple(options.methods)
+    methods = options.methods
     left = ["case", "held out", "method", "goal of"]
     header = [*left, "asked", "reached", "error", "handle error", "seconds"]
     print("Volumes as multiples of the volumes at rest\n")  # noqa: T201
