@@ -95,10 +95,8 @@ class Table(NamedTuple):
         kind = kind_of_interval(self.subjects)
         heading = f"{self.title}: difference to {self.reference}"
         heading += f", with its 95 % interval over {self.subjects} subjects ({kind})"
-        shown = [
-            c for c in self.columns if c.main and self.differences[c.heading]["difference"].notna().any()
-        ]
-        return heading, shown
+        found = {name for name, own in self.differences.items() if own["difference"].notna().any()}
+        return heading, [column for column in self.columns if column.main and column.heading in found]
 
 
 def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference: str | None = None) -> Table:

@@ -165,9 +165,7 @@ def _charts(own: Contest, seconds: dict[str, float], machine: str) -> dict[str, 
     for column in own.table.columns:
         if column.heading in DRAWN:
             means = own.table.means[column.heading].dropna()
-            points = {
-                method: [(seconds[method], means[method])] for method in means.index if method in seconds
-            }
+            points = {name: [(seconds[name], mean)] for name, mean in means.items() if name in seconds}
             if points:
                 measures = (TIME, column.source.removeprefix("metric."))
                 drawn[f"{column.heading} against time"] = draw({None: points}, measures, machine=machine)

@@ -65,10 +65,8 @@ def rankings(table: Table, seconds: Mapping[str, float]) -> dict[str, list[Ranki
     kinds = [part for part in table.parts if part.title.startswith("handles: ")]
     found: dict[str, list[Ranking]] = {}
     for own in kinds or [table]:
-        main = [
-            c for c in own.columns if c.main and own.means.loc[own.lines["competes"], c.heading].notna().any()
-        ]
-        title = own.title if kinds else ""
+        title, means = own.title if kinds else "", own.means[own.lines["competes"]]
+        main = [column for column in own.columns if column.main and means[column.heading].notna().any()]
         for column in sorted(main, key=_by_default):
             found.setdefault(column.label, []).append(_ranking(title, own, column, seconds))
         if seconds:
@@ -117,9 +115,8 @@ def _by_time(title: str, table: Table, seconds: Mapping[str, float]) -> Ranking:
 
 def _shown(table: Table) -> list[Column]:
     """Return the columns that every ranking shows."""
-    return [
-        c for c in table.columns if c.heading in (RANKING[0], *SHOWN) and table.means[c.heading].notna().any()
-    ]
+    found = table.means.dropna(axis="columns", how="all")
+    return [c for c in table.columns if c.heading in (RANKING[0], *SHOWN) and c.heading in found]
 
 
 def _numbers(table: Table, method: str, columns: list[Column]) -> list[str]:
