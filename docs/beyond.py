@@ -7,7 +7,6 @@ shows a body without one change of `fast`, and with it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,9 +82,8 @@ def attachment() -> Example:
 def guide() -> Example:
     """A sitting body: without the guide energy, with the guide energy, and the true pose."""
     task = body(5, 9)
-    return Example(
-        task, [without(task, "guide"), without(task, "nothing"), truth(task)], towards=(1, 0.2, 0.6)
-    )
+    shapes = [without(task, "guide"), without(task, "nothing"), truth(task)]
+    return Example(task, shapes, towards=(1, 0.2, 0.6))
 
 
 def regions() -> Example:
@@ -97,9 +95,9 @@ def regions() -> Example:
     turn = np.radians(40)
     R = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     centre = mesh.V[moved].mean(axis=0)
-    target = np.where(
-        moved[handles, None], (mesh.V[handles] - centre) @ R.T + centre + [0.1, 0.05, 0.1], mesh.V[handles]
-    )
+    target = mesh.V[handles]
+    turned = (target - centre) @ R.T + centre + [0.1, 0.05, 0.1]
+    target = np.where(moved[handles, None], turned, target)
     task = DeformationTask("regions", mesh, Handles(handles, target, group=moved[handles].astype(int)))
     return Example(task, [mesh.V, deform(task, method="paper").vertices, deform(task).vertices], top=10.0)
 
@@ -111,9 +109,7 @@ def truth(task: DeformationTask) -> np.ndarray:
 
 
 #: Examples by the names of their pictures.
-EXAMPLES: dict[str, Callable[[], Example]] = {
-    f.__name__: f for f in (frames, volume, softening, attachment, guide, regions)
-}
+EXAMPLES = {f.__name__: f for f in (frames, volume, softening, attachment, guide, regions)}
 
 
 def draw(name: str) -> None:

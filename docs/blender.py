@@ -23,9 +23,7 @@ import pandas as pd
 
 from defaust.tasks import load_task
 from docs.blocks import circumstances, fill, markdown
-from eval.metrics.deformation import edge, handle, volume
-from eval.metrics.deformed import Deformed
-from eval.metrics.truth import truth_distance
+from eval.metrics import METRICS, Deformed
 from eval.run.code import code_version
 from eval.run.provenance import environment
 from eval.timing.quiet import between, read_machine
@@ -47,6 +45,8 @@ METHODS = {
     "laplacian": "Laplacian Deform",
     "surface": "Laplacian Deform of a proxy, Surface Deform",
 }
+#: Columns of measures, and their metrics.
+MEASURES = {"volume": "volume", "edge": "edge", "truth": "truth_distance", "handle": "handle"}
 #: Size of the picture in pixels, and number of its colours.
 PICTURE, COLOURS = (800, 480), 256
 #: Seconds after which a run is ended.
@@ -118,12 +118,7 @@ def measures(task: DeformationTask, U: np.ndarray) -> dict[str, float]:
     if not np.isfinite(U).all():
         return {"failure": "positions are not finite"}  # type: ignore[dict-item]
     deformed = Deformed(task, U.astype(np.float64))
-    return {
-        "volume": volume(deformed),
-        "edge": edge(deformed),
-        "truth": truth_distance(deformed),
-        "handle": handle(deformed),
-    }
+    return {title: METRICS[name].function(deformed) for title, name in MEASURES.items()}
 
 
 def measure(python: str) -> None:

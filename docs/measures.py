@@ -5,7 +5,6 @@ Each example has a few shapes of one mesh. One shape is good in one measure and 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,12 +82,8 @@ def tails() -> Example:
     pinched = mesh.V.copy()
     pinched[mesh.V[:, 2] == ring[1], 2] -= 0.95 * (ring[1] - ring[0])
     shapes = {"4 % longer": mesh.V * [1, 1, 1.04], "one ring collapsed": pinched}
-    return Example(
-        free(mesh),
-        shapes,
-        ("edge", "angle", "distortion_95", "distortion_99", "distortion_max", "collapsed"),
-        top=50.0,
-    )
+    names = ("edge", "angle", "distortion_95", "distortion_99", "distortion_max", "collapsed")
+    return Example(free(mesh), shapes, names, top=50.0)
 
 
 def spike() -> Example:
@@ -111,7 +106,7 @@ def free(mesh: Mesh) -> DeformationTask:
 
 
 #: Examples by the names of their pictures and blocks.
-EXAMPLES: dict[str, Callable[[], Example]] = {f.__name__: f for f in (crease, size, tails, spike)}
+EXAMPLES = {f.__name__: f for f in (crease, size, tails, spike)}
 
 
 def table(name: str) -> str:
@@ -135,9 +130,10 @@ def draw(name: str) -> None:
     shapes = [mesh.V, *example.shapes.values()]
     centred = [V - 0.5 * (V.min(axis=0) + V.max(axis=0)) for V in shapes]
     view = View.of(centred, towards=example.towards, up=(0, 0, 1))
-    top = example.top
-    colours = [{} if top is None else {"error": edge_error(mesh, V), "top": top} for V in centred]
-    panels = [picture(mesh, V, view=view, width=240, **c) for V, c in zip(centred, colours, strict=True)]
+    panels = []
+    for V in centred:
+        colours = {"error": edge_error(mesh, V), "top": example.top} if example.top else {}
+        panels.append(picture(mesh, V, view=view, width=240, **colours))
     matplotlib.image.imsave(FOLDER / "figures" / f"measures_{name}.png", np.hstack(panels))
 
 

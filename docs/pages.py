@@ -53,8 +53,8 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
         if block["name"]:
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
-            make = table if block["kind"] == "table" else differences
-            body = make(path, block["columns"].split(", "), chosen=chosen, link=link)
+            headings = block["columns"].split(", ")
+            body = table(path, headings, kind=block["kind"], chosen=chosen, link=link)
         elif block["options"]:
             body = f"{reference()}\n"
         else:
@@ -70,29 +70,24 @@ def filled_page(page: Path) -> str:
     return filled(page.read_text(encoding="utf-8"), link=link)
 
 
-def table(path: Path, headings: list[str], *, chosen: list[str] | None, link: str) -> str:
+def table(path: Path, headings: list[str], *, kind: str, chosen: list[str] | None, link: str) -> str:
     """Return columns of the tables of a file below a caption, or nothing if the file does not exist.
 
-    `chosen` are the methods to take, in this order; None takes all.
+    The `kind` "differences" takes the table of differences, "table" all others. `chosen` are the methods to
+    take, in this order; None takes all.
     """
     if not path.is_file():
         return ""
     tables, notes = tables_of(path)
-    grids = [grid for heading, grid in tables.items() if DIFFERENCE not in heading]
+    apart = {title: grid for title, grid in tables.items() if DIFFERENCE in title}
+    text = " ".join(caption_notes(notes))
+    grids = [grid for title, grid in tables.items() if title not in apart]
+    if kind == "differences":
+        text, grids = f"{next(iter(apart)).partition(': ')[2]}.", list(apart.values())
     # All grids have the same methods in the same order.
     joined = [sum(parts, []) for parts in zip(*grids, strict=True)]
-    caption = f"[{path.stem}]({link}/tables/{path.name}): {' '.join(caption_notes(notes))}\n\n"
+    caption = f"[{path.stem}]({link}/tables/{path.name}): {text}\n\n"
     return f"{caption}{columns_of(joined, headings, path=path, chosen=chosen)}\n"
-
-
-def differences(path: Path, headings: list[str], *, chosen: list[str] | None, link: str) -> str:
-    """Return columns of the table of differences of a file; arguments as of :func:`table`."""
-    if not path.is_file():
-        return ""
-    tables, _ = tables_of(path)
-    title, grid = next((title, grid) for title, grid in tables.items() if DIFFERENCE in title)
-    caption = f"[{path.stem}]({link}/tables/{path.name}): {title.partition(': ')[2]}.\n\n"
-    return f"{caption}{columns_of(grid, headings, path=path, chosen=chosen)}\n"
 
 
 def tables_of(path: Path) -> tuple[dict[str, list[list[str]]], str]:

@@ -141,24 +141,13 @@ def models(rows: pd.DataFrame) -> dict[str, tuple[dict[str, float], float]]:
 
 def table_of_rows(rows: pd.DataFrame) -> str:
     """Return the table of runs."""
-    head = [
-        "vertices",
-        "samples",
-        "handles",
-        "threads",
-        "seconds",
-        "CPU s",
-        *STAGES,
-        "peak (MiB)",
-        "bytes a vertex",
-    ]
-    lines = [
-        [f"{row.vertices:,}", f"{row.samples:,}", f"{row.handles:,}", f"{row.threads}", f"{row.seconds:.3g}"]
-        + [f"{row.cpu:.3g}", *(f"{getattr(row, stage):.3g}" for stage in STAGES), f"{row.peak_mib:,.0f}"]
-        + [f"{row.peak_mib * 2**20 / row.vertices:.0f}"]
-        for row in rows.itertuples()
-    ]
-    return f"{markdown(head, lines)}\n\n{circumstances(rows)}"
+    count, short = "{:,.0f}".format, "{:.3g}".format
+    columns = {name: rows[name].map(count) for name in ("vertices", "samples", "handles", "threads")}
+    columns |= {"seconds": rows["seconds"].map(short), "CPU s": rows["cpu"].map(short)}
+    columns |= {stage: rows[stage].map(short) for stage in STAGES}
+    columns["peak (MiB)"] = rows["peak_mib"].map(count)
+    columns["bytes a vertex"] = (rows["peak_mib"] * 2**20 / rows["vertices"]).map("{:.0f}".format)
+    return f"{markdown(list(columns), zip(*columns.values(), strict=True))}\n\n{circumstances(rows)}"
 
 
 def table_of_models(rows: pd.DataFrame) -> str:

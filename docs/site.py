@@ -26,16 +26,15 @@ INLINE = re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the files that pages link to outside ``docs``, and every file that these link to."""
-    todo = [("", file) for file in files.documentation_pages()]
+    todo = list(files.documentation_pages())
     while todo:
-        _, file = todo.pop()
-        for target in _outside(file):
+        for target in _outside(todo.pop()):
             name = f"files/{target}"
             if files.get_file_from_path(name) is None:
                 new = File.generated(config, name, abs_src_path=str(ROOT / target))
                 files.append(new)
                 if name.endswith(".md"):
-                    todo.append((target, new))
+                    todo.append(new)
     return files
 
 

@@ -64,9 +64,8 @@ def row_of(task: DeformationTask, measured: dict[str, Any]) -> dict[str, Any]:
         own = (task.handles.group == number) & task.handles.dynamic
         if own.any():  # static handles stay at rest, without noise
             index = task.handles.index[own]
-            R, S = (
-                rigid_motion(task.mesh.V[index], P)[0] for P in (task.handles.target[own], task.truth[index])
-            )
+            goals = task.handles.target[own], task.truth[index]
+            R, S = (rigid_motion(task.mesh.V[index], P)[0] for P in goals)
             off = np.degrees(Rotation.from_matrix(R @ S.T).magnitude())
             found[name] = {"off": off, "residual": 100 * facts["residual"], "turned": facts["turned"]}
     row = {"task": task.name, "pose": task.meta["source_pose"]}
