@@ -1,7 +1,12 @@
-"""The pages of the leaderboard: all tracks, each track, each method, and rows to download."""
+"""The leaderboard as static pages: ``sshade-eval site`` from published rows and submissions.
+
+One page lists all tracks (conf/tracks.yaml). Each track has a page with tables, quality against time and rows
+to download. Each method has a page with its configuration, cases, failures and provenance.
+"""
 
 from __future__ import annotations
 
+import argparse
 import base64
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,13 +18,13 @@ from eval.publish.columns import SUCCESS, begun
 from eval.publish.front import TIME, draw, with_times
 from eval.publish.html import charts, configuration, facts, render, texts
 from eval.publish.summary import Table, make_table
-from eval.rows.files import PUBLISHED, write_text
+from eval.rows.files import PUBLISHED, add_out, write_text
 from eval.rows.frame import distinct, method_names, read_csv, records, to_frame, valid, write_csv
 from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import MISSING, Row, version_of
 from eval.site.ranking import rankings
-from eval.site.submission import Submission
-from eval.site.tracks import Track
+from eval.site.submission import SUBMISSIONS, Submission, check, read_facts
+from eval.site.tracks import WHERE, Track, published, read_tracks
 from eval.timing.table import cells, make_time_table
 from sshade.errors import InputError
 
@@ -181,3 +186,34 @@ def _seconds(own: Contest, results: Path) -> tuple[dict[str, float], str, str]:
     seconds = timed.drop_duplicates("method.name").set_index("method.name")[f"metric.{TIME}"]
     case = f"one case of {times['task.vertices'].iloc[0]:,} vertices"
     return seconds.to_dict(), machine, f"The times are of {case}, on a quiet machine: {machine}."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_out(parser, Path("out/leaderboard"), "folder to write")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    import jinja2  # noqa: F401 - refused before the rows are read
+    import matplotlib  # noqa: F401
+
+    known = read_tracks()
+    tracks = {name: track for name, track in known.items() if track.path.is_file()}
+    if not tracks:
+        raise InputError(f"no track has published rows in {PUBLISHED / 'rows'}: {WHERE}")
+    for name in known.keys() - tracks.keys():
+        print(f"left out: {name}, which has no published rows")  # noqa: T201
+    rows = {track.name: published(track) for track in tracks.values()}
+    submissions: dict[str, Submission] = {}
+    for folder in sorted(path.parent for path in SUBMISSIONS.glob("*/submission.yaml")):
+        name = read_facts(folder)["track"]
+        if name not in tracks:
+            raise InputError(f"{folder}: {name!r} is no track; the tracks are {', '.join(tracks)}")
+        found = check(folder, tracks[name], records(rows[name]))
+        if submissions.setdefault(found.facts["name"], found) is not found:
+            raise InputError(f"{folder}: another submission is called {found.facts['name']}")
+    contests = [own for track in tracks.values() for own in contests_of(track, rows[track.name], submissions)]
+    written = write_site(options.out, contests, submissions)
+    print(f"{options.out}: {len(written)} pages; open {written[0]} in a browser")  # noqa: T201
+    return 0

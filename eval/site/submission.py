@@ -1,17 +1,14 @@
-"""Check the results that others submit for a track. A submission is a folder with
+"""Hand in results for the leaderboard: ``sshade-eval submit FOLDER``.
 
-- ``submission.yaml``: ``name`` of the method, ``track``, ``authors``, ``code`` (an https address), and
-  optionally ``paper`` and ``note``;
-- ``method.yaml``: the configuration of the method;
-- ``rows.csv``: the rows that ``sshade-eval collect`` made from all runs;
-- ``runs``, optional: the run folders with their vertices, which are measured again.
-
-A submission is not trusted. No function or program that it names runs: tasks are loaded as the project's
-rows say.
+The folder holds submission.yaml (name, track, authors, code), method.yaml, rows.csv and optionally the run
+folders with the vertices, which are measured again. Rows must come from one configuration, one version and a
+clean commit, and cover every held-out case of the track once for each seed. Unless --check is given, the
+files without vertices are copied to submissions/NAME for a pull request. See CONTRIBUTING.md.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import re
 from collections import Counter
@@ -24,14 +21,19 @@ import yaml
 
 from eval.metrics import Task
 from eval.rows.csv_rows import read_rows
+from eval.rows.files import copy_file
+from eval.rows.frame import records
 from eval.rows.splits import HELD_OUT, split_of
 from eval.rows.store import VALID, Row, read_row, run_folders
 from eval.run.code import METRICS
 from eval.run.recall import load_task, measured_again
-from eval.site.tracks import Track
+from eval.site.tracks import Track, published, read_tracks
+from sshade.cli.console import progress_bar
 from sshade.errors import InputError
 from sshade.progress import Progress, silent
 
+#: Folder of committed submissions, and the files that are copied there.
+SUBMISSIONS, FILES = Path("submissions"), ("submission.yaml", "method.yaml", "rows.csv")
 #: Required and optional keys of ``submission.yaml``.
 NEEDED, ALLOWED = ("name", "track", "authors", "code"), ("paper", "note")
 #: Largest number of letters of a value, and of bytes of a file.
@@ -92,6 +94,15 @@ def read_facts(folder: Path) -> dict[str, str]:
 
 def check(folder: Path, track: Track, published: list[Row], *, progress: Progress = silent) -> Submission:
     """Read a submission and compare it with the published rows of the track.
+
+    A submission is not trusted. No function or program that it names runs: tasks are loaded as the project's
+    rows say. Its folder has
+
+    - ``submission.yaml``: ``name`` of the method, ``track``, ``authors``, ``code`` (an https address), and
+      optionally ``paper`` and ``note``;
+    - ``method.yaml``: the configuration of the method;
+    - ``rows.csv``: the rows that ``sshade-eval collect`` made from all runs;
+    - ``runs``, optional: the run folders with their vertices, which are measured again.
 
     Parameters
     ----------
@@ -269,3 +280,32 @@ def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progres
             if not _agree(name, value, reported):
                 raise InputError(f"{folder}: the vertices have {name} {value}, and the row says {reported}")
     return len(found)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the submission")
+    parser.add_argument("--check", action="store_true", help="check the submission, and write nothing")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    tracks, facts = read_tracks(), read_facts(options.folder)
+    if facts["track"] not in tracks:
+        raise InputError(f"{facts['track']!r} is no track; the tracks are {', '.join(tracks)}")
+    track = tracks[facts["track"]]
+    rows = records(published(track))
+    with progress_bar() as progress:
+        found = check(options.folder, track, rows, progress=progress)
+    seeds = len({row["seed"] for row in found.rows})
+    measured = "none with vertices: measures are as reported"
+    if found.remeasured:
+        measured = f"{found.remeasured} measured again from their vertices"
+    runs = f"{len(found.rows)} runs, {seeds} seed{'s' * (seeds > 1)}"
+    print(f"{facts['name']} on {track.name}: {runs}, {measured}")  # noqa: T201
+    if not options.check:
+        target = SUBMISSIONS / facts["name"]
+        for name in FILES:
+            copy_file(options.folder / name, target / name)
+        print(f"copied to {target}; commit it, and open a pull request")  # noqa: T201
+    return 0

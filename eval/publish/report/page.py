@@ -1,8 +1,14 @@
-"""The page of a report: its contents, and its template."""
+"""``sshade-eval report``: the results of experiments on one HTML page that needs no network.
+
+The page shows numbers, distributions, configurations and failures from rows. If the run folders exist, it
+also has pictures of every case and a 3D view.
+"""
 
 from __future__ import annotations
 
+import argparse
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +17,16 @@ import pandas as pd
 from eval.publish.charts import convergence, distributions
 from eval.publish.columns import SUCCESS, begun
 from eval.publish.html import charts, configuration, facts, render
+from eval.publish.plotting import add_camera, camera
 from eval.publish.report.cases import show_case
-from eval.publish.summary import converged_runs, make_table
-from eval.rows.experiment import Experiment
+from eval.publish.summary import MIXED_HELP, converged_runs, make_table
+from eval.rows.experiment import Experiment, read_experiments
+from eval.rows.files import ROWS_HELP, add_out, write_text
 from eval.rows.frame import method_names, numbers, records, valid
 from sshade import plotting, threejs
+from sshade.cli.console import progress_bar
 from sshade.errors import InputError
-from sshade.progress import Progress, silent
+from sshade.progress import Progress
 
 #: Default number of cases of an experiment in the 3D view.
 TURNABLE = 3
@@ -27,10 +36,10 @@ def write_page(
     experiments: list[Experiment],
     *,
     cases: list[str],
-    mixed: bool = False,
+    mixed: bool,
     towards: np.ndarray,
     up: np.ndarray,
-    progress: Progress = silent,
+    progress: Progress,
 ) -> str:
     """Return the page as HTML text.
 
@@ -55,8 +64,8 @@ def write_page(
     unknown = [name for name in cases if name not in known]
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
-    camera = {"towards": towards, "up": up}
-    form = {"cases": cases, "mixed": mixed, "camera": camera, "progress": progress}
+    direction = {"towards": towards, "up": up}
+    form = {"cases": cases, "mixed": mixed, "camera": direction, "progress": progress}
     sections = [_section(experiment, **form) for experiment in experiments]
     views = [
         case.view | {"title": f"{section['name']}: {case.name}", "id": f"{section['slug']}-case-{i}"}
@@ -69,7 +78,7 @@ def write_page(
         sections=sections,
         data=[view.pop("data") for view in views],
         views=views,
-        camera={name: list(direction) for name, direction in camera.items()},
+        camera={name: list(axis) for name, axis in direction.items()},
         ramp=plotting.ramp(),
         three=threejs.source(),
         viewer=plotting.part("viewer.js"),
@@ -132,3 +141,31 @@ def _convergence(experiment: Experiment) -> list[list[str]]:
 def _range(values: pd.Series, form: str) -> str:
     """Return the smallest, median and largest number."""
     return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
+    add_out(parser, Path("out/report.html"), "page to write")
+    runs = "folders of the run folders (default: out/runs/<experiment>)"
+    parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
+    cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
+    parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
+    parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
+    add_camera(parser)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    import jinja2  # noqa: F401 - refused before the rows are read
+    import matplotlib  # noqa: F401
+    import pyvista  # noqa: F401
+
+    experiments = read_experiments(options.rows, runs=options.runs)
+    with progress_bar() as progress:
+        text = write_page(
+            experiments, cases=options.cases, mixed=options.mixed, **camera(options), progress=progress
+        )
+    write_text(options.out, text)
+    print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
+    return 0

@@ -10,7 +10,6 @@ from eval.main import main
 from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import read_row, run_folders, write_row
 from eval.site import submission as module
-from eval.site import submit
 from eval.site.submission import check, read_facts
 from eval.site.tracks import Track
 from sshade.errors import InputError
@@ -197,13 +196,13 @@ def test_a_program_is_named_by_its_rows_and_never_run(folder, published, here):
 
 
 def test_the_command_checks_and_copies(folder, published, here, monkeypatch, capsys):
-    monkeypatch.setattr(submit, "read_tracks", lambda: {"tiny": TRACK})
-    monkeypatch.setattr(submit, "published", lambda track: to_frame(published))
+    monkeypatch.setattr(module, "read_tracks", lambda: {"tiny": TRACK})
+    monkeypatch.setattr(module, "published", lambda track: to_frame(published))
     assert main(["submit", str(folder), "--check"]) == 0
     assert "stretching on tiny: 2 runs, 1 seed, 2 measured again" in capsys.readouterr().out
     assert not (here / "submissions").exists()
     assert main(["submit", str(folder)]) == 0
-    assert {path.name for path in (here / "submissions/stretching").iterdir()} == set(submit.FILES)
+    assert {path.name for path in (here / "submissions/stretching").iterdir()} == set(module.FILES)
     (folder / "submission.yaml").write_text(yaml.safe_dump({**FACTS, "track": "nowhere"}))
     assert main(["submit", str(folder), "--check"]) == 2
     assert "'nowhere' is no track; the tracks are tiny" in capsys.readouterr().err
