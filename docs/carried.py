@@ -13,6 +13,7 @@ from matplotlib import pyplot as plt
 from scipy.spatial.transform import Rotation
 
 from eval.studies.goals import bent, capsule
+from eval.timing.carried import covariances
 from sshade.carry.points import bind_points
 from sshade.io.splats import moved_shapes
 from sshade.mesh.mesh import Mesh
@@ -43,8 +44,7 @@ def scene(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def render(X: np.ndarray, shapes: np.ndarray, colours: np.ndarray, box: tuple[float, ...]) -> np.ndarray:
     """Blend Gaussians, seen along y, from back to front into a picture (h, w, 3) of x and z."""
-    R = Rotation.from_quat(shapes[:, [1, 2, 3, 0]]).as_matrix()
-    S = np.einsum("nij,nj,nkj->nik", R, np.exp(2 * shapes[:, 4:]), R)[:, ::2, ::2]
+    S = covariances(shapes)[:, ::2, ::2]
     left, right, low, high = box
     scale = PIXELS / (high - low)
     picture = np.ones((PIXELS, int((right - left) * scale), 3))

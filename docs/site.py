@@ -28,9 +28,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the files that pages link to outside ``docs``, and every file that these link to."""
     todo = list(files.documentation_pages())
     while todo:
-        for target in _outside(todo.pop()):
+        file = todo.pop()
+        for _, link, *_ in LINK.findall(Path(file.abs_src_path).read_text(encoding="utf-8")):
+            target = _target(file.src_uri, link)
             name = f"files/{target}"
-            if files.get_file_from_path(name) is None:
+            if target and not _is_in_docs(target) and files.get_file_from_path(name) is None:
                 new = File.generated(config, name, abs_src_path=str(ROOT / target))
                 files.append(new)
                 if name.endswith(".md"):
@@ -38,29 +40,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def _outside(file: File) -> list[str]:
-    """Return the files of the repository outside ``docs`` that a page links to."""
-    targets = (_target(file.src_uri, link) for _, link, *_ in LINK.findall(_text(file)))
-    return [target for target in targets if target and not _is_in_docs(target)]
-
-
 def _is_in_docs(target: str) -> bool:
     """Whether mkdocs adds a file by itself. The configuration excludes the scripts of ``docs``."""
     return target.startswith("docs/") and not target.endswith(".py")
 
 
-def _text(file: File) -> str:
-    return Path(file.abs_src_path).read_text(encoding="utf-8")
-
-
-def _place(uri: str) -> str:
-    """Return the path of a page in the repository."""
-    return uri.removeprefix("files/") if uri.startswith("files/") else f"docs/{uri}"
-
-
 def _target(uri: str, link: str) -> str | None:
     """Return the path of the file that a link of a page leads to, or None if it is not in the repository."""
-    path = posixpath.normpath(posixpath.join(posixpath.dirname(_place(uri)), link))
+    here = uri.removeprefix("files/") if uri.startswith("files/") else f"docs/{uri}"
+    path = posixpath.normpath(posixpath.join(posixpath.dirname(here), link))
     return path if "://" not in link and (ROOT / path).is_file() else None
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyvista
 
 from docs.measures import revolved
 from eval.studies.goals import lathe
@@ -70,22 +71,16 @@ def dome() -> Mesh:
 
 def flat(normal: tuple[float, float, float]) -> Callable[[np.ndarray], Any]:
     """Return a function that draws a plane around a point."""
-    import pyvista
-
     return lambda p: pyvista.Plane(center=p, direction=normal, i_size=2 * HALF, j_size=2 * HALF)
 
 
 def straight(point: np.ndarray) -> Any:
     """Draw a vertical line through a point."""
-    import pyvista
-
     return pyvista.Line(point - [0, 0, 1.1], point + [0, 0, HALF]).tube(radius=0.03)
 
 
 def surface(mesh: Mesh) -> Callable[[np.ndarray], Any]:
     """Return a function that draws a surface, wherever the point is."""
-    import pyvista
-
     return lambda _: pyvista.PolyData.from_regular_faces(mesh.V, mesh.F)
 
 
@@ -121,8 +116,6 @@ def task(mesh: Mesh, example: Example) -> DeformationTask:
 
 def draw(plotter: Any, example: Example, mesh: Mesh, view: View) -> None:
     """Draw the capsule before and after in the active panel, with its handles and their set."""
-    import pyvista
-
     scene = task(mesh, example)
     handles, after = scene.handles, deform(scene, vertices=1500).vertices
     ball = pyvista.Sphere(radius=0.05, theta_resolution=10, phi_resolution=10)

@@ -22,9 +22,9 @@ from pprint import pformat
 from typing import Any
 
 from eval.configure.compose import one_each, read_choice
+from eval.rows.files import write_text
 from eval.timing.cases import read_cases, read_methods
 from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
 
 OBJECTIVE = '''"""All metrics of sshade-eval, on the deformed vertices."""
 
@@ -110,9 +110,7 @@ def command(options: argparse.Namespace) -> int:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists; give a new or an empty folder")
     for name, text in files.items():
-        make_folder((folder / name).parent)
-        with replacing(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
     print(f"{folder}: {len(files) - 2} solvers; `benchopt run {folder}`")  # noqa: T201
     return 0
 

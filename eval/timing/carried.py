@@ -125,12 +125,13 @@ def errors(found: PosedPoints, true: PosedPoints, shapes: np.ndarray, diagonal: 
     off = np.linalg.norm(found.positions - true.positions, axis=1)
     cosine = 0.5 * (np.einsum("nij,nij->n", found.rotations, true.rotations) - 1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    one, other = (_covariances(moved_shapes(shapes, p.maps)) for p in (found, true))
+    one, other = (covariances(moved_shapes(shapes, p.maps)) for p in (found, true))
     relative = np.linalg.norm(one - other, axis=(1, 2)) / np.linalg.norm(other, axis=(1, 2))
     return [f"{100 * off.mean() / diagonal:.4f}", f"{angle.mean():.3f}", f"{100 * relative.mean():.2f}"]
 
 
-def _covariances(shapes: np.ndarray) -> np.ndarray:
+def covariances(shapes: np.ndarray) -> np.ndarray:
+    """Return the covariances (n, 3, 3) of splats of shapes (n, 7)."""
     R = Rotation.from_quat(shapes[:, [1, 2, 3, 0]]).as_matrix()
     return np.einsum("nij,nj,nkj->nik", R, np.exp(2 * shapes[:, 4:]), R)
 
