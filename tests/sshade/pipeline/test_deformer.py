@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
+from sshade import DeformationTask, Deformer, InputError, Mesh
 from sshade.pipeline import deformer as deformer_module
 from tests.shapes import bumpy, end_handles, moved_parts, tube
 from tests.sshade.pipeline.calls import fast, paper
@@ -118,18 +118,13 @@ def test_rotations_may_come_and_go_in_a_drag():
     """A single turned handle is a part of its own: the system with its pull is made when it is turned."""
     mesh = tube(30, 80, length=7.0)
     z = mesh.V[:, 2]
-    index = np.array([*np.argsort(z)[:20], np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))])
-    open_ = np.full((21, 3, 3), np.nan)
-    turned = open_.copy()
-    turned[-1] = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
-    group = np.repeat([0, 1], [20, 1])
-    drag = Deformer(mesh, index, group=group, vertices=400)
-    rest = mesh.V[index]
+    parts = (np.argsort(z)[:20], 0), ([np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))], 0)
+    turned = moved_parts(mesh.V, *parts, rotations=[None, [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]])
+    drag, rest = Deformer(mesh, turned.index, group=turned.group, vertices=400), turned.target
     still = drag(rest, tolerance=1e-7).vertices
     for _ in range(2):
-        there = drag(rest, rotations=turned, tolerance=1e-7).vertices
-    task = DeformationTask("turned", mesh, Handles(index, rest, group=group, rotation=turned))
-    once = fast(task, vertices=400, tolerance=1e-7).vertices
+        there = drag(rest, rotations=turned.rotation, tolerance=1e-7).vertices
+    once = fast(DeformationTask("turned", mesh, turned), vertices=400, tolerance=1e-7).vertices
     assert np.linalg.norm(there - once, axis=1).max() < 1e-3 * mesh.diagonal
     for _ in range(2):
         back = drag(rest, tolerance=1e-7).vertices
@@ -212,15 +207,13 @@ def test_a_single_handle_that_is_no_sample_is_met():
     samples = drag.bindings[0].sampling.samples
     top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
     new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
-    index = np.array([*order[:20], new])
-    drag.rebind_handles(index, group=np.repeat([0, 1], [20, 1]))
-    target = mesh.V[index].copy()
-    target[-1] += [2.0, 0.0, -1.5]
-    off = [np.linalg.norm(drag(target).vertices[new] - target[-1])]
+    own = moved_parts(mesh.V, (order[:20], 0), ([new], [2.0, 0.0, -1.5]))
+    drag.rebind_handles(own.index, group=own.group)
+    off = [np.linalg.norm(drag(own.target).vertices[new] - own.target[-1])]
     settled = drag.settle().vertices
-    assert np.linalg.norm(settled[new] - target[-1]) < 1e-4 * mesh.diagonal
+    assert np.linalg.norm(settled[new] - own.target[-1]) < 1e-4 * mesh.diagonal
     for share in np.linspace(1, 0.5, 11):
-        aim = mesh.V[index] + share * (target - mesh.V[index])
+        aim = mesh.V[own.index] + share * (own.target - mesh.V[own.index])
         off.append(np.linalg.norm(drag(aim, tolerance=1e-4).vertices[new] - aim[-1]))
     assert max(off) < 2e-3 * mesh.diagonal
 
@@ -229,22 +222,22 @@ def test_a_single_handle_that_is_no_sample_is_met():
 def test_other_handles_are_taken_without_binding_anew(weight):
     mesh = tube(40, 120, length=7.0)
     z = mesh.V[:, 2]
-    order, middle = np.argsort(z), np.argsort(np.abs(z - z.mean()))[:20]
-    ends, others = np.concatenate([order[:20], order[-20:]]), np.concatenate([order[:20], middle])
-    group = np.repeat([0, 1], 20)
-    drag = Deformer(mesh, ends, group=group, vertices=600)
-    drag(mesh.V[ends] + np.where(group == 1, 0.4, 0.0)[:, None] * [1, 0, 0])
-    drag.rebind_handles(others, group=group, weight=weight)
-    target = mesh.V[others] + np.where(group == 1, 0.5, 0.0)[:, None] * [1, 0, 0]
+    low, high = np.argsort(z)[:20], np.argsort(z)[-20:]
+    ends = moved_parts(mesh.V, (low, 0), (high, [0.4, 0, 0]))
+    others = moved_parts(mesh.V, (low, 0), (np.argsort(np.abs(z - z.mean()))[:20], [0.5, 0, 0]))
+    drag = Deformer(mesh, ends.index, group=ends.group, vertices=600)
+    own = {"group": others.group, "weight": weight}
+    drag(ends.target)
+    drag.rebind_handles(others.index, **own)
     for _ in range(2):
-        moved = drag(target, tolerance=1e-7).vertices
-    anew = Deformer(mesh, others, group=group, weight=weight, vertices=600)(target, tolerance=1e-7).vertices
+        moved = drag(others.target, tolerance=1e-7).vertices
+    anew = Deformer(mesh, others.index, **own, vertices=600)(others.target, tolerance=1e-7).vertices
     assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
-    off = np.linalg.norm(moved[others] - target, axis=1).max()
+    off = np.linalg.norm(moved[others.index] - others.target, axis=1).max()
     assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
-    drag.rebind_handles(ends, group=group)
+    drag.rebind_handles(ends.index, group=ends.group)
     for _ in range(2):
-        still = drag(mesh.V[ends], tolerance=1e-7).vertices
+        still = drag(mesh.V[ends.index], tolerance=1e-7).vertices
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
 
 
@@ -269,16 +262,14 @@ def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, w
 
 
 def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(mesh, held):
-    order, shapes = np.argsort(mesh.V[:, 2]), []
-    regions = np.concatenate([order[:100], order[-100:]])
-    targets = mesh.V[regions] + np.repeat([[0.0], [0.3]], 100, axis=0) * [0.5, 0, 1]
+    regions, shapes = end_handles(mesh.V, count=100, shift=[0.15, 0, 0.3]), []
     for change in (False, True):
         drag = Deformer(mesh, held, vertices=150)
-        drag.rebind_handles(regions)
+        drag.rebind_handles(regions.index)
         if change:
             drag.change_energy(volume=np.inf)
         drag.reset()
-        shapes.append(drag(targets).vertices)
+        shapes.append(drag(regions.target).vertices)
     np.testing.assert_array_equal(*shapes)
 
 
