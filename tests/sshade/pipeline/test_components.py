@@ -10,6 +10,9 @@ from scipy.spatial.distance import pdist
 
 from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh
+from sshade.options import Options
+from sshade.pipeline.components import by_components
+from sshade.progress import silent
 from tests.shapes import (
     QUARTER,
     beside,
@@ -182,16 +185,52 @@ def test_soft_handles_on_a_seam_leave_no_gap():
         assert deformed(mesh, own, method).extra["gap"] < 1e-6
 
 
-def test_rigid_handles_move_what_was_cut_rigidly():
+@pytest.mark.parametrize("method", [fast, fine, paper])
+def test_rigid_handles_move_what_was_cut_rigidly(method):
     R, shift = rotation(4), np.array([0.3, -1, 2])
     edge = np.zeros((2, 2, 1))
     edge[0, 0] = edge[1, 1] = 1
     # The tolerance of the solver, where it has to iterate.
     for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
-        result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
+        result = deformed(mesh, own, method, start="rigid", vertices=min(60, mesh.n))
         assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
         assert result.extra["gap"] < close
+
+
+def bowtie() -> Mesh:
+    """A strip whose first vertex is also its last."""
+    sheet = strip(10, 4)
+    return Mesh(sheet.V[:-1], np.where(sheet.n - 1 == sheet.F, 0, sheet.F))
+
+
+def with_copies(
+    mesh: Mesh, results: list, index=(2, 7), **soft
+) -> tuple[DeformationResult, list[DeformationTask]]:
+    """The result of a method that moves the vertices of a component along x, as given for each call."""
+    tasks: list[DeformationTask] = []
+
+    def moved(task, *, vertices, progress, volume=None):
+        tasks.append(task)
+        V = task.mesh.V + np.outer(results[len(tasks) - 1](np.arange(task.mesh.n)), [1.0, 0, 0])
+        return DeformationResult(V, iterations=3, converged=None, seconds={"solve": 1.0})
+
+    task = DeformationTask("m", mesh, Handles(list(index), mesh.V[list(index)] * 1.1, **soft))
+    return by_components(task, moved, Options(vertices=20), progress=silent), tasks
+
+
+@pytest.mark.parametrize("weight", [np.inf, 2.0])
+def test_copies_within_a_component_are_fixed_at_one_place(weight):
+    mesh = bowtie()
+    result, (task,) = with_copies(mesh, [lambda i: 0.1 * (i == mesh.n)], (2, 0), weight=[np.inf, weight])
+    own = task.handles
+    assert own.hard.all() and np.array_equal(np.sort(own.index), [0, 2, mesh.n])
+    place = own.target[own.index == 0][0]
+    assert np.array_equal(own.target[own.index == mesh.n][0], place)
+    assert np.array_equal(place, 1.1 * mesh.V[0]) == np.isinf(weight)
+    assert (task.guess is None) if np.isinf(weight) else np.allclose(task.guess[[0, mesh.n]], place)
+    assert np.allclose(result.vertices[0], place + np.isinf(weight) * np.array([0.05, 0, 0]), atol=1e-12)
+    assert result.extra["copies"] == 1 and result.converged is None and result.iterations == 3
 
 
 def rolled(length: int = 48, width: int = 8) -> Mesh:
@@ -212,6 +251,13 @@ def test_a_vertex_in_which_a_sheet_touches_itself_leaves_no_spike(method):
     result = deformed(mesh, own, method)
     assert result.extra["components"] == result.extra["copies"] == 1
     assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 where the vertex alone goes to the mean
+
+
+def test_sides_in_different_minima_meet_from_their_mean():
+    mesh = moebius()
+    result, (_, again) = with_copies(mesh, [lambda i: 2.0 * (i >= mesh.n), lambda i: 0.0 * i])
+    assert np.allclose(again.guess, np.tile(mesh.V, (2, 1)) + [1, 0, 0])
+    assert np.array_equal(result.vertices, mesh.V) and result.extra["side_gap"] == 0
 
 
 @pytest.mark.parametrize("method", [fast, fine, partial(fine, detail=0.75), paper])
