@@ -84,6 +84,18 @@ def test_handles_come_near_their_targets_and_static_ones_stay(name):
     assert result.extra["degenerate_frames"] == 0
 
 
+def test_progress_is_that_of_each_proxy(body_task):
+    def telling(task, *, seed, progress=silent):
+        progress("inner", 1, 2, "note")
+        return bending(task, seed=seed)
+
+    told = []
+    options = {"vertices": 70, "samplings": 2, "workers": 1, "progress": lambda *report: told.append(report)}
+    paper(body_task, coarse=telling, **options)
+    assert told[::2] == [("proxy 1", 0, 1000), ("proxy 2", 0, 1000)]
+    assert told[1::2] == [("proxy 1", 1, 2, "note"), ("proxy 2", 1, 2, "note")]
+
+
 def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
     def unsure(task, *, seed, progress=silent):
         return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
