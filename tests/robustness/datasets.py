@@ -207,5 +207,4 @@ CASES = [
         leaves=("体",),
         holds=_no_faults,
     ),
-    Case("dataset, run: a sound one", RUN, dataset, leaves=("out",)),
 ]

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sshade.cli.main import main
-from sshade.io import gltf_morph, meshes, point_cache
+from sshade.io import gltf_morph, meshes
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
@@ -415,26 +415,6 @@ def test_numbered_files_never_replace_the_mesh(here, capsys):
     assert main(["deform", "body_1.ply", "pose.json", "pose.json", "-o", "body_%d.ply", *FAST]) == 2
     assert "body_1.ply: is the input body_1.ply" in capsys.readouterr().err
     np.testing.assert_array_equal(read_arrays("body_1.ply")[0], BODY.V)
-
-
-def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch, capsys):
-    for output, module, write in (
-        ("out.glb", gltf_morph, "write_morphs"),
-        ("out.pc2", point_cache, "write_point_cache"),
-    ):
-        real = getattr(module, write)
-
-        def failing(path, *given, real=real, **more):
-            def two(poses):
-                yield next(poses)
-                raise KeyboardInterrupt
-
-            given = [two(one) if hasattr(one, "__next__") else one for one in given]
-            real(path, *given, **more)
-
-        monkeypatch.setattr(module, write, failing)
-        assert main(["deform", "body.ply", *poses(), "-o", output, *FAST]) == 130
-    assert not list(Path().glob("*out*"))
 
 
 def test_a_glb_that_would_be_too_large_is_refused(folder, monkeypatch, capsys):

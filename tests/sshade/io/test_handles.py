@@ -6,8 +6,7 @@ import pytest
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.io.entries import read_handle_file
-from sshade.io.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
-from sshade.io.meshes import write_mesh
+from sshade.io.handles import handle_notes, on_mesh, read_handles, write_handles
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, tetrahedron
 
@@ -466,19 +465,3 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
     assert not read_handles(path, far_body).dynamic.any()
     path.write_text("handles: {moving: {positions: [hand], transform: [hand_up]}, static: }")
     assert read_handles(path, far_body).dynamic.all()
-
-
-def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
-    """An unused vertex first, a face that repeats a vertex, and a second body that has no handle."""
-    body = bumpy(1)
-    V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
-    F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])
-    write_mesh(tmp_path / "bodies.ply", V, F)
-    write_handles(tmp_path / "pose.json", Handles([1, 5], V[[1, 5]]))
-    files = tmp_path / "bodies.ply", tmp_path / "pose.json"
-    with pytest.raises(InputError, match="1 of the mesh's 2 components have no handle"):
-        read_task(str(files[0]), handles=str(files[1]))
-    task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
-    assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
-    result = deform(task, vertices=30)
-    assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
