@@ -40,8 +40,13 @@ def opened(browser, address: str, *, width: int = 1280, height: int = 900):
     """
     page = browser.new_page(viewport={"width": width, "height": height})
     page.said, page.asked = [], []
-    page.on("console", lambda message: SLOW in message.text or page.said.append(message.text))
-    page.on("pageerror", lambda error: page.said.append(str(error)))
+
+    def said(text: str) -> None:
+        if SLOW not in text:
+            page.said.append(text)
+
+    page.on("console", lambda message: said(message.text))
+    page.on("pageerror", lambda error: said(str(error)))
     page.on("request", lambda asked: page.asked.append(asked.url))
     page.goto(address)
     yield page

@@ -79,9 +79,13 @@ def asked(page, name: str, action) -> None:
     with page.expect_response(re.compile(rf"/{name}(\?|$)")) as answer:
         action()
     if answer.value.ok:
-        version = unpacked(answer.value.body())["version"]
-        shows = "least => document.getElementById('stage').dataset.version >= least"
-        page.wait_for_function(shows, arg=version)
+        wait_for_version(page, unpacked(answer.value.body())["version"])
+
+
+def wait_for_version(page, version) -> None:
+    """Wait until the page shows at least a version of the session."""
+    shows = "least => document.getElementById('stage').dataset.version >= least"
+    page.wait_for_function(shows, arg=version)
 
 
 def drag(page, start, by, *, steps: int = 8):
@@ -316,8 +320,7 @@ def test_a_second_page_follows_the_first_and_the_first_the_second(page, session,
         other.wait_for_selector("#groups li:nth-child(2)")
         page.get_by_label("move x", exact=True).fill("0.5")
         asked(page, "settle", page.get_by_role("button", name="apply").click)
-        shows = "least => document.getElementById('stage').dataset.version >= least"
-        other.wait_for_function(shows, arg=page.locator("#stage").get_attribute("data-version"))
+        wait_for_version(other, int(page.locator("#stage").get_attribute("data-version")))
         other.wait_for_selector("#stage[data-state=converged]")
         assert changed(resting, pixels(other.locator("#stage"))) > 0.01
         for _ in range(3):
