@@ -33,12 +33,12 @@ def browser():
 
 
 @contextmanager
-def opened(browser, address: str, *, width: int = 1280, height: int = 900):
+def opened(browser, address: str, *, width: int = 1280, height: int = 900, **settings):
     """Open a page, which lists what it printed as `said`, and the addresses that it asked for as `asked`.
 
     What the browser itself prints about slow drivers is left out.
     """
-    page = browser.new_page(viewport={"width": width, "height": height})
+    page = browser.new_page(viewport={"width": width, "height": height}, **settings)
     page.said, page.asked = [], []
 
     def said(text: str) -> None:

@@ -8,22 +8,15 @@ pytest.importorskip("pyvista")
 pytest.importorskip("jinja2")
 pytest.importorskip("playwright")
 
-from tests.browser import changed, pixels
+from tests.browser import changed, opened, pixels
 
 
 @pytest.fixture(params=[400, pytest.param(1280, marks=pytest.mark.full)])
 def page(request, browser, tiny_report):
-    opened = browser.new_page(
-        viewport={"width": request.param, "height": 800}, has_touch=request.param == 400
-    )
-    opened.said, opened.asked = [], []
-    opened.on("console", lambda message: opened.said.append(message.text))
-    opened.on("pageerror", lambda error: opened.said.append(str(error)))
-    opened.on("request", lambda asked: opened.asked.append(asked.url))
-    opened.goto(tiny_report.as_uri())
-    opened.wait_for_selector("#turn-stage[data-shape]")
-    yield opened
-    opened.close()
+    size = {"width": request.param, "height": 800, "has_touch": request.param == 400}
+    with opened(browser, tiny_report.as_uri(), **size) as page:
+        page.wait_for_selector("#turn-stage[data-shape]")
+        yield page
 
 
 def stage(page) -> np.ndarray:
