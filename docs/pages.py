@@ -80,10 +80,11 @@ def table(path: Path, headings: list[str], *, kind: str, chosen: list[str] | Non
         return ""
     tables, notes = tables_of(path)
     apart = {title: grid for title, grid in tables.items() if DIFFERENCE in title}
-    text = " ".join(caption_notes(notes))
-    grids = [grid for title, grid in tables.items() if title not in apart]
     if kind == "differences":
         text, grids = f"{next(iter(apart)).partition(': ')[2]}.", list(apart.values())
+    else:
+        text = " ".join(caption_notes(notes))
+        grids = [grid for title, grid in tables.items() if title not in apart]
     # All grids have the same methods in the same order.
     joined = [sum(parts, []) for parts in zip(*grids, strict=True)]
     caption = f"[{path.stem}]({link}/tables/{path.name}): {text}\n\n"
