@@ -1,6 +1,7 @@
 """The loop with the stopping rule."""
 
 import numpy as np
+import pytest
 
 from baselines.iteration import Plain
 from sshade.solver.run import REPORT_EVERY, Stop, run
@@ -30,3 +31,17 @@ def test_the_loop_stops_at_the_cutoff_and_reports():
     assert iterations == 2 * REPORT_EVERY + 1 and residuals.all()
     reports = (0, REPORT_EVERY, 2 * REPORT_EVERY, iterations)
     assert seen == [("iterations", done, iterations) for done in reports]
+
+
+def test_no_iterations_leave_the_start():
+    u = np.ones((1, 3))
+    assert len(iterated(halve, u, max_iterations=0)) == 0
+    np.testing.assert_array_equal(u, 1.0)
+
+
+def test_an_iterate_that_is_not_finite_ends_the_loop():
+    def diverge(u, out):
+        out[:] = np.nan
+
+    with pytest.raises(FloatingPointError, match="not finite after 1 iterations"):
+        iterated(diverge, np.ones((1, 3)))

@@ -1,9 +1,12 @@
 """The public interface is as in the committed list ``tools/api.txt``."""
 
 import argparse
+from dataclasses import replace
 
 import pytest
 
+import sshade
+from sshade.options import PRESETS
 from tools import api
 
 
@@ -31,6 +34,64 @@ def test_help_describes_each_argument(parser):
                 yield f"{name} {action.dest}"
 
     assert list(undescribed(parser.prog, parser)) == []
+
+
+def test_changes_of_names_signatures_defaults_and_flags_are_named(monkeypatch):
+    def read(place, *, merge=False):
+        """Stand in for sshade.read."""
+
+    def add_arguments(parser):
+        declare(parser)
+        parser.add_argument("--fast", action="store_true")
+
+    import sshade.cli.remesh
+
+    declare = sshade.cli.remesh.add_arguments
+    monkeypatch.setattr(sshade, "__all__", [name for name in sshade.__all__ if name != "save_binding"])
+    monkeypatch.setitem(vars(sshade), "read", read)
+    monkeypatch.setitem(PRESETS, "fast", replace(PRESETS["fast"], vertices=9000))
+    monkeypatch.setattr(sshade.cli.remesh, "add_arguments", add_arguments)
+    assert api.changed_lines() == [
+        "-sshade.read(path: str | os.PathLike[str])",
+        "-sshade.read() -> Arrays",
+        "+sshade.read(place: none given)",
+        "+sshade.read(*, merge: none given = False)",
+        "+sshade.read() -> none given",
+        "-sshade.save_binding(path: str | os.PathLike[str])",
+        "-sshade.save_binding(binding: Binding)",
+        "-sshade.save_binding() -> None",
+        "-method fast: vertices = 12000",
+        "+method fast: vertices = 9000",
+        "+sshade remesh --fast",
+    ]
+
+
+def test_fields_and_members_of_a_class_are_listed():
+    lines = list(api.of_class("sshade.PosedPoints", sshade.PosedPoints))
+    assert lines[0] == "sshade.PosedPoints: tuple"
+    assert [line for line in lines if "maps" in line] == [
+        "sshade.PosedPoints(maps: np.ndarray)",
+        "sshade.PosedPoints.maps",
+    ]
+    assert "sshade.Mesh.require_manifold() -> None" in list(api.of_class("sshade.Mesh", sshade.Mesh))
+
+
+def test_arguments_that_change_in_any_way_change_their_line():
+    def line(**about):
+        parser = argparse.ArgumentParser(add_help=False)
+        parser.add_argument("--size", **about)
+        (line,) = api.of_parser("tool", parser)
+        return line
+
+    kinds = [
+        {},
+        {"default": 3},
+        {"required": True},
+        {"nargs": 2},
+        {"choices": [1, 2]},
+        {"action": "store_true"},
+    ]
+    assert len({line(**about) for about in kinds}) == len(kinds)
 
 
 def test_the_command_prints_changes_and_updates_the_list(tmp_path, monkeypatch, capsys):

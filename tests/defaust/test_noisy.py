@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.build.verify import verify
-from defaust.folder.record import read_dataset
 from defaust.sources.noisy import NoisyBodies, bone_rotations, correlated_noise, pose_names
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks import load_task
@@ -95,18 +94,21 @@ def test_every_case_is_in_one_half_and_no_pose_is_in_both():
     assert not of_half[TUNING] & of_half[HELD_OUT]
 
 
+OPTIONS = BuildOptions(subjects=(5,), target_vertices=8000)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A noisy body, remeshed."""
     out = tmp_path_factory.mktemp("noisy") / "body"
-    options = BuildOptions(subjects=(5,), target_vertices=8000)
-    build(NoisyBodies(noise=4.0), out, options=options, workers=1)
+    build(NoisyBodies(noise=4.0), out, options=OPTIONS, workers=1)
     return out
 
 
-def test_a_build_is_sound(folder):
+def test_a_build_is_sound_and_the_same_again(folder, tmp_path):
     assert verify(folder) == []
-    document = read_dataset(folder)
+    document = build(NoisyBodies(noise=4.0), tmp_path / "again", options=OPTIONS, workers=1)
+    assert contents(tmp_path / "again") == contents(folder)
     assert document["name"] == "defaust-noisy_4mm" and document["source"]["noise_mm"] == 4.0
     assert len(contents(folder)) == 3 + 2 + 2 * 5
     card = (folder / "README.md").read_text(encoding="utf-8")

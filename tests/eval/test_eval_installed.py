@@ -45,17 +45,22 @@ MINE = ["--config-dir", "conf", "method=mine", "run.allow_targets=[mymethod.]"]
 
 
 @pytest.mark.parametrize(
-    "launcher",
-    [["joblib", "hydra.launcher.n_jobs=2"], pytest.param(["submitit_local"], marks=pytest.mark.full)],
-    ids=["joblib", "submitit"],
+    "options",
+    [
+        pytest.param([], id="once"),
+        pytest.param(
+            ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"
+        ),
+        pytest.param(["-m", "hydra/launcher=submitit_local"], marks=pytest.mark.full, id="submitit"),
+    ],
 )
-def test_a_folder_with_folders_of_the_same_names(own_folder, launcher):
+def test_a_folder_with_folders_of_the_same_names(own_folder, options):
     command = Path(sys.executable).with_name("sshade-eval")
-    options = ["run.fresh=true", f"hydra/launcher={launcher[0]}", *launcher[1:]]
-    done = run(own_folder, command, "run", "-m", *MINE, "dataset=hairpin", *options)
+    done = run(own_folder, command, "run", *options[:1], *MINE, "dataset=hairpin", *options[1:])
     assert done.returncode == 0, done.stderr
     (row,) = records(collect(own_folder / "out/runs/single"))
-    assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] is not None
+    assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok")
+    assert (row["peak_mib"] is not None) == ("run.fresh=true" in options)
     assert sorted(path.name for path in own_folder.iterdir() if path.name != "__pycache__") == [
         *("conf", "eval", "mymethod.py", "out", "results", "tests")
     ]
@@ -93,9 +98,10 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
     code = "import eval.main, defaust, sshade, baselines; print(eval.__file__)"
     where = run(tmp_path, sys.executable, "-P", "-c", code, PYTHONPATH=str(target))
     assert where.stdout.startswith(str(target)), where.stderr
-    assert "deform" in call("sshade", "--help")
+    assert "deform" in call("sshade", "--help") and "verify" in call("defaust", "--help")
     build = "source=synthetic subjects=[0] target_vertices=null workers=1 out=bodies"
     call("defaust", "build", *build.split())
+    assert "defaust-synthetic" in call("defaust", "info", "bodies")
     sweep = "experiment=table1_lowres dataset=defaust_7k dataset.root=bodies subject=0 pose=1"
     call("sshade-eval", "run", "-m", *MINE, *sweep.split())
     assert call("sshade-eval", "collect", "table1_lowres") == "out/rows/table1_lowres.csv: 1 row\n"

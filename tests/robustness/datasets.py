@@ -207,4 +207,5 @@ CASES = [
         leaves=("体",),
         holds=_no_faults,
     ),
+    Case("dataset, run: a sound one", RUN, dataset, leaves=("out",)),
 ]

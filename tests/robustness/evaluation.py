@@ -171,4 +171,6 @@ CASES = [
         runs,
         says=("names subject 0, pose 9, which balls does not have",),
     ),
+    Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
+    Case("run: what is there already", SWEEP, runs),
 ]

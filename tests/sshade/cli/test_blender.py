@@ -38,6 +38,10 @@ def test_an_extension_has_a_manifest_and_its_files(tmp_path):
     assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in sources)
 
 
+def test_no_numpy_is_bundled():
+    assert set(blender.BUNDLED) == {"numba", "llvmlite", "scipy"}
+
+
 @pytest.mark.parametrize(
     ("system", "machine", "name"),
     [

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from sshade.cli.main import main
-from sshade.edit.session import Session
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
 from tests.robustness.case import assert_refused
@@ -68,6 +67,17 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "not saved" not in err
 
 
+def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
+    with running("body.ply", "--no-browser") as (process, address):
+        get(f"{address}select?how=replace", b"\0\0\0\0")
+        get(f"{address}mark", b'{"kind": "static"}')
+        get(f"{address}quit", b"")
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and out == "" and "handles were not saved" in err
+    body, kept, pose = sorted(path.name for path in Path().iterdir())
+    assert (body, pose) == ("body.ply", "pose.json") and kept in err and kept.startswith("body.ply.recovery-")
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
 def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
@@ -86,7 +96,8 @@ def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved
         get(f"{address}select?how=replace", b"\0\0\0\0")
         get(f"{address}mark", b'{"kind": "moving"}')
         (kept,) = Path().glob("body.ply.recovery-*.npz")
-        assert Session(Path("body.ply")).recovery.offers == []  # the editor still runs
+        with running("body.ply", "--no-browser") as (_, other):  # of an editor that still runs
+            assert facts_of(other)["recovery"] == []
         process.kill()
         process.wait()
     with running("body.ply", "--no-browser", "--recover", str(kept)) as (process, address):

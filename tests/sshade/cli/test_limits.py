@@ -41,7 +41,7 @@ def body(here):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not enforce these limits")
-@pytest.mark.parametrize("limit", [80, 300, 600])
+@pytest.mark.parametrize("limit", [80, 150, 300, 450, 600])
 def test_too_low_a_limit_is_one_sentence_before_libraries_are_imported(body, limit):
     for kind, flag in ((resource.RLIMIT_AS, "-v"), (resource.RLIMIT_DATA, "-d")):
         done = run(DEFORM, limit * 1_000_000, kind)

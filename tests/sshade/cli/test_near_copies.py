@@ -18,9 +18,11 @@ from tools.corpus.plain import content
 
 SHAPES = {
     "sphere": bumpy(2),
+    "torus": torus(16, 8),
     "cube": block(np.ones((1, 1, 1), dtype=bool), cells=4),
     "two": beside(icosphere(2), shifted(icosphere(1), [0.2, 4.0, 0.5])),
     "genus 2": double_torus(cells=1),
+    "far": shifted(bumpy(2), [40.0, -3.0, 1.0]),
     "tiny": Mesh(1e-5 * torus(12, 6).V, torus(12, 6).F),
 }
 

@@ -42,8 +42,8 @@ COMMANDS = (
     "show rest.ply pose.json --deformed rest.ply -o out.png",
     "remesh rest.ply -o proxy.ply --map map.npz --vertices 60",
     "carry rest.ply map.npz proxy.ply -o carried.ply",
-    "reconstruct rest.ply rest.ply -o rebuilt.ply --vertices 60 --samplings 1",
-    "transfer-pose rest.ply rest.ply rest.ply -o transferred.ply --vertices 60 --samplings 1",
+    "reconstruct rest.ply rest.ply -o rebuilt.ply --vertices 60 --samplings 2",
+    "transfer-pose rest.ply rest.ply rest.ply -o transferred.ply --vertices 60 --samplings 2",
 )
 REFUSED = {
     "a NaN": (np.where(np.arange(len(V))[:, None] == 3, np.nan, V), F),

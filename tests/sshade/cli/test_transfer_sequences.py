@@ -11,7 +11,13 @@ from sshade.cli.main import main
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.robustness.case import assert_refused
 from tests.shapes import bent, bumpy
-from tests.sshade.cli.test_sequences import read_gltf, read_pc2, shown_at, vertices
+from tests.sshade.cli.test_sequences import (
+    interrupted_at_the_third_file,
+    read_gltf,
+    read_pc2,
+    shown_at,
+    vertices,
+)
 
 BODY, OTHER = bumpy(2), bumpy(3)
 AMOUNTS = (0.05, 0.1, 0.15)
@@ -45,7 +51,7 @@ def test_a_folder_of_poses_moves_an_edited_copy_as_single_transfers_do(folder):
     np.testing.assert_allclose(shown, vertices("out_?.ply"), atol=1e-6)
 
 
-def test_poses_drive_another_mesh_through_marks(folder, capsys):
+def test_poses_drive_another_mesh_through_marks(folder):
     command = ["transfer-pose", "rest.ply", "poses", "other.ply", "--marks", "marks.json"]
     assert main([*command, "-o", "out_%d.ply"]) == 0
     for amount, V in zip(AMOUNTS, vertices("out_?.ply"), strict=True):
@@ -53,13 +59,23 @@ def test_poses_drive_another_mesh_through_marks(folder, capsys):
         error = np.linalg.norm(V - truth - (V - truth).mean(axis=0), axis=1)
         still = np.linalg.norm(OTHER.V - truth - (OTHER.V - truth).mean(axis=0), axis=1)
         assert error.mean() < 0.2 * still.mean()
-    assert main([*command, "-o", "out_%d.ply"]) == 0
-    assert "3 of them kept from an earlier run" in capsys.readouterr().err
     files = ["poses/walk_0.ply", "poses/walk_1.ply", "poses/walk_2.ply"]
     assert main([*command[:2], *files, *command[3:], "-o", "files_%d.ply"]) == 0
     np.testing.assert_array_equal(vertices("files_?.ply"), vertices("out_?.ply"))
     assert main([*command[:2], files[0], *command[3:], "-o", "one.ply"]) == 0
     np.testing.assert_array_equal(read_arrays("one.ply")[0], vertices("out_1.ply")[0])
+
+
+def test_an_interrupted_retargeting_goes_on_to_the_same_bytes(folder, monkeypatch, capsys):
+    command = ["transfer-pose", "rest.ply", "poses", "other.ply", "--marks", "marks.json", "-o"]
+    assert main([*command, "out_%d.ply"]) == 0
+    count = interrupted_at_the_third_file(monkeypatch)
+    assert main([*command, "parts_%d.ply"]) == 130
+    assert main([*command, "parts_%d.ply"]) == 0
+    assert len(count) == 4
+    for number in (1, 2, 3):
+        assert Path(f"out_{number}.ply").read_bytes() == Path(f"parts_{number}.ply").read_bytes()
+    assert "2 of them kept" in capsys.readouterr().err
 
 
 def few_marks() -> None:

@@ -10,10 +10,6 @@ import numpy as np
 
 from sshade.edit.server import Server
 from sshade.edit.session import Session
-from tests.sshade.edit.sessions import BODY
-
-#: Vertices at both ends of the body.
-LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
 
 
 @contextmanager
@@ -61,14 +57,6 @@ def command(server: Server, name: str, given=None, **headers):
         **headers,
     )
     return unpacked(content) if status == 200 else {"status": status, **json.loads(content)}
-
-
-def pick(server: Server, vertices: np.ndarray) -> dict:
-    """Replace the selection; return the facts of the answer."""
-    body = np.asarray(vertices).astype("<u4").tobytes()
-    status, _, content = ask(server, "POST", f"/{server.token}/select?how=replace", body)
-    assert status == 200
-    return unpacked(content)
 
 
 def unpacked(content: bytes) -> dict:

@@ -17,10 +17,11 @@ from sshade import DeformationTask, Handles, InputError, Slide
 from sshade.edit import call
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy, torn
-from tests.sshade.edit.lent import HIGH, LOW, ask, command, pick, unpacked
-from tests.sshade.edit.sessions import BODY
+from tests.sshade.edit.lent import ask, command, unpacked
 
 ROOT = Path(__file__).parents[3]
+BODY = bumpy(3)
+LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -54,6 +55,11 @@ def user(monkeypatch):
     monkeypatch.setattr(call, "Server", Kept)
     yield acts
     assert failures == []
+
+
+def pick(server, vertices):
+    body = np.asarray(vertices).astype("<u4").tobytes()
+    assert ask(server, "POST", f"/{server.token}/select?how=replace", body)[0] == 200
 
 
 def facts(server):

@@ -30,9 +30,9 @@ def session(here) -> Session:
 
 @pytest.fixture
 def page(request, browser, session):
-    """At a size of 1200 x 700 pixels, unless a test asks for others."""
-    width, height = getattr(request, "param", (1200, 700))
-    with lent(session) as server, opened(browser, server.address, width=width, height=height) as page:
+    """At a width of 1280 pixels, unless a test asks for others."""
+    width = getattr(request, "param", 1280)
+    with lent(session) as server, opened(browser, server.address, width=width) as page:
         page.wait_for_selector("#stage[data-state=converged]")
         yield page
         assert all(url.startswith((server.address, "data:")) for url in page.asked)
@@ -79,13 +79,9 @@ def asked(page, name: str, action) -> None:
     with page.expect_response(re.compile(rf"/{name}(\?|$)")) as answer:
         action()
     if answer.value.ok:
-        wait_for_version(page, unpacked(answer.value.body())["version"])
-
-
-def wait_for_version(page, version) -> None:
-    """Wait until the page shows at least a version of the session."""
-    shows = "least => document.getElementById('stage').dataset.version >= least"
-    page.wait_for_function(shows, arg=version)
+        version = unpacked(answer.value.body())["version"]
+        shows = "least => document.getElementById('stage').dataset.version >= least"
+        page.wait_for_function(shows, arg=version)
 
 
 def drag(page, start, by, *, steps: int = 8):
@@ -178,7 +174,7 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     assert page.said == []
 
 
-@pytest.mark.parametrize("page", few([(1200, 700), (400, 900)], (1200, 700)), indirect=True)
+@pytest.mark.parametrize("page", few([1280, 400], 1280), indirect=True)
 def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_command_line(page, session):
     V = session.mesh.V
     shown = where(page, V, V)
@@ -257,6 +253,39 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     assert all("400" in text for text in page.said)
 
 
+def test_a_group_that_turns_only_is_chosen_on_the_page_and_repeated_by_the_command(page, session):
+    mark(page, session, where(page, session.mesh.V, session.mesh.V))
+    way = page.get_by_label("how the group moves")
+    asked(page, "alter", lambda: way.select_option("plane"))
+    assert page.get_by_label("direction").input_value() and len(session.state.groups[1].slide.across) == 1
+    asked(page, "alter", lambda: page.get_by_label("how the group moves").select_option("free"))
+    page.locator("#gizmo-bar label", has_text="Turn").click()
+    drag(page, where(page, session.mesh.V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
+    release(page)
+    group = session.state.groups[1]
+    assert group.slide.free and np.arccos((np.trace(group.rotation) - 1) / 2) > 0.1
+    page.locator("#volume").uncheck()
+    page.wait_for_selector("#stage[data-state=converged]")
+    asked(page, "save", page.get_by_role("button", name="Save handles").click)
+    page.wait_for_selector("#command:has-text('--options')")
+    session.settle()
+    assert main(page.locator("#command").inner_text().split()[1:]) == 0
+    gap = np.abs(read_arrays("body_deformed.ply")[0] - session.shown).max()
+    assert gap < 1e-6 * session.mesh.diagonal
+
+
+@pytest.mark.parametrize("page", [1280, 400], indirect=True)
+def test_it_fits_the_window_and_ends_by_its_button(page, session):
+    width = page.viewport_size["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    stage = pixels(page.locator("#stage"))
+    assert 0.02 < (stage < 235).any(axis=2).mean() < 0.9
+    page.get_by_role("button", name="End").click()
+    page.wait_for_selector("body.ended")
+    assert "has ended" in page.locator("#message").inner_text()
+    assert page.said == []
+
+
 @pytest.fixture
 def large(session, monkeypatch) -> None:
     """A session with groups, whose mesh counts as large."""
@@ -288,7 +317,6 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     assert page.said == []
 
 
-@pytest.mark.parametrize("page", [(1280, 900)], indirect=True)
 def test_slides_are_drawn_and_a_surface_beside_the_mesh_can_be_chosen(page, session):
     tool = bumpy(2)
     write_mesh("tool.ply", 1.1 * tool.V[:, [1, 2, 0]], tool.F)
@@ -301,44 +329,42 @@ def test_slides_are_drawn_and_a_surface_beside_the_mesh_can_be_chosen(page, sess
         page.wait_for_selector(f"#stage[data-guides={kind}]")
         page.wait_for_timeout(200)
         assert (1e-4 if kind == "line" else 2e-3) < changed(before, pixels(stage)) < 0.5
-        assert option != "plane" or page.get_by_label("direction").input_value()
     (group,) = (group for group in session.state.groups if group.slide)
     assert group.slide.surface.n == tool.n and group.slide.record["slide"]["surface"].endswith("tool.ply")
     asked(page, "alter", lambda: way.select_option("free"))
     page.wait_for_selector("#stage[data-guides='']")
-    assert session.state.group(group.number).slide.free
     with pytest.raises(InputError, match="no mesh file in the folder"):
         Commands(session)("alter", {"group": group.number, "slide": {"surface": "../tool.ply"}})
     assert page.said == []
 
 
-def test_a_second_page_follows_the_first_and_the_first_the_second(page, session, browser):
-    with opened(browser, page.url, width=1200, height=700) as other:
-        other.wait_for_selector("#stage[data-state=converged]")
-        resting = pixels(other.locator("#stage"))
-        mark(page, session, where(page, session.mesh.V, session.mesh.V))
-        other.wait_for_selector("#groups li:nth-child(2)")
-        page.get_by_label("move x", exact=True).fill("0.5")
-        asked(page, "settle", page.get_by_role("button", name="apply").click)
-        wait_for_version(other, int(page.locator("#stage").get_attribute("data-version")))
-        other.wait_for_selector("#stage[data-state=converged]")
-        assert changed(resting, pixels(other.locator("#stage"))) > 0.01
-        for _ in range(3):
-            asked(other, "undo", other.get_by_role("button", name="Undo").click)
-        page.wait_for_selector("#groups li:nth-child(2)", state="detached")
-        assert len(session.state.groups) == 1 and page.said == []
+def test_a_second_page_follows_the_first(page, session, browser):
+    other = browser.new_page(viewport={"width": 1280, "height": 900})
+    other.goto(page.url)
+    other.wait_for_selector("#stage[data-state=converged]")
+    resting = pixels(other.locator("#stage"))
+    mark(page, session, where(page, session.mesh.V, session.mesh.V))
+    other.wait_for_selector("#groups li:nth-child(2)")
+    pivot = session.state.groups[1].target.mean(axis=0)
+    drag(page, where(page, session.mesh.V, pivot)[0], (60, -30))
+    release(page)
+    other.wait_for_timeout(500)
+    other.wait_for_selector("#stage[data-state=converged]")
+    assert changed(resting, pixels(other.locator("#stage"))) > 0.01
+    for _ in range(3):  # now the first follows
+        asked(other, "undo", other.get_by_role("button", name="Undo").click)
+    page.wait_for_selector("#groups li:nth-child(2)", state="detached")
+    assert len(session.state.groups) == 1 and page.said == []
+    other.close()
 
 
-@pytest.fixture
-def four(session) -> None:
-    """A session with four small groups, the last two of which are fixed."""
+def test_at_800_pixels_undo_and_files_stay_in_sight_and_what_is_loose_is_told(page, session):
+    page.set_viewport_size({"width": 1280, "height": 800})
+    loose = page.locator("#loose")
     for k, kind in enumerate(("moving", "moving", "static", "static")):
         added(session, np.arange(20 * k, 20 * k + 20), kind)
-
-
-@pytest.mark.parametrize("page", [(1280, 800)], indirect=True)
-def test_with_four_groups_undo_and_files_stay_in_sight_and_what_is_loose_is_told(four, page, session):
-    loose = page.locator("#loose")
+    page.reload()
+    page.wait_for_selector("#groups li:nth-child(4)")
     page.get_by_role("button", name="choose group 4").click()
     for name in "Undo", "End", "Save handles", "Save mesh":
         box = page.get_by_role("button", name=name).bounding_box()

@@ -89,8 +89,11 @@ def test_a_mirrored_group_makes_a_symmetric_shape(axis):
         assert np.allclose(new.target[place], other @ S, atol=1e-9)
     assert np.allclose(new.turn, S @ group.turn @ S) and new.weight == 5.0
     assert np.allclose(np.abs(new.slide.across @ S @ group.slide.across.T), 1)
-    again = session.mirror(number, axis)  # replaces the mirrored group
-    assert [g.number for g in session.state.groups] == [number, again] != [number, partner]
+    session.alter(number, slide=None)
+    session.release(number, turned(ball.V, 0.1))
+    partner = session.mirror(number, axis)  # replaces the mirrored group
+    again = session.state.group(partner)
+    assert [g.number for g in session.state.groups] == [number, again.number] and again.slide is None
     session.select(np.flatnonzero(np.abs(ball.V[:, axis]) < 1e-9), "replace")
     with pytest.raises(InputError, match="on both sides"):
         session.mirror(session.mark("moving"), axis)

@@ -14,8 +14,12 @@ from sshade.edit import server as serving
 from sshade.edit.server import PAGE, Server
 from sshade.edit.session import Session
 from sshade.io.meshes import write_mesh
-from tests.sshade.edit.lent import HIGH, LOW, ask, command, lent, pick, unpacked
-from tests.sshade.edit.sessions import BODY
+from tests.shapes import bumpy
+from tests.sshade.edit.lent import ask, command, lent, unpacked
+
+BODY = bumpy(3)
+LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
+
 
 STILL = {"pivot": [0, 0, 0], "move": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 
@@ -38,6 +42,13 @@ def state(server: Server):
 def post(server: Server, path: str, body: bytes | None = b"{}", **headers) -> int:
     """The status of an answer."""
     return ask(server, "POST", f"/{server.token}/{path}", body, **headers)[0]
+
+
+def pick(server: Server, vertices: np.ndarray, how: str = "replace") -> dict:
+    body = vertices.astype("<u4").tobytes()
+    status, _, content = ask(server, "POST", f"/{server.token}/select?how={how}", body)
+    assert status == 200
+    return unpacked(content)
 
 
 def mark(server: Server) -> int:
@@ -262,14 +273,14 @@ def test_it_outlives_its_pages_and_tells_progress_to_the_next(tmp_path, monkeypa
     with lent(session_of(tmp_path)) as server:
         first = beat(server)
         first.close()
-        time.sleep(0.3)
+        time.sleep(0.5)
         second = beat(server)
         server.progress("binding", 1, 3)
         heard = b""
         while b"binding" not in heard:
             heard += second.recv(4096)
         second.close()
-        time.sleep(0.3)
+        time.sleep(0.5)
         assert not server._closed and post(server, "undo") == 200
 
 

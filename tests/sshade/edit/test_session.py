@@ -1,11 +1,13 @@
 """A session without a browser: groups are dragged, and steps are undone."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sshade import Mesh, Slide
+from sshade.cli.main import main
 from sshade.edit import follower, state, work
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
@@ -208,6 +210,9 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() == 0
     settled(session, number, LIFT)
     assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
+    assert session.save("handles", "pose.json") and session.save("mesh", "posed.ply")
+    arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply", "--carry-unconstrained"]
+    assert main(arguments) == 0 and Path("again.ply").read_bytes() == Path("posed.ply").read_bytes()
 
 
 def test_a_mesh_that_is_no_manifold_follows_when_the_mouse_rests():

@@ -132,12 +132,6 @@ def test_a_file_without_materials_has_none_and_wrong_ones_are_told():
         Commands(Session(Path("plain.ply"))).skin()
 
 
-def portion(image: np.ndarray, channel: int) -> float:
-    """Share of the pixels in which one of red, green and blue is more than twice as much as the others."""
-    others = np.delete(image, channel, axis=2).max(axis=2)
-    return float(((image[..., channel] > 60) & (image[..., channel] > 2 * others)).mean())
-
-
 def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plain_materials(browser):
     rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in BODY.V.tolist()]
     faces = [f"f {a}/1 {b}/1 {c}/1" for a, b, c in (BODY.F + 1).tolist()]
@@ -147,34 +141,40 @@ def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plai
     library = "newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n"
     for text, state in (library, "plain"), (f"{library}map_Kd gone.png\n", "shown"):
         Path("a.mtl").write_text(text)
-        with (
-            lent(Session(Path("body.obj"))) as server,
-            opened(browser, server.address, width=1200, height=700) as page,
-        ):
+        with lent(Session(Path("body.obj"))) as server, opened(browser, server.address) as page:
             page.wait_for_selector(f"#stage[data-skin={state}]")
             page.wait_for_timeout(300)
-            shown = pixels(page.locator("#stage"))
-            assert (portion(shown, 0) > 0.05) == (state == "plain")
-            assert (portion(shown, 2) > 0.02) == (state == "shown")
+            r, g, b = pixels(page.locator("#stage")).transpose(2, 0, 1)
+            assert (((r > 2 * g) & (r > 2 * b) & (r > 60)).mean() > 0.05) == (state == "plain")
+            assert (((b > 2 * g) & (b > 2 * r) & (b > 60)).mean() > 0.02) == (state == "shown")
             if state == "shown":
                 told = page.locator("#message span").inner_text()
                 assert told == "body.obj: a texture cannot be shown (No such file or directory)."
 
 
-def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser, width):
     V = BODY.V[:, [1, 2, 0]]
     high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)
     textured("body.glb", V, BODY.F, high[:, :2])
     session = Session(Path("body.glb"))
-    with lent(session) as server, opened(browser, server.address, width=1200, height=700) as page:
+    with lent(session) as server, opened(browser, server.address, width=width, height=844) as page:
         page.wait_for_selector("#stage[data-skin=shown]")
         page.wait_for_timeout(400)
         stage = page.locator("#stage")
         shown = pixels(stage)
 
-        assert all(portion(shown, colour) > 0.02 for colour in range(3))
+        def portion(image: np.ndarray, colour: int, others: tuple[int, int]) -> float:
+            own = image[..., colour]
+            return float(((own > 60) & all_below(image, own, others)).mean())
+
+        def all_below(image: np.ndarray, own: np.ndarray, others: tuple[int, int]) -> np.ndarray:
+            return (own > 2 * image[..., others[0]]) & (own > 2 * image[..., others[1]])
+
+        for colour, others in (0, (1, 2)), (1, (0, 2)), (2, (0, 1)):
+            assert portion(shown, colour, others) > 0.02
         half = shown.shape[0] // 2
-        assert portion(shown[:half], 2) < portion(shown[half:], 2)  # blue is below
+        assert portion(shown[:half], 2, (0, 1)) < portion(shown[half:], 2, (0, 1))  # blue is below
         session.select(np.flatnonzero(high[:, 1] > 0.6), "replace")
         session.mark("static")
         page.wait_for_timeout(100)
@@ -183,8 +183,8 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
         page.wait_for_timeout(400)
         marked = pixels(stage)
         assert changed(shown, marked) > 0.03
-        assert portion(marked[:half], 0) < 0.2 * portion(shown[:half], 0)  # red is covered
+        assert portion(marked[:half], 0, (1, 2)) < 0.2 * portion(shown[:half], 0, (1, 2))  # red is covered
         page.get_by_text("Options").click()
         page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
-        assert portion(pixels(stage), 1) < 0.002
+        assert portion(pixels(stage), 1, (0, 2)) < 0.002

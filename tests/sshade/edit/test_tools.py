@@ -15,19 +15,16 @@ from tests.sshade.edit.lent import lent
 from tests.sshade.edit.sessions import BODY, ready, upright
 from tests.sshade.edit.test_page import asked, drag, release
 
-BALL = icosphere(3)
-
 
 @pytest.fixture
 def session(here) -> Session:
-    """With the lower end fixed, and the upper end movable; another mesh is beside the body."""
-    write_mesh("ball.ply", BALL.V, BALL.F)
+    """With the lower end fixed, and the upper end movable and chosen."""
     return ready(upright(BODY))[0]
 
 
 @pytest.fixture
 def page(browser, session):
-    with lent(session) as server, opened(browser, server.address, width=1200, height=700) as page:
+    with lent(session) as server, opened(browser, server.address) as page:
         page.wait_for_selector("#stage[data-state=converged]")
         page.get_by_role("button", name="choose group 2").click()
         page.wait_for_selector("#gizmo-bar:visible")
@@ -59,7 +56,7 @@ def motion(session: Session, before: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return turn.as_rotvec(degrees=True), after.mean(axis=0) - before.mean(axis=0)
 
 
-def test_numbers_move_and_turn_a_group_along_its_arrows_and_buttons_make_and_pick_others(page, session):
+def test_numbers_move_and_turn_a_group_along_the_axes_of_its_arrows(page, session):
     before = group(session).target
     apply(page, move_x=0.2, move_z=-0.1)
     turn, move = motion(session, before)
@@ -76,20 +73,6 @@ def test_numbers_move_and_turn_a_group_along_its_arrows_and_buttons_make_and_pic
     apply(page, move_z=0.1, turn_z=20)
     turn, move = motion(session, before)
     assert np.allclose(move, 0.1 * axes[:, 2], atol=1e-6) and np.allclose(turn, 20 * axes[:, 2], atol=1e-4)
-    asked(page, "mirror", page.get_by_role("button", name="mirror in").click)
-    page.wait_for_selector("#message:has-text('lies on both sides')")
-    page.said.clear()  # the browser notes the refusal
-    page.get_by_label("distance of the falloff").fill("1")
-    asked(page, "limit", page.get_by_role("button", name="limit to").click)
-    page.wait_for_selector("#groups li:nth-child(3)")
-    assert session.state.groups[2].name == "beyond group 2"
-    asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
-    before = len(session.state.selection)
-    page.get_by_label("distance along the edges").fill("0.4")
-    asked(page, "reach", page.get_by_role("button", name="pick within").click)
-    assert before < len(session.state.selection) < session.mesh.n
-    page.get_by_role("button", name="linked").click()
-    page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
 
 
 def test_a_drag_snaps_and_turns_about_a_moved_pivot(page, session):
@@ -161,12 +144,36 @@ def test_the_rest_shape_edges_roll_and_up_axis_change_the_view_alone(page, sessi
     assert changed(opened, shown()) < 0.002 and session.state is state
 
 
-def test_on_another_mesh_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
+def test_buttons_mirror_limit_and_pick_by_distance(page, session):
+    asked(page, "mirror", page.get_by_role("button", name="mirror in").click)
+    page.wait_for_selector("#message:has-text('lies on both sides')")
+    page.said.clear()  # the browser notes the refusal
+    page.get_by_label("distance of the falloff").fill("1")
+    asked(page, "limit", page.get_by_role("button", name="limit to").click)
+    page.wait_for_selector("#groups li:nth-child(3)")
+    assert session.state.groups[2].name == "beyond group 2"
+    asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
+    before = len(session.state.selection)
+    page.get_by_label("distance along the edges").fill("0.4")
+    asked(page, "reach", page.get_by_role("button", name="pick within").click)
+    assert before < len(session.state.selection) < session.mesh.n
+    page.get_by_role("button", name="linked").click()
+    page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
+
+
+def open_mesh(page, name):
+    page.reload()
+    page.wait_for_selector("#change:visible")
     page.once("dialog", lambda dialog: dialog.accept())
     with page.expect_navigation():
-        page.get_by_label("open another mesh").select_option("ball.ply")
-    page.wait_for_selector("#name:text-is('ball.ply')")
-    assert len(list(Path().glob("body.ply.recovery-*.npz"))) == 1
+        page.get_by_label("open another mesh").select_option(name)
+    page.wait_for_selector(f"#name:text-is('{name}')")
+
+
+def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
+    ball = icosphere(3)
+    write_mesh("ball.ply", ball.V, ball.F)
+    open_mesh(page, "ball.ply")
     asked(page, "symmetry", lambda: page.get_by_label("symmetry").select_option("x"))
     page.locator("#tools label", has_text="Click").click()
     box = page.locator("#stage").bounding_box()
@@ -189,11 +196,32 @@ def test_on_another_mesh_symmetry_and_a_falloff_move_both_sides_and_show_who_fol
     release(page)
     asked(page, "save", page.get_by_role("button", name="Save handles").click)
     page.wait_for_selector("#command:has-text('ball')")
-    saved = read_handles("ball_handles.json", BALL)
+    saved = read_handles("ball_handles.json", ball)
     one, other = (saved.target[saved.group == k][0] for k in range(2))
     assert np.allclose(other, one * [-1, 1, 1], atol=1e-6)
-    assert np.linalg.norm(one - BALL.V[saved.index[saved.group == 0][0]]) > 0.1
+    assert np.linalg.norm(one - ball.V[saved.index[saved.group == 0][0]]) > 0.1
     page.get_by_role("button", name="choose around group 1", exact=True).click()
     assert page.locator("#gizmo-bar").is_hidden()
     asked(page, "unlink", page.locator("#groups li").nth(1).get_by_role("button", name="unlink").click)
     assert page.get_by_role("button", name="unlink").count() == 2
+
+
+def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
+    V, F = session.mesh.V, session.mesh.F
+    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in V.tolist()]
+    Path("red.obj").write_text("\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (F + 1).tolist()]))
+    open_mesh(page, "red.obj")
+    page.wait_for_selector("#stage[data-state=converged]")
+    page.wait_for_timeout(300)
+    stage = page.locator("#stage")
+
+    def red() -> float:
+        r, g, b = pixels(stage).transpose(2, 0, 1)
+        return float(((r > 100) & (r > 2 * g) & (r > 2 * b)).mean())
+
+    assert red() > 0.05
+    page.get_by_text("Options").click()
+    page.get_by_label("colours and textures").uncheck()
+    page.wait_for_timeout(300)
+    assert red() < 0.001
+    assert len(list(Path().glob("body.ply.recovery-*.npz"))) == 1

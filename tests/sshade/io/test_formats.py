@@ -1,5 +1,7 @@
 """OFF, OBJ and STL files as other programs write them; damaged files are refused with their place."""
 
+import struct
+
 import numpy as np
 import pytest
 import trimesh
@@ -84,6 +86,14 @@ solid two
   endfacet
 endsolid two
 """
+
+
+@pytest.mark.parametrize("text", [STL, STL.upper(), STL.replace("\n", "\r\n"), "\n" + STL.replace("  ", "")])
+def test_stl_as_text(tmp_path, text):
+    (tmp_path / "a.stl").write_bytes(text.encode())
+    V, F = read_arrays(tmp_path / "a.stl")
+    assert V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert F.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_a_text_that_ends_behind_a_facet_gives_a_note_and_elsewhere_it_is_refused(tmp_path):
@@ -257,3 +267,17 @@ def test_damaged_files_are_refused_with_their_place(tmp_path, suffix, sound, old
     path.write_text(sound.replace(old, new))
     with pytest.raises(InputError, match=rf"a\{suffix}: .*{words}"):
         read_file(path)
+
+
+def test_a_binary_stl_that_begins_with_solid_and_one_of_another_length(tmp_path):
+    write_mesh(tmp_path / "a.stl", SPHERE.V, SPHERE.F)
+    data = b"solid" + (tmp_path / "a.stl").read_bytes()[5:]
+    (tmp_path / "a.stl").write_bytes(data)
+    assert np.array_equal(read_file(tmp_path / "a.stl").V, SPHERE.V.astype("f4")[SPHERE.F].reshape(-1, 3))
+    for wrong in (data[:-1], data + b"\0", data[:80] + struct.pack("<I", SPHERE.m + 1) + data[84:]):
+        (tmp_path / "a.stl").write_bytes(wrong)
+        with pytest.raises(InputError, match="not a readable STL file"):
+            read_file(tmp_path / "a.stl")
+    (tmp_path / "a.stl").write_bytes(bytes(84))
+    with pytest.raises(InputError, match="no triangles"):
+        read_file(tmp_path / "a.stl")

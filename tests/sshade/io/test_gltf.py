@@ -301,6 +301,15 @@ def test_quantised_and_sparse_positions_are_written_as_single_precision(tmp_path
     assert np.allclose(written[1:], normals[1:] / 127, atol=5e-3)
 
 
+@pytest.mark.parametrize("mode", [0, 1, 3])
+def test_lines_and_points_beside_triangles_have_vertices_without_faces(tmp_path, mode):
+    (tmp_path / "a.glb").write_bytes(glb(*exported(**{"meshes.1.primitives.0.mode": mode})))
+    file = read_file(tmp_path / "a.glb")
+    assert len(file.V) == SPHERE.n + 3 and np.array_equal(file.F, SPHERE.F)
+    write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
+    assert np.allclose(read_file(tmp_path / "b.glb").V, file.V + [1, 0, 0], atol=1e-6)
+
+
 def test_numbers_that_share_bytes_are_taken_apart(tmp_path):
     """Normals that are the positions, as a unit sphere may have them, and normals that overlap positions."""
     for changes in ({f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}):
@@ -329,6 +338,8 @@ def sparse(view: int, offset: int) -> dict:
         ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
         ({"accessors.0.componentType": 5125}, "POSITION has numbers of type 5125"),
         ({"accessors.0.sparse": sparse(0, 2)}, "sparse numbers of its accessor 0 reach beyond"),
+        ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed buffers"),
+        ({f"{PRIMITIVE}.targets": [{}]}, "morph targets"),
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "their own ancestors"),
         ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),

@@ -6,7 +6,8 @@ import pytest
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.io.entries import read_handle_file
-from sshade.io.handles import handle_notes, on_mesh, read_handles, write_handles
+from sshade.io.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
+from sshade.io.meshes import write_mesh
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, tetrahedron
 
@@ -21,6 +22,18 @@ def write(tmp_path):
         return tmp_path / name
 
     return _write
+
+
+def test_handles_by_vertex_are_taken_exactly(write, body):
+    entries = [
+        {"landmark": "foot", "kind": "static", "vertices": [7, 3]},
+        {"landmark": "hand", "kind": "dynamic", "vertices": [50, 40], "target": [[1, 2, 3], [4, 5, 6]]},
+    ]
+    handles = read_handles(write(entries), body)
+    assert handles.index.tolist() == [7, 3, 50, 40]
+    assert np.array_equal(handles.target, [*body.V[[7, 3]], [1, 2, 3], [4, 5, 6]])
+    assert handles.dynamic.tolist() == [False, False, True, True]
+    assert handles.group.tolist() == [0, 0, 1, 1]
 
 
 def test_handles_by_position_are_snapped_as_positions_are(write, body):
@@ -44,6 +57,12 @@ def test_handles_by_position_are_snapped_as_positions_are(write, body):
 
     raw = read_handles(write(entries), body, raw=True)
     assert np.allclose(raw.target, np.concatenate([foot + 1, moved]), rtol=0, atol=1e-15)
+
+
+def test_static_handles_ignore_a_target_unless_raw(write, body):
+    entries = [{"kind": "static", "vertices": [5], "target": [[9, 9, 9]]}]
+    assert np.array_equal(read_handles(write(entries), body).target, body.V[[5]])
+    assert read_handles(write(entries), body, raw=True).target.tolist() == [[9, 9, 9]]
 
 
 def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
@@ -156,9 +175,13 @@ def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(write, body):
     ("content", "message"),
     [
         ({"handles": [{"vertices": [1], "wieght": 5}]}, 'entry 0: .* "wieght"; did you mean "weight"'),
+        ({"handles": [{"vertices": [1], "trnslation": 5}]}, 'did you mean "translation"'),
         ({"handles": [{"vertices": [1]}, {"comment": 5}]}, 'pose.json: entry 1: .*"comment"; did you mean "'),
         ({"handles": [{"kind": "unused", "vertces": [1]}]}, 'no key "vertces"; did you mean "vertices"'),
+        ({"handles": [{"vertices": [1]}], "handels": 3}, 'pose.json: .* "handels"; did you mean "handles"'),
+        ('{"handles": [{"vertices": [1], "vertices": [2]}]}', 'the key "vertices" occurs twice'),
         ({"handles": [{"vertices": [1], "k\n\ud800" + 999 * "k": 1}]}, r'no key "k\\n\\ud800k+";'),
+        ({"handles": [{"vertices": [1], "translation": [1, 0, 0], "target": [[0, 0, 0]]}]}, "either as"),
         ({"handles": [{"vertices": {"run": [[1, 2]]}}]}, '"vertices" is no list'),
         ({"handles": [{"vertices": {"runs": [[1, 0]]}}]}, '"runs" of "vertices" must be a list of pairs'),
         ({"handles": [{"vertices": {"runs": [[0, 10**12]]}}]}, "stand for more than 100,000,000 ids"),
@@ -168,6 +191,12 @@ def test_unknown_keys_are_refused_with_the_nearest_key(write, body, content, mes
     text = content if isinstance(content, str) else json.dumps(content)
     with pytest.raises(InputError, match=message):
         read_handles(write(text), body)
+
+
+def test_keys_of_the_project_and_keys_that_begin_with_an_underscore_are_free(write, body):
+    entry = {"landmark": "a", "vertices": [4], "delta": 0.1, "delta_mean": None, "_mine": 3}
+    content = {"handles": [entry], "source_pose": "sit", "made": {"method": "fast"}, "_by": "me"}
+    assert read_handles(write(json.dumps(content)), body).index.tolist() == [4]
 
 
 HUGE = 10**400
@@ -465,3 +494,19 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
     assert not read_handles(path, far_body).dynamic.any()
     path.write_text("handles: {moving: {positions: [hand], transform: [hand_up]}, static: }")
     assert read_handles(path, far_body).dynamic.all()
+
+
+def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
+    """An unused vertex first, a face that repeats a vertex, and a second body that has no handle."""
+    body = bumpy(1)
+    V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
+    F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])
+    write_mesh(tmp_path / "bodies.ply", V, F)
+    write_handles(tmp_path / "pose.json", Handles([1, 5], V[[1, 5]]))
+    files = tmp_path / "bodies.ply", tmp_path / "pose.json"
+    with pytest.raises(InputError, match="1 of the mesh's 2 components have no handle"):
+        read_task(str(files[0]), handles=str(files[1]))
+    task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
+    assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
+    result = deform(task, vertices=30)
+    assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6

@@ -63,6 +63,15 @@ def test_types_and_byte_orders(tmp_path, order, position, count, corner):
     assert file.F.dtype == np.int64 and file.F.tolist() == FANNED
 
 
+def test_windows_line_ends_and_points_alone(tmp_path):
+    text = ply("ascii").replace(b"\n", b"\r\n")
+    (tmp_path / "a.ply").write_bytes(text)
+    assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
+    (tmp_path / "a.ply").write_bytes(ply("ascii", polygons=[]))
+    file = read_ply(tmp_path / "a.ply")
+    assert len(file.V) == 5 and file.F.shape == (0, 3)
+
+
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
 def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
     whole = ply(order)

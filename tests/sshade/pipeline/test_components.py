@@ -20,8 +20,7 @@ from tests.shapes import (
     bumpy,
     end_handles,
     icosphere,
-    moved_parts,
-    of_all,
+    quads,
     rotation,
     shifted,
     strip,
@@ -39,6 +38,16 @@ def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> 
 
 def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
     return end_handles(mesh.V, count=8, shift=lift)
+
+
+def of_all(*given: tuple[Handles, int]) -> Handles:
+    """Handles of several meshes, with what is to be added to their ids."""
+    return Handles(
+        np.concatenate([handles.index + offset for handles, offset in given]),
+        np.concatenate([handles.target for handles, _ in given]),
+        dynamic=np.concatenate([handles.dynamic for handles, _ in given]),
+        group=np.concatenate([handles.group + 2 * i for i, (handles, _) in enumerate(given)]),
+    )
 
 
 PAIR = beside(BODY, shifted(BODY, 9))
@@ -120,6 +129,25 @@ def test_soft_handles_and_prescribed_rotations_are_left_to_the_solver():
         assert deformed(PAIR, handles, METHOD, vertices=80).extra["rigid"] == rigid
 
 
+def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
+    tiny = Mesh(0.01 * BODY.V + [4, 0, 0], BODY.F)
+    shares = []
+
+    def spy(task, *, vertices, **settings):
+        shares.append((task.mesh.n, len(task.handles), vertices))
+        return METHOD(task, vertices=vertices, **settings)
+
+    triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
+    mesh = beside(BODY, tiny, triangle)
+    own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
+    result = by_components(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
+    assert shares == [(162, 16, 40), (162, 16, 40)]
+    assert np.allclose(result.vertices[-3:], triangle.V + 1, atol=1e-12) and result.extra["rigid"] == 1
+    shares.clear()
+    by_components(DeformationTask("m", mesh, own), spy, Options(vertices=50), progress=silent)
+    assert shares == [(162, 16, 30), (162, 16, 20)]
+
+
 def pages(*angles: float, width: int = 8) -> tuple[Mesh, np.ndarray]:
     """Sheets that meet at a line under angles in degrees, and the numbers of each sheet's vertices."""
     sheet = strip(width, 2 * width)
@@ -144,7 +172,8 @@ def test_sheets_that_meet_at_an_edge_stretch_little_more_than_in_one_solve(angle
         last = 1 if sheets == "two" else len(number) - 1
         still, moved, a = number[:last, -1].ravel(), number[-1, -1], np.radians(angles[-1])
         shift = 2.4 * np.array([np.cos(a), 0, np.sin(a)]) + 3.2 * np.array([-np.sin(a), 0, np.cos(a)])
-    own = moved_parts(mesh.V, (still, 0), (moved, shift))
+    target = np.concatenate([mesh.V[still], mesh.V[moved] + shift])
+    own = Handles(np.concatenate([still, moved]), target, group=np.repeat([0, 1], [len(still), len(moved)]))
     reference = stretch(mesh, elastic(DeformationTask("m", mesh, own), start="rigid").vertices)
     for method in (fast, fine):
         result = deformed(mesh, own, method)
@@ -155,7 +184,7 @@ def test_sheets_that_meet_at_an_edge_stretch_little_more_than_in_one_solve(angle
 
 def test_a_component_beside_joined_ones_is_as_alone():
     joined, own = t_fin(4), ends(BODY)
-    pulled = moved_parts(joined.V, ([0, 4], 0), ([50, 54], [-2, 0, 3]))
+    pulled = Handles(np.array([0, 4, 50, 54]), joined.V[[0, 4, 50, 54]] + np.outer([0, 0, 1, 1], [-2, 0, 3]))
     result = deformed(beside(BODY, joined), of_all((own, 0), (pulled, BODY.n)), fast)
     alone, sheets = deformed(BODY, own, fast), deformed(joined, pulled, fast)
     assert np.array_equal(result.vertices[: BODY.n], alone.vertices)
@@ -185,15 +214,14 @@ def test_soft_handles_on_a_seam_leave_no_gap():
         assert deformed(mesh, own, method).extra["gap"] < 1e-6
 
 
-@pytest.mark.parametrize("method", [fast, fine, paper])
-def test_rigid_handles_move_what_was_cut_rigidly(method):
+def test_rigid_handles_move_what_was_cut_rigidly():
     R, shift = rotation(4), np.array([0.3, -1, 2])
     edge = np.zeros((2, 2, 1))
     edge[0, 0] = edge[1, 1] = 1
     # The tolerance of the solver, where it has to iterate.
     for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
-        result = deformed(mesh, own, method, start="rigid", vertices=min(60, mesh.n))
+        result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
         assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
         assert result.extra["gap"] < close
 
@@ -247,8 +275,9 @@ def rolled(length: int = 48, width: int = 8) -> Mesh:
 @pytest.mark.parametrize("method", [fast, fine, paper])
 def test_a_vertex_in_which_a_sheet_touches_itself_leaves_no_spike(method):
     mesh = rolled()
-    own = moved_parts(mesh.V, (np.abs(mesh.V[:, 0] + 1) < 0.05, 0), ([8, 17, 26], [0.6, 0.5, 0]))
-    result = deformed(mesh, own, method)
+    still, pulled = np.flatnonzero(np.abs(mesh.V[:, 0] + 1) < 0.05), np.array([8, 17, 26])
+    target = np.concatenate([mesh.V[still], mesh.V[pulled] + [0.6, 0.5, 0]])
+    result = deformed(mesh, Handles(np.concatenate([still, pulled]), target), method)
     assert result.extra["components"] == result.extra["copies"] == 1
     assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 where the vertex alone goes to the mean
 
@@ -297,13 +326,22 @@ def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
 def test_soft_handles_pull_a_one_sided_surface_as_strongly_as_its_elastic_energy_resists():
     """A band that makes one half turn, and a band of the same shape and size that makes two."""
     yields = []
-    for mesh in (moebius(60), moebius(60, half_turns=2)):
+    for mesh in (moebius(60), band_of_two_half_turns(60)):
         own = end_handles(mesh.V, axis=0, count=9, shift=(0.4, 0, 0))
         moved = replace(own, weight=np.where(own.dynamic, 0.3, np.inf))
         V = deformed(mesh, moved, fine).vertices
         pulled = own.index[own.dynamic]
         yields.append((V - mesh.V)[pulled, 0].mean())
     assert 0.01 < yields[0] < 0.39 and yields[0] == pytest.approx(yields[1], rel=0.25)
+
+
+def band_of_two_half_turns(around: int) -> Mesh:
+    a, x = (
+        p.ravel() for p in np.meshgrid(2 * np.pi * np.arange(around) / around, [-0.3, 0, 0.3], indexing="ij")
+    )
+    ring = 1 + x * np.cos(a)
+    V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(a)], axis=1)
+    return Mesh(V, quads(around, 3, wrap_u=True))
 
 
 def stretch(mesh: Mesh, V: np.ndarray) -> np.ndarray:
@@ -321,7 +359,16 @@ def three() -> tuple[Mesh, Handles]:
     return mesh, of_all((ends(BODY), 0), (ends(other, lift=(0, 0, 0)), BODY.n))
 
 
-def test_a_component_without_handles_follows_the_nearest_component_rigidly():
+def test_a_component_without_handles_is_refused_by_its_size_and_place():
+    mesh, own = three()
+    with pytest.raises(
+        InputError,
+        match=r"1 of the mesh's 3 components have no handle \(the first has 42 vertices, one of them 324\)",
+    ):
+        deformed(mesh, own, METHOD, vertices=80)
+
+
+def test_or_it_follows_the_nearest_component_rigidly():
     mesh, own = three()
     result = deformed(mesh, own, METHOD, vertices=80, carry_unconstrained=True)
     assert result.extra["unconstrained"] == 1 and result.extra["components"] == 2
@@ -341,25 +388,17 @@ def test_an_unconstrained_component_that_was_cut_stays_together():
     assert np.allclose(pdist(moved), pdist(rest), atol=1e-12) and result.extra["unconstrained"] == 1
 
 
-POINT = Mesh(0 * BODY.V + [5, 0, 0], BODY.F)
+def test_a_proxy_without_room_for_the_handles_of_all_is_refused():
+    with pytest.raises(InputError, match="at least 32 are needed, to hold the 32 handle vertices"):
+        deformed(PAIR, OF_PAIR, METHOD, vertices=10)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "own", "vertices", "words"),
-    [
-        (*three(), 80, r"1 of .* 3 components have no handle \(the first has 42 vertices, one of them 324\)"),
-        (PAIR, OF_PAIR, 10, "at least 32 are needed, to hold the 32 handle vertices"),
-        (
-            beside(BODY, POINT),
-            of_all((ends(BODY), 0), (ends(POINT), BODY.n)),
-            100,
-            "the component of 162 vertices around vertex 162 cannot be deformed: all vertices .* coincide",
-        ),
-    ],
-)
-def test_a_component_that_cannot_be_deformed_is_named(mesh, own, vertices, words):
+def test_a_component_that_fails_is_named():
+    point = Mesh(0 * BODY.V + [5, 0, 0], BODY.F)
+    mesh, own = beside(BODY, point), of_all((ends(BODY), 0), (ends(point), BODY.n))
+    words = "the component of 162 vertices around vertex 162 cannot be deformed: all vertices .* coincide"
     with pytest.raises(InputError, match=words):
-        deformed(mesh, own, METHOD, vertices=vertices)
+        deformed(mesh, own, METHOD, vertices=100)
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -10,7 +10,8 @@ import trimesh
 import sshade
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
 from sshade.solver.local_global import local_global
-from tests.shapes import as_obj, bumpy, end_handles, rotation, torn
+from tests.shapes import as_obj, beside, bumpy, end_handles, rotation, shifted, torn
+from tests.sshade.mesh.test_cutting import t_fin
 from tests.sshade.pipeline.calls import METHODS, fast
 
 BODY = bumpy(2)
@@ -126,6 +127,23 @@ def test_what_is_no_part_of_the_surface_stays_and_seams_move_as_one():
     assert np.array_equal(U[1 + BODY.n :], U[seam])
     # To the rounding of another order of the faces: the copy may stand for the original.
     assert np.abs(U[1 : BODY.n + 1] - deform(BODY, B, BC, vertices=60).V).max() < 1e-9 * BODY.diagonal
+
+
+def test_edges_of_three_faces_and_several_components_are_taken():
+    R, shift = rotation(4), np.array([0.3, -1, 2])
+    fin = t_fin()
+    both = beside(fin, shifted(BODY, 20))
+    V, F = both.V, both.F
+    for name in METHODS:
+        b = np.concatenate([np.arange(0, fin.n, 9), fin.n + B])
+        options = {"method": name, "vertices": 100, "start": "rigid"}
+        U = deform(V, F, b, V[b] @ R.T + shift, **options)
+        assert np.abs(U - (V @ R.T + shift)).max() < 1e-7 * both.diagonal
+        b = np.arange(0, fin.n, 9)
+        with pytest.raises(InputError, match=r"1 of the mesh's 2 components have no handle.*carry"):
+            deform(V, F, b, V[b], **options)
+        U = deform(V, F, b, V[b] + shift, carry_unconstrained=True, **options)
+        assert np.abs(U - V - shift).max() < 1e-7 * both.diagonal
 
 
 def paper_with(**options):

@@ -1,13 +1,14 @@
 """Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
 
-from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, deform
+from sshade.io.handles import read_handles, write_handles
 from sshade.solver.local_global import local_global
-from tests.shapes import beside, bumpy, moved_parts, of_all, shifted
+from tests.shapes import beside, bumpy, shifted
 from tests.sshade.pipeline.calls import METHODS
 
 BODY = bumpy(4)
@@ -80,9 +81,11 @@ def test_a_fit_to_targets_at_every_vertex_is_taken():
 def test_a_small_group_beside_large_regions_keeps_its_pull():
     """One vertex of 320 that are sampled thinly: its group has a vertex of the proxy all the same."""
     tip = np.argmax(BODY.V[:, 0])
-    parts = (np.setdiff1d(REGIONS, tip), 0), ([tip], [0.4, 0, 0])
-    for weights in (1e4, [np.inf, 1e4]):
-        task = DeformationTask("tip", BODY, moved_parts(BODY.V, *parts, weights=weights))
+    index = np.r_[np.setdiff1d(REGIONS, tip), tip]
+    target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0.4, 0, 0]])
+    group = np.r_[np.zeros(len(index) - 1, dtype=int), 1]
+    for weight in (1e4, [*np.full(len(index) - 1, np.inf), 1e4]):
+        task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weight))
         V = METHODS["fast"](task, vertices=400, volume=0.0, area=0.0).vertices
         assert V[tip, 0] - BODY.V[tip, 0] > 0.35
 
@@ -106,9 +109,26 @@ def test_a_hard_handle_among_soft_ones_takes_them_along():
 
 def test_components_share_a_group_and_keep_its_stiffness():
     """Two bodies far apart, of which each has half of each group: as one with the weight halved."""
-    both, own = beside(BODY, shifted(BODY, 50)), task_of(1.0).handles
-    pair = of_all((own, 0), (replace(own, target=own.target + 50), BODY.n))
-    pair = replace(pair, group=np.tile(own.group, 2))
+    own = task_of(1.0).handles
+    both = beside(BODY, shifted(BODY, 50))
+    pair = Handles(
+        np.r_[own.index, own.index + BODY.n],
+        np.concatenate([own.target, own.target + 50]),
+        group=np.r_[own.group, own.group],
+        weight=np.r_[own.weight, own.weight],
+    )
     joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
     alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
     assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
+
+
+def test_weights_are_written_and_read(tmp_path):
+    path, own = tmp_path / "pose.json", task_of(0.5).handles
+    write_handles(path, own)
+    again = read_handles(path, BODY)
+    order = np.argsort(own.index), np.argsort(again.index)
+    for name in ("weight", "target"):
+        assert np.array_equal(getattr(own, name)[order[0]], getattr(again, name)[order[1]])
+    entry = {"source": BODY.V[HIGH].tolist(), "target": (BODY.V[HIGH] + 0.1).tolist(), "weight": 3}
+    path.write_text(json.dumps({"handles": [entry]}))
+    assert np.array_equal(read_handles(path, BODY).weight, np.full(20, 3.0))

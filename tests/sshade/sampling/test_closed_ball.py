@@ -9,7 +9,16 @@ from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.sampling.closed_ball import count_unions, refinements
 from sshade.sampling.fronts import Fronts, farthest_point_sampling
-from tests.sshade.mesh.test_connectivity import CONNECTED, MESHES
+from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
+
+MESHES = {
+    "sphere": jittered(icosphere(1), 0.05),
+    "torus": torus(9, 6),
+    "double torus": double_torus(cells=1),
+    "tube": tube(6, 8),
+    "strip": strip(9, 3),
+    "tetrahedron": tetrahedron(),
+}
 
 
 def cells_of(mesh: Mesh, samples: np.ndarray, cell: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
@@ -95,7 +104,7 @@ def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
 
 
 @pytest.mark.parametrize("voronoi", [True, False], ids=["voronoi", "random"])
-@pytest.mark.parametrize("name", CONNECTED)
+@pytest.mark.parametrize("name", MESHES)
 @given(seed=st.integers(0, 10_000), k=st.integers(1, 25))
 def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed, k):
     mesh, rng = MESHES[name], np.random.default_rng(seed)
@@ -108,8 +117,21 @@ def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed,
 
 
 def test_a_single_cell_fails_at_its_farthest_vertex():
-    mesh = MESHES["closed"]
+    mesh = MESHES["sphere"]
     fronts = Fronts(vertex_graph(mesh), np.array([0]))
     vertices, failed = refinements(mesh.F, fronts)
     assert failed.tolist() == [0]
     assert vertices.tolist() == [int(np.argmax(fronts.distance))]
+
+
+def test_only_the_trace_finds_a_cell_across_a_strip():
+    # The Euler characteristic leaves the boundary out and accepts bands across a strip.
+    mesh = strip(12, 2)
+    cell = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
+    fronts = cells_of(mesh, np.array([0, 9, 18, 27]), cell, np.linspace(1, 2, mesh.n))
+    no_disc, no_arc = failing_unions(mesh, cell)
+    assert not no_disc and no_arc >= {(1,), (2,)}
+    vertices, failed = refinements(mesh.F, fronts)
+    assert {1, 2} <= set(failed.tolist())
+    border = set(mesh.boundary_edges.ravel().tolist())
+    assert len(vertices) and set(vertices.tolist()) <= border
