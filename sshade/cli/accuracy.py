@@ -30,7 +30,7 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
 
     Errors are fractions of the diagonal: the largest of the hard handles, and the mean of the soft handles.
     """
-    at = stored[whole.original]
+    at = whole.picked(stored)
     distance = np.linalg.norm(at[handles.index] - handles.goals(at), axis=1)
     distance /= whole.mesh.diagonal
     hard = handles.exact

@@ -230,7 +230,7 @@ def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surfa
         raise InputError(
             f"{path} has {len(shape.V)} vertices and {mesh} has {len(file.V)}; they must correspond"
         )
-    V = shape.V[surface.original]
+    V = surface.picked(shape.V)
     require_finite(V, path, surface.original)
     return V
 

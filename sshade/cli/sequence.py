@@ -165,7 +165,7 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
     results: list[DeformationResult] = []
 
     def solve(number: int, before: np.ndarray | None) -> np.ndarray:
-        after = None if before is None else (poses[number - 1], before[whole.original])
+        after = None if before is None else (poses[number - 1], whole.picked(before))
         with naming(given.poses[number].name):
             result = sequence(poses[number], after=after)
         results.append(replace(result, vertices=np.empty((0, 3))))

@@ -166,7 +166,7 @@ def _through_marks(
         return task.handles.at(driver(V))
 
     def solve(number: int, before: np.ndarray | None) -> np.ndarray:
-        after = None if before is None else (handles_of(number - 1), before[other.original])
+        after = None if before is None else (handles_of(number - 1), other.picked(before))
         return other.placed(output.V, sequence(handles_of(number), after=after).vertices)
 
     return output, solve

@@ -74,7 +74,7 @@ class MeshFile:
     F: np.ndarray
     holds: tuple[str, ...]
     suffixes: tuple[str, ...]
-    content: Callable[[np.ndarray, Path], bytes | bytearray]
+    content: Callable[[np.ndarray, Path], bytes | memoryview]
     notes: tuple[str, ...] = ()
     rounding: np.ndarray | None = None
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged

@@ -16,7 +16,7 @@ import numpy as np
 
 from sshade.io.document import MeshFile, moved_reference, present, unchanged
 from sshade.io.normals import turned, turns, vertex_turns
-from sshade.io.ply_elements import Element, declared_words, read_header, take
+from sshade.io.ply_elements import Element, copy_rows, declared_words, read_header, take
 from sshade.io.triangles import fanned, strip_triangles
 from sshade.io.words import Numbers, Text, edited
 from sshade.mesh.surface import single_steps
@@ -170,7 +170,7 @@ def _holds(ply: Ply, triangles: int) -> tuple[str, ...]:
 
 def _content(
     ply: Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
-) -> bytes | bytearray:
+) -> bytes | memoryview:
     vertices = ply.elements["vertex"]
     changes = [(vertices, vertices.numbers("x y z"), rest, V)]
     normals = vertices.numbers(" ".join(_NORMAL))
@@ -190,27 +190,28 @@ def _content(
 Change = tuple[Element, list[int], np.ndarray, np.ndarray]
 
 
-def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | bytearray:
+def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | memoryview:
     """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change."""
     header = _header_at(ply.data[: ply.body], source, path)
     return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
 
 
-def _patched(ply: Ply, changes: list[Change], header: bytes) -> bytearray:
-    content = bytearray(len(header) + len(ply.data) - ply.body)
-    content[: len(header)], content[len(header) :] = header, memoryview(ply.data)[ply.body :]
-    every = np.frombuffer(content, np.uint8)[len(header) :]
+def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:
+    content = np.empty(len(header) + len(ply.data) - ply.body, dtype=np.uint8)
+    content[: len(header)] = np.frombuffer(header, np.uint8)
+    every = content[len(header) :]
+    copy_rows(every, np.frombuffer(ply.data, np.uint8)[ply.body :])
     for element, properties, _, new in changes:
         for column, i in enumerate(properties):
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
                 if rows.which is None:
                     values = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
-                    values[f"p{i}"] = new[:, column]
+                    copy_rows(values[f"p{i}"], new[:, column])
                     continue
                 values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
                 every[rows.places(i)[:, None] - ply.body + np.arange(kind.itemsize)] = values
-    return content
+    return content.data
 
 
 def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
@@ -261,4 +262,4 @@ def _vertex_ids(element: Element) -> list[np.ndarray]:
     for ids in found:
         if ids.dtype.kind == "f" and not ((np.abs(ids) < 2**53) & (np.trunc(ids) == ids)).all():
             raise ValueError("a corner of a face is no whole number, or too large")
-    return [ids.astype(np.int64) for ids in found]
+    return [copy_rows(np.empty(ids.shape, dtype=np.int64), ids) for ids in found]

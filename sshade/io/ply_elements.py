@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.io.words import BOM, Text
+from sshade.threads import CHUNK, ThreadTeam, available_cpus
 
 _OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
 _NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
@@ -73,8 +74,20 @@ class Element:
         values = np.empty((self.size, len(properties)))
         for rows in self.rows:
             for column, i in enumerate(properties):
-                values[rows.selection, column] = rows.values[f"p{i}"]
+                if rows.which is None:
+                    copy_rows(values[:, column], rows.values[f"p{i}"])
+                else:
+                    values[rows.which, column] = rows.values[f"p{i}"]
         return values
+
+
+def copy_rows(out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Copy rows (r, ...) into another array, in its type; all CPUs share large copies. Return that array."""
+    cpus, n = available_cpus(), len(rows)
+    with ThreadTeam(cpus if n > CHUNK else 1) as team:
+        part = max(CHUNK, -(-n // cpus))
+        team.ranges(lambda a, b: np.copyto(out[a:b], rows[a:b], casting="unsafe"), n, rows=part)
+    return out
 
 
 def read_header(data: bytes) -> tuple[str, list[Element], int]:

@@ -42,7 +42,13 @@ class Surface(NamedTuple):
 
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
+        if len(moved) == len(V):  # then each vertex of the mesh is the original vertex of its number
+            return moved
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)
+
+    def picked(self, V: np.ndarray) -> np.ndarray:
+        """Return the positions (k, 3) of the mesh's vertices, given V (n, 3) of the original ones."""
+        return V if len(V) == self.mesh.n else V[self.original]
 
     def goals(self, goals: Sequence[VolumeGoal], F: np.ndarray) -> tuple[VolumeGoal, ...]:
         """Return volume goals with original faces F (m, 3) for the faces of the mesh.
@@ -133,12 +139,14 @@ def surface(
     result = whole._replace(facts=facts)
     if repair:
         result = _welded(result, tolerance)
-    else:
+    elif not whole.mesh.is_closed:
         for within in (np.zeros(3), tolerance):
             result = result.merged(seams(result.mesh, within))
-    there = result.vertex >= 0
-    near = int((result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum())
-    doubled = int(there.sum()) - result.mesh.n - near
+    near = doubled = 0
+    if result.mesh.n < whole.mesh.n:
+        there = result.vertex >= 0
+        near = int((result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum())
+        doubled = int(there.sum()) - result.mesh.n - near
     return result._replace(facts={**result.facts, "near": near, "doubled": doubled})
 
 

@@ -351,9 +351,8 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     handle = np.zeros(mesh.n, dtype=bool)
     handle[index] = True
     near = mesh.connectivity.neighbours
-    pattern = np.ones(len(near.indices), dtype=bool)
-    beside_others = csr_array((pattern, near.indices, near.indptr), shape=(mesh.n, mesh.n)) @ ~handle
-    return index[beside_others[index]]
+    beside = csr_array((near.indices, near.indices, near.indptr), shape=(mesh.n, mesh.n))[index]
+    return index[np.logical_or.reduceat(~handle[beside.indices], beside.indptr[:-1])]
 
 
 def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
