@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,8 +32,8 @@ def time_scaling(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, 
     Returns
     -------
     list of dict
-        Rows with ``peak_mib``: the peak of memory during a call, minus the memory before the first call.
-        Memory that the allocator keeps from earlier calls counts. None if the system does not report it.
+        Rows with ``peak_mib``: the peak of memory during a call, minus the memory before the first call. The
+        allocator of glibc first returns memory of earlier calls. None if the system does not report it.
 
     Raises
     ------
@@ -61,6 +62,8 @@ def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:
     def call() -> Row:
         if before is None:
             return job.call() | {"peak_mib": None}
+        if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+            trim(0)
         Path("/proc/self/clear_refs").write_text("5")  # resets the peak to the memory in use
         row = job.call()
         return row | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
