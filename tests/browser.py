@@ -1,4 +1,4 @@
-"""A browser for tests, where there is one, and what of its pictures they look at."""
+"""Open pages in a browser, if the machine has one, and compare pictures of them."""
 
 import io
 import os
@@ -10,11 +10,11 @@ import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
-#: WebGL in software, as a machine without a screen has no other; the page around it without WebGL takes half
-#: the time. The sandbox is not for root.
+#: WebGL runs in software, because a machine without a screen has no other. Drawing the rest of the page
+#: without WebGL halves the time. Root needs the flag --no-sandbox as well.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
 
-#: In each line about a driver that is slower than it could be.
+#: Text in each message of the browser about a slow driver.
 SLOW = "GL Driver Message (OpenGL, Performance"
 
 
@@ -34,9 +34,9 @@ def browser():
 
 @contextmanager
 def opened(browser, address: str, *, width: int = 1280, height: int = 900, **settings):
-    """Open a page, which lists what it printed as `said`, and the addresses that it asked for as `asked`.
+    """Open a page. Its list `said` has the printed messages, its list `asked` the requested addresses.
 
-    What the browser itself prints about slow drivers is left out.
+    Messages of the browser itself about slow drivers are left out.
     """
     page = browser.new_page(viewport={"width": width, "height": height}, **settings)
     page.said, page.asked = [], []
@@ -54,12 +54,12 @@ def opened(browser, address: str, *, width: int = 1280, height: int = 900, **set
 
 
 def pixels(locator) -> np.ndarray:
-    """(height, width, 3) colours of an element as it is on the screen."""
+    """Return the (height, width, 3) colours of an element on the screen."""
     from PIL import Image
 
     return np.asarray(Image.open(io.BytesIO(locator.screenshot())).convert("RGB")).astype(int)
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the pixels that changed visibly."""
+    """Return the fraction of the pixels that changed visibly."""
     return float((np.abs(before - after).max(axis=2) > 30).mean())

@@ -1,11 +1,11 @@
-"""What all tests share: reproducible property tests, and a few meshes that are built once."""
+"""Settings and fixtures of all tests: reproducible property tests, and a few meshes that are built once."""
 
 import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
-# Numpy reads it when it is imported. Threads of BLAS wait busily, and tests that run at once share the cores.
+# Numpy reads this variable when it is imported. BLAS threads wait busily, and parallel tests share the cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
@@ -18,7 +18,7 @@ from tests.browser import browser as browser
 from tests.shapes import bumpy
 from tools.compile_kernels import LIST
 
-# Functions of the tests' own that configurations and rows name; processes inherit it.
+# Prefixes of the test functions that configurations and rows name. Child processes inherit the variable.
 os.environ["EVAL_ALLOW_TARGETS"] = "eval_cases.,report_runs.,test_"
 
 LISTED = set(LIST.read_text("utf-8").splitlines())
@@ -42,14 +42,14 @@ def small_body() -> Mesh:
 
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
-    """A new folder, which is the current one."""
+    """A new folder, which is the working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call() -> Iterator[None]:
-    """A test fails if it compiles a kernel that is not in the list, which users would wait for."""
+    """Fail a test that compiles a kernel outside the list, because users would wait for its compilation."""
     unlisted = []
 
     class Compilations(event.Listener):
@@ -69,7 +69,10 @@ def pytest_runtest_call() -> Iterator[None]:
 
 
 def pytest_collection_finish() -> None:
-    """What is there by then stays to the end: the garbage collector need not look at it again, nor often."""
+    """Let the garbage collector run less often and skip the objects that exist now.
+
+    These objects live until the end of the tests.
+    """
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

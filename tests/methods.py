@@ -1,4 +1,4 @@
-"""The methods that the project ships, and one of your own where the variable METHOD names it."""
+"""Methods that the project ships, and your own method if the environment variable METHOD names it."""
 
 import os
 from collections.abc import Callable
@@ -32,10 +32,10 @@ def configured(name: str, *overrides: str) -> Callable[..., DeformationResult]:
 
 
 def methods(*folders: str) -> list[str]:
-    """Names of YAMLs in folders of ``conf/method``, "" for itself, whose functions are the project's.
+    """Return the names of the YAMLs in folders of ``conf/method`` that name a function of the project.
 
-    ``METHOD=mymethod pytest tests/contract`` holds that one to the contract, too. `external` is left out,
-    because it is no method before it has a program.
+    The folder "" is ``conf/method`` itself. ``METHOD=mymethod pytest tests/contract`` tests `mymethod`, too.
+    `external` is left out, because it needs a program to become a method.
     """
     root = CONFIGURATION / "method"
     found = [path for folder in folders for path in sorted((root / folder).glob("*.yaml"))]

@@ -1,4 +1,4 @@
-"""Small meshes for the tests, each with a known topology and no file behind it, and handles at their ends."""
+"""Small meshes of known topology for the tests, made without files, and handles at their ends."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def icosphere(level: int) -> Mesh:
 
 
 def subdivided(mesh: Mesh) -> Mesh:
-    """Every triangle cut into four at its edges' midpoints."""
+    """Cut every triangle into four at the midpoints of its edges."""
     a, b, c = mesh.F.T
     ab, bc, ca = mesh.n + mesh.face_edges.T
     F = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
@@ -55,7 +55,7 @@ def strip(length: int, width: int) -> Mesh:
 
 
 def folded(length: int = 80, width: int = 16, *, gap: float = 0.05) -> Mesh:
-    """A strip laid back onto itself, its two curved layers `gap` apart; vertices in the strip's order."""
+    """Fold a strip onto itself. Its two curved layers are `gap` apart; the order of vertices stays."""
     sheet = strip(length, width)
     x, y, _ = jittered(sheet, 0.1).V.T
     upper = x > length / 2
@@ -79,9 +79,9 @@ def tube(around: int = 16, along: int = 30, *, length: float = 6.0) -> Mesh:
 
 
 def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
-    """Surface of a solid made of unit cubes, each cut into cells^3; faces outwards.
+    """Surface of a solid made of unit cubes, each cut into cells^3.
 
-    Cubes that touch along an edge or at a corner only make it non-manifold.
+    Faces point outwards. Cubes that touch only along an edge or at a corner make the surface non-manifold.
     """
     solid = np.kron(np.asarray(solid, dtype=np.int8), np.ones((cells,) * 3, dtype=np.int8)).astype(bool)
     filled = np.pad(solid, 1)
@@ -105,26 +105,27 @@ def block(solid: np.ndarray, *, cells: int = 1) -> Mesh:
 
 
 def beside(*meshes: Mesh) -> Mesh:
-    """One mesh of several components."""
+    """Join meshes into one mesh of several components."""
     offset = np.cumsum([0, *(mesh.n for mesh in meshes[:-1])])
     faces = [mesh.F + o for mesh, o in zip(meshes, offset, strict=True)]
     return Mesh(np.concatenate([mesh.V for mesh in meshes]), np.concatenate(faces))
 
 
 def unjoined(mesh: Mesh) -> Mesh:
-    """The mesh with vertices of its own for each face."""
+    """Return the mesh with three separate vertices for each face."""
     return Mesh(mesh.V[mesh.F].reshape(-1, 3), np.arange(3 * mesh.m).reshape(-1, 3))
 
 
 def shifted(mesh: Mesh, shift) -> Mesh:
-    """The mesh elsewhere."""
+    """Return the mesh moved by `shift`."""
     return Mesh(mesh.V + shift, mesh.F)
 
 
 def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arrays V, F of a mesh with a seam across its middle, and the vertices (k,) along it.
+    """Return V and F of a mesh cut along a seam across its middle, and the vertices (k,) on the seam.
 
-    First comes a vertex of no face, then the mesh's, then k copies for the faces on one side.
+    V begins with a vertex that belongs to no face. The vertices of the mesh follow, then k copies of the
+    vertices on the seam. The faces on one side of the seam use the copies.
     """
     behind = mesh.V[mesh.F].mean(axis=1)[:, 0] > mesh.V[:, 0].mean()
     seam = np.intersect1d(mesh.F[behind], mesh.F[~behind])
@@ -156,13 +157,13 @@ def double_torus(*, cells: int = 2) -> Mesh:
 
 
 def jittered(mesh: Mesh, amount: float, *, seed: int = 0) -> Mesh:
-    """Every coordinate moved by up to `amount`: no two distances are equal any more."""
+    """Move every coordinate at random by up to `amount`, so that no two distances are equal."""
     rng = np.random.default_rng(seed)
     return Mesh(mesh.V + rng.uniform(-amount, amount, mesh.V.shape), mesh.F)
 
 
 def bumpy(level: int = 3) -> Mesh:
-    """Closed surface without any symmetry, longest along z, then y."""
+    """Closed surface without symmetry. Its longest axis is z; its second longest is y."""
     mesh = icosphere(level)
     x, y, z = mesh.V.T
     radius = 1 + 0.2 * np.sin(3 * x + 1) + 0.1 * np.cos(5 * y + z) + 0.1 * np.sin(2 * z - 4 * x * y)
@@ -170,7 +171,7 @@ def bumpy(level: int = 3) -> Mesh:
 
 
 def bent(V: np.ndarray, amount: float = 0.3) -> np.ndarray:
-    """A smooth non-rigid motion of space, for deforming proxies without a solver."""
+    """Move points by a smooth non-rigid map. Tests deform proxies with it, without a solver."""
     x, y, z = V.T
     return np.stack([x + amount * z**2, y + amount * np.sin(x), z + 0.5 * amount * x * y], axis=1)
 
@@ -183,7 +184,7 @@ def rotation(seed: int = 0) -> np.ndarray:
 
 
 def family() -> dict[str, Mesh]:
-    """A mesh of each topology that the method keeps: sphere, genus two, two boundary loops, one."""
+    """A mesh of each topology that the method keeps: sphere, genus 2, tube and disc."""
     return {
         "bumpy": bumpy(3),
         "double torus": double_torus(cells=3),
@@ -201,9 +202,9 @@ def end_handles(
     turn=NO_TURN,
     shift=(0.0, 0, 0),
 ) -> Handles:
-    """Handles at both ends along an axis: one stays, the other is turned and shifted.
+    """Return handles at both ends along an axis. The lower end stays; the upper end is turned and shifted.
 
-    `share` is that of the extent, unless `count` says how many vertices an end has.
+    Each end covers the fraction `share` of the extent, or has `count` vertices if `count` is given.
     """
     x = V[:, axis]
     if count is None:
@@ -217,9 +218,10 @@ def end_handles(
 
 
 def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=None, **more) -> Handles:
-    """Groups of handles: each has its vertices, as ids or a mask, and how far or by which map they move.
+    """Return groups of handles. Each part has vertices, as ids or a mask, and a shift or map that moves them.
 
-    Weights, slides and rotations are one for each group, a rotation that is None left free.
+    Slides and rotations have one entry for each group. A rotation of None leaves the rotation of its group
+    free. Weights have one entry for each group, or one number applies to all groups.
     """
     index = [np.arange(len(V))[vertices] for vertices, _ in parts]
     group = np.repeat(np.arange(len(parts)), [len(own) for own in index])
@@ -235,7 +237,7 @@ def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=No
 
 
 def of_all(*given: tuple[Handles, int]) -> Handles:
-    """Handles of several meshes, with what is to be added to their ids."""
+    """Join handles of several meshes. Each pair has handles and the number to add to their vertex ids."""
     return Handles(
         np.concatenate([handles.index + offset for handles, offset in given]),
         np.concatenate([handles.target for handles, _ in given]),
@@ -246,6 +248,9 @@ def of_all(*given: tuple[Handles, int]) -> Handles:
 
 
 def held_ends(mesh: Mesh, *, axis: int = 2, share: float = 0.15, turn=QUARTER) -> DeformationTask:
-    """One end along an axis stays, the other turns about the origin and rises by 0.1 along the axis."""
+    """Return a task that fixes the lower end along an axis.
+
+    The upper end turns about the origin and rises by 0.1 along the axis.
+    """
     handles = end_handles(mesh.V, axis=axis, share=share, turn=turn, shift=0.1 * np.eye(3)[axis])
     return DeformationTask("ends", mesh, handles)

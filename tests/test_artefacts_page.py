@@ -1,4 +1,4 @@
-"""docs/artefacts.md: it shows every table of its script, and its numbers are those of the methods."""
+"""docs/artefacts.md shows every table of its script, and its numbers agree with the methods' results."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The corpus of mesh files: one method on a part of it, and faults that its checks must find."""
+"""Run one method on a part of the corpus of mesh files, and test that the corpus' checks find faults."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tools.corpus.run import WRONG, try_case
 from tools.corpus.shapes import body, soup
 from tools.corpus.write import Gltf
 
-#: Kinds of which all cases are tried; of the others, every fourth case.
+#: Kinds whose cases are all tried. Every fourth case of the corpus is tried, too.
 WHOLE = ("bad", "handles", "ply", "obj", "off", "stl", "gltf")
 SOME = [case for k, case in enumerate(cases()) if case.name.startswith(WHOLE) or k % 4 == 0]
 
@@ -55,7 +55,7 @@ V, F = soup(body(2))
 REST = Document(V, F, ["colours"], 0.0)
 JOINTS = Joints(REST)
 HANDLES = made(REST, JOINTS, "soup")
-#: A sound result of handles that stay.
+#: Handles whose targets are their rest positions, so that the rest mesh is a sound result.
 STILL = replace(HANDLES, target=V[HANDLES.index], complete=False)
 FREE = int(np.setdiff1d(np.arange(len(V)), HANDLES.index)[0])
 COPIES = np.flatnonzero(JOINTS.place == JOINTS.place[FREE])

@@ -1,7 +1,7 @@
 """No compiled function uses a compiled function or a constant of another file.
 
-The store of machine code knows the source of the kernel's own file only. After an edit of the other file
-alone, users would go on with the old machine code.
+The store of machine code checks only the source file of the kernel itself. After an edit of another file
+alone, users would keep the old machine code.
 """
 
 import ast
@@ -18,13 +18,13 @@ PACKAGES = ("sshade", "baselines", "defaust", "eval")
 
 
 def kernels(module: ModuleType) -> list[CPUDispatcher]:
-    """The compiled functions that a module defines, whatever names it gives them."""
+    """Return the compiled functions that a module defines, under any name."""
     named = [value for value in vars(module).values() if isinstance(value, CPUDispatcher)]
     return [kernel for kernel in named if kernel.py_func.__module__ == module.__name__]
 
 
 def calls_across(module: ModuleType) -> list[str]:
-    """Each use of another module's compiled function within a compiled function, also through re-exports."""
+    """List the uses of other modules' compiled functions in compiled functions, also through re-exports."""
     found = []
     for kernel in kernels(module):
         names, scope = kernel.py_func.__code__.co_names, kernel.py_func.__globals__

@@ -1,4 +1,4 @@
-"""Tables of pages are those of the committed results, links hold, and pictures can be drawn again."""
+"""Tables of pages agree with the committed results, links work, and each picture is shown once."""
 
 import re
 
@@ -14,7 +14,7 @@ LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
 
 
 def headings(page) -> set[str]:
-    """The anchors of a page."""
+    """Return the anchors of the headings of a page."""
     text = page.read_text(encoding="utf-8")
     return {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in re.findall(r"^#+ (.+)", text, re.M)}
 

@@ -1,4 +1,4 @@
-"""ARAP-SR against a small dense implementation, measured figures, and its limits in alpha."""
+"""ARAP-SR against a small dense implementation; its start, its stopping rule and its acceleration."""
 
 import igl
 import numpy as np
@@ -25,7 +25,7 @@ def dense_weights(mesh: Mesh, *, clamp: bool) -> np.ndarray:
 
 
 def reference(task, *, alpha, clamp, iterations, start) -> np.ndarray:
-    """The same iteration with dense matrices, loops and LAPACK's singular value decomposition."""
+    """Run the same iteration with dense matrices, loops and LAPACK's singular value decomposition."""
     mesh, held = task.mesh, task.handles.index
     w = dense_weights(mesh, clamp=clamp)
     stars = [np.unique(mesh.F[(i == mesh.F).any(axis=1)]) for i in range(mesh.n)]
@@ -61,7 +61,7 @@ def test_equals_a_dense_implementation_to_rounding(mesh, clamp, alpha, start):
 
 
 def test_begins_from_the_guess_of_the_task(body):
-    """Its rotations are fitted to the guess: from the result, one iteration is as small as the last."""
+    """The rotations are fitted to the guess, so an iteration that starts at the result hardly moves it."""
     task = held_ends(body)
     result = arap_sr(task, alpha=1e-5, tolerance=1e-5, max_iterations=2000)
     again = DeformationTask("again", body, task.handles, guess=result.vertices)
@@ -75,7 +75,7 @@ def test_begins_from_the_guess_of_the_task(body):
 
 
 def test_the_change_of_rotations_is_part_of_the_residual(body):
-    """A rest shape is; the change of a rotation is that of its quaternion, whatever the sign."""
+    """A task at rest converges at once. `largest_turn` compares quaternions up to their sign."""
     task = DeformationTask("still", body, Handles(np.arange(4), body.V[:4]), guess=body.V)
     assert arap_sr(task, max_iterations=1).converged
     before = np.tile([1.0, 0, 0, 0], (2, 1))
@@ -100,6 +100,6 @@ def test_an_acceleration_that_always_begins_anew_is_the_plain_iteration(body, mo
     task = held_ends(body)
     plain = arap_sr(task, tolerance=0, max_iterations=40)
     restarted = arap_sr(task, tolerance=0, max_iterations=40, accelerate=True)
-    assert restarted.extra["restarts"] == 38  # not after the first step, and no mixing after the last
+    assert restarted.extra["restarts"] == 38  # no restart after the first step, and no mixing after the last
     assert plain.extra["restarts"] == 0
     assert np.abs(restarted.vertices - plain.vertices).max() < 1e-12 * body.diagonal

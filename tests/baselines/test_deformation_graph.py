@@ -59,7 +59,7 @@ def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
 
 def test_nodes_on_one_line_take_all_others_and_give_up():
     mesh = strip(20, 1)
-    _, fronts = sampled(mesh, 5, first=(0, 8, 16, 24, 32))  # all on one side of the strip
+    _, fronts = sampled(mesh, 5, first=(0, 8, 16, 24, 32))  # all nodes on one side of the strip
     edges = node_graph(mesh, fronts)
     assert np.ptp(mesh.V[fronts.samples, 1]) == 0
     assert len(edges) == 5 * 4 / 2
@@ -91,7 +91,7 @@ def test_binding_equals_plain_loops(name, blended):
 
 
 def test_nodes_equally_far_count_the_same():
-    mesh = strip(2, 2)  # the centre is one or sqrt(2) edges from the others
+    mesh = strip(2, 2)  # all four nodes are at distance 1 from the centre, vertex 4
     graph, fronts = sampled(mesh, 4, first=(1, 3, 5, 7))
     bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts), blended=3)
     np.testing.assert_allclose(bound.data[slice(*bound.indptr[4:6])], np.full(3, 1 / 3))
@@ -105,7 +105,7 @@ def test_a_single_node_carries_everything():
 
 
 def reference(task, *, nodes, iterations):
-    """Local/global with dense matrices and LAPACK's SVD on the graph; the blend vertex by vertex."""
+    """Solve the graph by local/global with dense matrices and LAPACK's SVD, then blend vertex by vertex."""
     mesh, h = task.mesh, len(task.handles)
     graph, fronts = sampled(mesh, nodes, first=task.handles.index)
     edges = node_graph(mesh, fronts)

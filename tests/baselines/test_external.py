@@ -1,4 +1,4 @@
-"""Programs as methods: files, failures, memory, and what is left of a program that is ended."""
+"""Programs as methods: files, failures and memory. No process of a program is left after its end."""
 
 import json
 import os
@@ -23,7 +23,7 @@ from tests.eval.external_programs import TEXTS, allow
 from tests.shapes import bumpy, end_handles
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
-#: Writes the positions of an OFF file, moved by 1 along x.
+#: Shell script that writes the positions of an OFF file, moved by 1 along x.
 SHIFTING = (
     'n=$(sed -n 2p "$1" | cut -d" " -f1); '
     'tail -n +3 "$1" | head -n "$n" | awk "{print \\$1 + 1, \\$2, \\$3}" > "$3"'
@@ -183,7 +183,7 @@ def test_no_shell_reads_a_command(task, monkeypatch, tmp_path):
 
 
 def gone(pids: list[int]) -> bool:
-    """Whether processes end within a few seconds; one that is killed and not yet collected has ended."""
+    """Return whether all processes end within 10 s. A killed process that is not yet collected has ended."""
     end = monotonic() + 10
     while monotonic() < end:
         if not any(psutil.pid_exists(p) and psutil.Process(p).status() != psutil.STATUS_ZOMBIE for p in pids):
@@ -194,7 +194,7 @@ def gone(pids: list[int]) -> bool:
 
 @pytest.mark.parametrize("after", ["wait", "exit 0", "exit 1"])
 def test_no_process_of_a_program_is_left(run, tmp_path, monkeypatch, after):
-    """Its children are killed at the limit, and those that it leaves behind at its end."""
+    """A program's children are killed at the time limit, or at its end if it leaves them behind."""
     monkeypatch.setenv(TIME_LIMIT, "1")
     pids = tmp_path / "pids"
     text = f"{SHIFTING}; sleep 600 & echo $! $$ > {pids}; echo waiting >&2; {after}"

@@ -1,4 +1,4 @@
-"""What Implicit-ARAP promises without torch, and its normalisation."""
+"""Implicit-ARAP without torch, and its normalisation of meshes."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ from tests.shapes import bumpy, held_ends
 
 
 class Absent:
-    """Import machinery that does not find torch; a None in sys.modules would confuse scipy."""
+    """Finder of modules that does not find torch. A None in sys.modules would confuse scipy."""
 
     @staticmethod
     def find_spec(name, path=None, target=None):

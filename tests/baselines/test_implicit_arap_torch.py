@@ -53,7 +53,7 @@ def points(count=200, seed=1):
 
 
 def twist():
-    """An icosphere with one cap held and the other turned by 40 degrees about z."""
+    """A task on an icosphere: the lower cap stays, the upper cap turns by 40 degrees about z and rises."""
     return held_ends(icosphere(3), share=0.1, turn=Rotation.from_euler("z", 40, degrees=True).as_matrix())
 
 
@@ -99,7 +99,7 @@ def test_grid_distance_to_a_sphere():
     x = x[x.norm(dim=-1) > 0.15]  # at the centre the gradient jumps
     f, gradient = sdf.with_gradient(x)
     torch.testing.assert_close(f, sdf(x))
-    assert (f - exact(x)).abs().max() < 0.004  # chords of the icosphere, and a voxel of 0.03
+    assert (f - exact(x)).abs().max() < 0.004  # the icosphere's faces are flat, and a voxel measures 0.03
     angle = torch.rad2deg(torch.acos(torch.nn.functional.cosine_similarity(gradient, x, dim=-1).clamp(max=1)))
     assert angle.mean() < 1
     assert (gradient.norm(dim=-1) - 1).abs().mean() < 0.02
@@ -155,7 +155,7 @@ def test_correct_weights_are_those_of_libigl():
     source, target = (part.argmax(dim=1).numpy() for part in (pattern.source, -pattern.difference))
     expected = np.asarray(cotangents.todense())[source, target]
     assert len(expected) == 2 * len(igl.edges(F))
-    assert igl.doublearea(V, F).min() > 2e-6  # under that weights are limited
+    assert igl.doublearea(V, F).min() > 2e-6  # below 2e-6, weights are limited
     np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-3)
 
 
@@ -167,7 +167,7 @@ def test_patches_lie_on_the_level_set_of_their_centre():
     torch.testing.assert_close(patches[:, 0], centres, atol=1e-6, rtol=0)
     levels = sdf(patches.flatten(0, 1)).unflatten(0, patches.shape[:2])
     torch.testing.assert_close(levels, sdf(centres)[:, None].expand_as(levels), atol=1e-6, rtol=0)
-    # They keep the pattern's shape and its side: the normals of their triangles look outwards.
+    # Patches keep the orientation of the pattern: the normals of their triangles point outwards.
     a, b, c = patches[:, pattern.triangles].unbind(2)
     outwards = (torch.linalg.cross(b - a, c - a) * a).sum(dim=-1)
     assert (outwards > 0).float().mean() > 0.99
@@ -200,7 +200,7 @@ def test_energy_is_zero_for_a_rigid_motion_alone():
 
 
 def test_energy_of_a_stretch_by_hand():
-    """A unit square stretched by 1.5 along x, R = 1: sides along x have weight 1, listed twice."""
+    """Stretch a unit square by 1.5 along x, with R = 1. Its sides along x have weight 1 and count twice."""
     pattern = pattern_of(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]), np.array([[0, 1, 2], [0, 2, 3]]))
     flat = torch.nn.functional.pad(pattern.points, (0, 1))[None]
     eye = torch.eye(3).expand(*flat.shape, 3)

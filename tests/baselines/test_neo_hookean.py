@@ -29,7 +29,7 @@ def test_the_elastic_derivatives_are_those_of_the_energy():
     h = 1e-6
     slope = (problem.energy(x + h * d) - problem.energy(x - h * d)) / (2 * h)
     assert (problem.gradient(x) * d).sum() == pytest.approx(slope, rel=1e-6)
-    # At rest, where simkit's projection has nothing to do, the Hessian is that of the energy.
+    # At rest, simkit's projection changes nothing, so the Hessian is the derivative of the gradient.
     change = (problem.gradient(X + h * d) - problem.gradient(X - h * d)) / (2 * h)
     found = (problem.hessian(X) @ d.ravel()).reshape(-1, 3)
     assert np.abs(found - change).max() < 1e-4 * np.abs(change).max()
@@ -67,4 +67,4 @@ def test_a_stretched_body_thins_by_poissons_ratio(poisson):
     np.testing.assert_allclose(thinner, -poisson, atol=1e-9)
     shear = np.zeros(9)
     shear[[1, 3]] = 0.5
-    assert shear @ H @ shear == pytest.approx(1.0)  # the modulus
+    assert shear @ H @ shear == pytest.approx(1.0)  # the shear modulus

@@ -21,7 +21,8 @@ from tests.shapes import bumpy, held_ends, icosphere, moved_parts, rotation, tub
 COARSE = {"samples": 300, "edge": 0.12}
 VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
 
-#: Nearest node's offset, and simkit's floor of eigenvalues.
+#: Maximum error of a rigid motion, as a fraction of the diagonal. Errors come from the offset between a
+#: handle and its nearest node, and from simkit's lower limit of eigenvalues.
 CLOSE = 1e-6
 
 
@@ -35,7 +36,7 @@ def installed(request):
 
 @pytest.fixture
 def without_extra():
-    """A test that needs none of the extras."""
+    """Mark a test that runs without the extra `tet`."""
 
 
 def test_tetrahedra_are_positive_and_carry_every_vertex():
@@ -45,10 +46,10 @@ def test_tetrahedra_are_positive_and_carry_every_vertex():
     assert made.volumes.sum() == pytest.approx(mesh.volume, rel=0.05)
     np.testing.assert_allclose(made.carry @ made.V, mesh.V, atol=1e-13 * mesh.diagonal)
     assert np.abs(made.carry.sum(axis=1) - 1).max() < 1e-12
-    # Affine maps are carried exactly, whatever the tetrahedra.
+    # Any tetrahedra carry affine maps exactly.
     A = rotation(1) * [1.0, 2.0, 0.5]
     np.testing.assert_allclose(made.carry @ (made.V @ A.T + 3), mesh.V @ A.T + 3, atol=1e-12 * mesh.diagonal)
-    # No coordinate is far outside: the surface lies in the tetrahedra or just beside them.
+    # Barycentric coordinates exceed -1, so the surface lies in the tetrahedra or just beside them.
     assert made.carry.data.min() > -1
 
 
@@ -149,7 +150,7 @@ def test_groups_stay_parts_and_what_shares_no_motion_is_one():
 
 def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
     task = held_ends(bumpy(2))
-    # libigl fits rotations in float32, which the residual does not fall far below.
+    # libigl fits rotations in float32, so the residual does not fall far below that precision.
     options = {**COARSE, "tolerance": 1e-6, "max_iterations": 4000}
     result, again = (tetrahedral_arap(task, **options, start=start) for start in ("rigid", "rest"))
     assert result.converged and again.converged
@@ -159,7 +160,7 @@ def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
 
 
 def test_bounded_biharmonic_weights_blend_two_bones():
-    """Between a bone that stays and one that is shifted, every vertex goes a share of the way."""
+    """Every vertex between a fixed bone and a shifted bone moves by a fraction of the shift."""
     mesh = bumpy(3)
     z = mesh.V[:, 2]
     handles = moved_parts(mesh.V, (z < np.quantile(z, 0.1), 0), (z > np.quantile(z, 0.9), [0.0, 0.0, 1.0]))
@@ -174,14 +175,14 @@ def test_bounded_biharmonic_weights_blend_two_bones():
 
 
 def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
-    """Handles that are single vertices far from each other, in general position, under an affine map."""
+    """An affine map moves six handles: single vertices in general position, far from each other."""
     mesh = bumpy(3)
     index = np.array([int(np.argmax(mesh.V @ d)) for d in np.concatenate([np.eye(3), -np.eye(3)])])
     expected = mesh.V @ np.array([[1.0, 0.2, 0], [0, 1.1, 0], [0.1, 0, 0.9]]).T
     handles = Handles(index, expected[index], group=np.arange(6))
     result = biharmonic_coordinates(DeformationTask("affine", mesh, handles), **COARSE)
     free = np.setdiff1d(np.arange(mesh.n), index)
-    # A node next to a handle is moved by its translation alone: off by the offset's change.
+    # A node next to a handle only takes the handle's translation, and misses the change of its offset.
     gap = np.linalg.norm(result.vertices - expected, axis=1)[free]
     assert np.median(gap) < 0.02 * mesh.diagonal
 

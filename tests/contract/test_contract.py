@@ -1,4 +1,4 @@
-"""What every method of conf/method and of its folders peer and transfer promises, whoever wrote it."""
+"""Promises that every method keeps in conf/method and its folders peer and transfer, whoever wrote it."""
 
 from types import SimpleNamespace
 
@@ -13,18 +13,19 @@ from tests.shapes import bumpy, end_handles
 
 METHODS = methods("", "peer", "transfer")
 
-#: Relative to the bounding-box diagonal.
+#: Maximum error of a position, as a fraction of the bounding-box diagonal.
 CLOSE = 1e-6
 
 #: libigl fits rotations in float32: targets at rest already move vertices by 1.2e-5 of this mesh's diagonal.
 CLOSE_LIBIGL = 5e-5
 
-#: Soft handles and few steps: a learned method is only near.
+#: A learned method is less exact, because its handles are soft and it takes few steps here.
 CLOSE_LEARNED = 2e-2
 
-#: SShaDe's frames follow a coordinate of the mesh, so its result depends on how the mesh lies in the axes:
-#: 0.7e-3 to 1.5e-3 over four random turns with this coarse proxy.
-#: A learned method's samples and features lie along the axes too: 3e-2 to 4e-2 after its few steps.
+#: Maximum errors of methods whose result depends on how the mesh lies in the axes.
+#: SShaDe's frames follow a coordinate of the mesh. With this coarse proxy, four random turns change its
+#: result by 0.7e-3 to 1.5e-3. The samples and features of a learned method lie along the axes. After its few
+#: steps, turns change its result by 3e-2 to 4e-2.
 AXIS_DEPENDENT = {
     "paper": 3e-3,
     "paper_plain": 3e-3,
@@ -33,8 +34,9 @@ AXIS_DEPENDENT = {
     "peer/lattice_arap": 1e-2,
 }
 
-#: fTetWild makes other tetrahedra of a turned mesh, and would of the same one again; three times what was
-#: seen with tetrahedra as coarse as here.
+#: Maximum errors of methods on tetrahedra. fTetWild fills a turned mesh with other tetrahedra; even a second
+#: run on the same mesh would give other tetrahedra. The values are three times the errors that were measured
+#: with tetrahedra as coarse as here.
 OTHER_TETRAHEDRA = {
     "peer/bbw": 4e-3,
     "peer/biharmonic_coordinates": 4e-2,
@@ -43,10 +45,11 @@ OTHER_TETRAHEDRA = {
     "peer/neo_hookean": 1e-2,
 }
 
-#: A transfer's vertex that is as near to two triangles of the proxy goes with one or the other by rounding.
+#: Maximum error of a transfer. If a vertex is equally near to two triangles of the proxy, rounding decides
+#: which triangle the vertex follows.
 TRANSFER = 3e-3
 
-#: Turns that carry axes to axes without rounding, and one that does not.
+#: Three rotations that map axes to axes without rounding, and a general rotation.
 TURNS = {
     "no turn": np.eye(3),
     "quarter turn about x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
@@ -83,7 +86,7 @@ def transfer_task() -> TransferTask:
 
 
 def moved(task, R: np.ndarray, shift: np.ndarray, factor: float = 1.0):
-    """All positions of a task turned, shifted and scaled."""
+    """Return a task whose positions are all turned, scaled and shifted."""
 
     def place(V: np.ndarray) -> np.ndarray:
         return factor * (V @ R.T) + shift

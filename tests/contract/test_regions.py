@@ -1,4 +1,4 @@
-"""Every method of conf/method takes handles that are regions, of any size and shape."""
+"""Every method of conf/method and its folder peer accepts handle regions of any size and shape."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -17,23 +17,25 @@ from tests.shapes import beside, block, bumpy, jittered, moved_parts, shifted
 
 METHODS = [name for name in methods("", "peer") if name != "identity"]
 
-#: Handles as soft as the methods' own weight has them: mean distance over the diagonal.
+#: Methods whose handles are soft by default: maximum mean distance of handles from their targets, as a
+#: fraction of the diagonal.
 SOFT = {"peer/slim": 1e-2, "peer/neo_hookean": 2e-2}
 NEAR = 5e-2
 #: Linear fields move with their handles but do not turn with them: faces between two regions may flip.
 LINEAR = {"peer/harmonic", "peer/biharmonic", "peer/rbf"}
-#: Edges change at most by so much more than with ARAP: those of a coarse proxy beside a region that moves.
+#: Maximum edge change, as a multiple of ARAP's edge change. A method with a coarse proxy changes edges more
+#: beside a region that moves.
 MORE = 3.0
 
 
 def turned(degrees: float, *, shift=(0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0)):
-    """A map that turns positions about the direction z through a point and shifts them."""
+    """Return a map that turns positions about the axis along z through `centre` and then shifts them."""
     turn = Rotation.from_euler("z", degrees, degrees=True)
     return lambda V: turn.apply(V - centre) + centre + shift
 
 
 def cases() -> dict[str, tuple[Mesh, list[tuple]]]:
-    """Meshes with the parts that are held or moved."""
+    """Return meshes, each with the parts that are fixed or moved."""
     body, bar = bumpy(4), jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
     two = beside(body, shifted(body, [6, 0, 0]))
     z, first = body.V[:, 2], np.arange(two.n) < body.n
@@ -86,7 +88,7 @@ def test_regions_are_taken(method, name):
         np.testing.assert_array_equal(array, copy)
     gap = np.linalg.norm(V[case.handles.index] - case.handles.target, axis=1) / case.mesh.diagonal
     if method.name in LEARNED:
-        assert np.median(gap) < NEAR or name == "a component"  # few steps of training move none so far
+        assert np.median(gap) < NEAR or name == "a component"  # few training steps cannot move it so far
         return
     if method.name in SOFT:
         assert gap.mean() < SOFT[method.name]

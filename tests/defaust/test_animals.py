@@ -1,4 +1,4 @@
-"""The asset of the animals, the tool that baked it, its source, and tasks made of it."""
+"""The animals: their asset, the tool that baked the asset, their source, and tasks made from them."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from tools.bake.capsules import make_rig
 from tools.bake.template import quantise_weights
 
 SUBJECTS = range(len(SPECIES))
-#: Bones of each leg, without its side.
+#: Names of the bones of each leg, without the suffix of the side.
 LEGS = {
     "fore": {"shoulder", "forearm", "forepaw", "forefoot", "cannon", "hoof"},
     "hind": {"thigh", "shank", "foot", "hindfoot", "pastern", "hindhoof"},
@@ -25,7 +25,7 @@ LEGS = {
 
 
 def normals(V, F):
-    """Doubled areas times normals."""
+    """Return the normals of the faces, each as long as twice the face's area."""
     return np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
 
 
@@ -112,7 +112,7 @@ def test_weights_poses_and_landmarks_of_the_asset_can_be_baked_again(species):
     V, F = animal.rest[0], animal.faces
     assert np.abs(rig.level(V)).max() < 0.01 * np.linalg.norm(
         np.ptp(V, axis=0)
-    )  # the surface of the formulas
+    )  # the vertices lie on the surface of the formulas
     bone, weight = quantise_weights(bone_weights(rig, V, F), keep=arrays["bone"].shape[1])
     assert np.abs(weight.astype(int) - arrays["weight"]).max() <= 1
     rotations, shifts = make_poses(rig, table["poses"])

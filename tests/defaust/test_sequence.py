@@ -26,7 +26,7 @@ SMALL = ["handles_per_landmark=6", "neighbourhood=10", "workers=1"]
 
 
 def bent(mesh, k):
-    """Pose k: sheared, so that the vertices stay in correspondence."""
+    """Return the vertices of pose k: a shear above y = 0, which keeps the vertices in correspondence."""
     return mesh.V + 0.2 * k * np.maximum(0.0, mesh.V[:, 1:2]) * [1.0, 0, 0]
 
 
@@ -125,8 +125,8 @@ def test_triangles_of_a_class_are_reconciled(tmp_path):
     for k, pose in enumerate(source.poses(0), start=1):
         np.testing.assert_array_equal(source.posed(0, pose).F, ball.F)
         np.testing.assert_array_equal(source.posed(0, pose).V, bent(ball, k))
-        assert source.posed(0, pose).volume == pytest.approx(ball.volume)  # a shear
-    # A mesh with a hole is oriented outward, too.
+        assert source.posed(0, pose).volume == pytest.approx(ball.volume)  # a shear keeps the volume
+    # A mesh with a hole is also oriented outwards.
     assert sequence(tmp_path / "cup").rest(0).volume > 0.5 * ball.volume
 
 
@@ -185,7 +185,7 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path, r
     pair = Mesh(np.concatenate([ball.V, 0.5 * ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
     shapes = {"ball": ball, "camel": fins(ball), "cup": Mesh(ball.V, ball.F[1:]), "pair": pair}
     shapes["ring"] = moebius(60)
-    for name, mesh in shapes.items():  # MATLAB files are read in separate processes, here of workers
+    for name, mesh in shapes.items():  # the workers read MATLAB files in separate processes
         write_class(tmp_path / "data", name, mesh, kind=".mat" if name == "ball" else ".ply")
     source, out = sequence(tmp_path / "data", "source.landmarks=4"), tmp_path / "out"
     build(source, out, options=KEPT, workers=2)

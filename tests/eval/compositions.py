@@ -10,7 +10,7 @@ from sshade.cli.configuration import CONFIGURATION
 
 
 def composed(*overrides: str) -> DictConfig:
-    """Return the configuration of a command line with Hydra's own settings; read-only."""
+    """Return the configuration of a command line, with Hydra's own settings; cached, do not change."""
     config = _composed(overrides)
     HydraConfig.instance().set_config(config)
     return config

@@ -1,4 +1,4 @@
-"""Fixtures of tests of runs. This file also puts this folder on the path of the tests below."""
+"""Fixtures for tests of runs. This file also makes the modules of its folder importable by the tests."""
 
 from pathlib import Path
 
@@ -19,13 +19,13 @@ def tiny(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_runs(tiny) -> Path:
-    """The run folders of the small experiment."""
+    """Return the folder with the run folders of the small experiment."""
     return tiny.parent / "runs" / "tiny"
 
 
 @pytest.fixture(scope="session")
 def tiny_report(tiny, tiny_runs) -> Path:
-    """The report of the small experiment, made while its methods cannot run."""
+    """Make the report of the small experiment while its methods cannot run."""
     out = tiny.parent / "report.html"
     look = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
     with pytest.MonkeyPatch.context() as patch:
@@ -37,7 +37,7 @@ def tiny_report(tiny, tiny_runs) -> Path:
 
 @pytest.fixture
 def case(here) -> str:
-    """A sphere of 642 vertices in the current folder, as a case of the command."""
+    """Write a sphere of 642 vertices and its handles to the current folder; return the case for commands."""
     task = tiny_task()
     write_mesh("rest.ply", task.mesh.V, task.mesh.F)
     write_handles("pose.json", task.handles)

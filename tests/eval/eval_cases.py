@@ -17,7 +17,7 @@ from tests.shapes import bumpy, end_handles
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:
-    """Hold the lowest tenth along z, turn the highest tenth about z by `angle` degrees and lift it."""
+    """Fix the lowest tenth along z, turn the highest tenth about z by `angle` degrees and lift it."""
     turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
     handles = end_handles(mesh.V, turn=turn, shift=[0, 0, lift])
     return DeformationTask(name, mesh, handles, meta={"angle": angle})
@@ -38,7 +38,7 @@ def list_cases(root: str, *, subjects=None, poses=None) -> list[tuple[int, int]]
 
 
 def listed_task(root: str, *, subject: int, pose: int) -> DeformationTask:
-    """What ``dataset=listed`` loads: the turn tells the case."""
+    """Load a case of ``dataset=listed``; its angle encodes the subject and the pose."""
     return bumpy_task(level=2, angle=10 * subject + pose)
 
 
@@ -64,20 +64,20 @@ def stretching(task, *, factor: float = 2.0, seed: int, progress=silent) -> Defo
 
 
 def endless(task, *, seed: int, warming: bool = False, progress=silent) -> DeformationResult:
-    """A method that does not return, except on the mesh of the warm-up; or on that one alone."""
+    """A method that returns only on the mesh of the warm-up; with `warming`, on every other mesh instead."""
     while (task.mesh.n == 642) == warming:
         sleep(0.01)
     return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 
 
 def sleeping(task, *, seconds: float, seed: int, progress=silent) -> DeformationResult:
-    """A method that takes a time."""
+    """A method that sleeps for some seconds and changes nothing."""
     sleep(seconds)
     return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
 
 
 def dying(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that takes its process down."""
+    """A method that ends its process with exit code 3."""
     os._exit(3)
 
 
@@ -87,7 +87,7 @@ def killed(task, *, seed: int, progress=silent) -> DeformationResult:
 
 
 def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that allocates 1 GiB where the limit allows 100 MiB more."""
+    """A method that allocates 1 GiB although its memory limit allows only 100 MiB more."""
     import resource
 
     limit = psutil.Process().memory_info().vms + 100 * 2**20
@@ -96,7 +96,7 @@ def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
     return DeformationResult(V, iterations=0, converged=None)
 
 
-#: A method of a user's that imports two modules, and may edit one of them.
+#: Module with a user's method. The method imports two modules and appends `edit` to the module `helper`.
 METHOD = """
 from pathlib import Path
 from eval_cases import stretching
@@ -110,7 +110,7 @@ def method(task, *, seed, factor=1.0, edit='', progress=None):
 
 
 def write_theirs(folder: Path) -> Path:
-    """Write a user's package, theirs, with a module beside it that imports another one."""
+    """Write a user's package, `theirs`, and beside it a module that imports another module."""
     package = folder / "theirs"
     package.mkdir()
     (package / "__init__.py").write_text("")
@@ -123,7 +123,7 @@ def write_theirs(folder: Path) -> Path:
 
 
 def with_losses(task, *, seed, progress=silent):
-    """A method that records a loss a step."""
+    """A method that records losses at each step."""
     curve = np.array([[3.0, 1.0], [0.5, 0.25]], dtype=np.float32)
     return DeformationResult(
         task.mesh.V, iterations=2, converged=None, extra={"loss_curve": curve, "rotations": np.eye(3)}
@@ -131,6 +131,6 @@ def with_losses(task, *, seed, progress=silent):
 
 
 def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:
-    """A method that tells its options as resolved."""
+    """A method that reports its resolved options."""
     options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended", "seed": seed}
     return DeformationResult(task.mesh.V, iterations=0, converged=None, extra={"options": options})

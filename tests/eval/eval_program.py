@@ -1,4 +1,4 @@
-"""``sshade-eval run`` with the methods and datasets of these tests, in this process or in another."""
+"""Call ``sshade-eval run`` with the methods and datasets of the tests, in this process or in a new one."""
 
 import os
 import shlex
@@ -10,19 +10,22 @@ from tests.robustness.case import run, working_in
 
 _HERE = Path(__file__).parent
 _ARGUMENTS = ["run", "--config-dir", str(_HERE / "extra_conf")]
-#: The program in a process of its own, and what it needs.
+#: Command and environment to run the program in a new process.
 RUN = [sys.executable, "-m", "eval", *_ARGUMENTS]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parents[1])])}
 
 
 def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess:
-    """Run the program as a user starts it, for launchers, which begin processes of their own like it."""
+    """Run the program in a new process, as a user does.
+
+    Launchers need a new process, because they start their workers in the same way.
+    """
     command, environment = [*RUN, *arguments], ENVIRONMENT | variables
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
 def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Run the program in this process and a folder. It starts ten times as fast."""
+    """Run the program in this process, in `folder`. It starts ten times as fast as in a new process."""
     with working_in(folder):
         ended = run(shlex.join(["sshade-eval", *_ARGUMENTS, *arguments]))
     return subprocess.CompletedProcess(arguments, *ended)

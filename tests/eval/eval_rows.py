@@ -8,14 +8,14 @@ from eval.publish.summary import Table, make_table
 from eval.rows.frame import to_frame
 from eval.rows.store import Row
 
-#: What a run without a result lacks.
+#: Columns that are empty in the row of a run without a result.
 NOTHING: Row = {"iterations": None, "converged": None, "seconds.total": None} | {
     f"metric.{name}": None for name in ("volume", "area", "edge", "angle", "handle")
 }
 
 
 def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
-    """A row of a method on a task; ``metric__volume=2.0`` changes ``metric.volume``."""
+    """Return a row of a method on a task; ``metric__volume=2.0`` changes ``metric.volume``."""
     values = {
         "method.name": method,
         "method.hash": method,
@@ -45,12 +45,12 @@ def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
 
 
 def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str = "ValueError: no") -> Row:
-    """A row of a run without a result."""
+    """Return the row of a run without a result."""
     return row(method, task, status=status, reason=reason) | NOTHING
 
 
 def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
-    """A row of a run that was planned and never begun."""
+    """Return the row of a run that was planned and never started."""
     return {
         "method.name": method,
         "task.name": task,
@@ -61,10 +61,10 @@ def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
 
 
 def frame(*rows: Row) -> pd.DataFrame:
-    """The rows as a table takes them."""
+    """Return the rows as a data frame, from which tables are made."""
     return to_frame(rows)
 
 
 def table_of(*rows: Row, **options: Any) -> Table:
-    """The table of the rows, named t."""
+    """Return the table of the rows, with the title t."""
     return make_table(frame(*rows), title="t", **options)

@@ -1,4 +1,4 @@
-"""A program for the tests of external methods, and how a configuration names it."""
+"""Programs for the tests of external methods, and configurations of methods that run them."""
 
 import shlex
 from pathlib import Path
@@ -8,7 +8,7 @@ from sshade.programs import ALLOWED
 
 #: Formats that a shell script can read and write.
 TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
-#: Writes the positions of an OFF file unchanged.
+#: Shell script that writes the positions of an OFF file unchanged.
 COPYING = 'tail -n +3 "$1" | head -n "$(sed -n 2p "$1" | cut -d" " -f1)" > "$3"\n'
 
 

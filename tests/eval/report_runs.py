@@ -1,4 +1,4 @@
-"""A small experiment with everything that a report tells: results, curves, a failure, a skipped run."""
+"""A small experiment with everything that a report shows: results, curves, a failure, a skipped run."""
 
 from pathlib import Path
 
@@ -24,14 +24,14 @@ ANGLES = (10.0, 40.0)
 
 
 def collected(root: Path) -> Path:
-    """The CSV of the rows of a folder of runs, two folders above."""
+    """Write the rows of a folder of runs to a CSV two folders above it; return the path of the CSV."""
     path = root.parents[1] / f"{root.name}.csv"
     write_csv(path, collect(root))
     return path
 
 
 def make_runs(folder: Path, *, name: str = "tiny") -> Path:
-    """Run it; the CSV of its rows. The run folders lie in folder/runs/<name>."""
+    """Run the experiment; return the CSV of its rows. The run folders lie in folder/runs/<name>."""
     root = folder / "runs" / name
     for angle in ANGLES:
         task = bumpy_task(level=2, angle=angle)
@@ -41,7 +41,7 @@ def make_runs(folder: Path, *, name: str = "tiny") -> Path:
 
 
 def transfer_task(edit: float) -> TransferTask:
-    """A bumpy sphere, made wider by `edit`, that is turned half around."""
+    """Return the transfer of a half turn to a bumpy sphere that is wider by `edit`."""
     rest = bumpy(2)
     turned = np.array([-1.0, -1.0, 1.0])
     wider = Mesh(rest.V * [1 + edit, 1, 1], rest.F)
@@ -52,7 +52,7 @@ def transfer_task(edit: float) -> TransferTask:
 
 
 def make_transfers(folder: Path) -> Path:
-    """Runs of two pose transfers; the CSV of their rows. The run folders lie in folder/runs/moved."""
+    """Run two pose transfers; return the CSV of their rows. The run folders lie in folder/runs/moved."""
     root = folder / "runs" / "moved"
     for edit in (0.1, 0.3):
         source = {"_target_": "report_runs.transfer_task", "edit": edit}

@@ -1,4 +1,4 @@
-"""A benchmark exported to benchopt: refusals, and equal figures in benchopt."""
+"""The export of a benchmark to benchopt refuses mistakes, and benchopt finds the same numbers."""
 
 import subprocess
 import sys

@@ -44,7 +44,7 @@ def method(task):
 
 
 def forget() -> None:
-    """Forget all files but the project's, as a new process would."""
+    """Forget all files that were read except the project's files, like a new process."""
     for cached in (code.places, code._files, code._of_program):
         cached.cache_clear()
     for name in [name for name in sys.modules if name.split(".")[0] in ("ours", "theirs", "beside", "far")]:
@@ -53,9 +53,9 @@ def forget() -> None:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder on Python's path, with the package `ours` as a package of the project.
+    """Make a folder on Python's path with the package `ours`, which counts as a package of the project.
 
-    Its files are parsed again after `forget`; the project's own are parsed once for all tests.
+    Files of the folder are parsed again after `forget`; files of the project are parsed once for all tests.
     """
     once = code._parsed
     again = {True: once, False: once.__wrapped__}
@@ -116,12 +116,12 @@ def test_libigls_rows_do_not_depend_on_our_energy_and_pipeline():
     assert all(any(place.startswith(part) for place in ours) for part in parts)
 
 
-# The tests below run a user's own method, which no package of the project holds.
+# The tests below run a user's method, which is in no package of the project.
 
 
 @pytest.fixture
 def theirs(folder):
-    """A user's package; a test may change it."""
+    """Write a user's package, which a test may change."""
     return write_theirs(folder)
 
 
@@ -156,7 +156,7 @@ def test_an_edit_between_runs_ends_them(theirs, tmp_path, place, removed):
     path.write_text(f"# A comment.\n{path.read_text()}")
     assert run(bumpy_task(level=2), THEIRS, name="t", root=tmp_path / "runs").found
     path.unlink() if removed else path.write_text("FACTOR = FAR = 3.0\n")
-    for method in (THEIRS, {**THEIRS, "edit": "#"}):  # even where the row is there
+    for method in (THEIRS, {**THEIRS, "edit": "#"}):  # even if the row exists already
         with pytest.raises(code.CodeChanged, match=f"{place} has changed since the command began"):
             run(bumpy_task(level=2), method, name="t", root=tmp_path / "runs")
     assert run_folders(tmp_path / "runs") == [first.folder]
@@ -173,7 +173,7 @@ def test_the_projects_files_must_be_those_of_the_start(folder, monkeypatch):
     monkeypatch.setattr(code, "PACKAGES", folder)
     monkeypatch.setattr(code, "RUNNER", ())
     path = folder / "ours" / "late.py"
-    monkeypatch.setitem(code._BEGUN, path, (0, 0))  # written before it was parsed for the first time
+    monkeypatch.setitem(code._BEGUN, path, (0, 0))  # written after the start, before it was parsed
     with pytest.raises(code.CodeChanged, match="ours/late.py has changed"):
         code.code_version([TARGET])
 

@@ -1,4 +1,4 @@
-"""Functions named by configurations and rows: only known ones are called, others with leave alone."""
+"""Configurations and rows may name known functions; other functions are called only with permission."""
 
 import sys
 
@@ -43,7 +43,7 @@ def test_the_command_line_allows_beginnings():
 
 @pytest.fixture
 def quick(tmp_path):
-    """A file in a folder of configurations."""
+    """Return the path of a file in a folder of configurations."""
     path = tmp_path / "hydra" / "launcher" / "quick.yaml"
     path.parent.mkdir(parents=True)
     return path
@@ -74,7 +74,7 @@ def test_folders_are_checked_whole(quick, tmp_path, text, words):
 
 @pytest.fixture
 def theirs(here, monkeypatch):
-    """A module, and a folder of configurations that names a function of it."""
+    """Write a module, and a folder of configurations that name the module's functions."""
     (here / "theirs.py").write_text(
         "from pathlib import Path\nfrom baselines.identity import identity\n"
         "def method(task, *, seed, progress=None):\n    Path('called').touch()\n"

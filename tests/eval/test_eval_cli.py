@@ -88,7 +88,7 @@ def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
     for gone in ("stretching-3.0/bumpy_11", "stretching-4.0"):
         shutil.rmtree(root / gone)
     rows = [row for row in records(gather("none", [root])) if row["status"] == "missing"]
-    unknown = "_target_=eval_cases.listed_task subject=1 pose=1"  # the name of a case that no run tells
+    unknown = "_target_=eval_cases.listed_task subject=1 pose=1"  # no run tells the name of this case
     assert sorted((row["method.name"], row["task.name"]) for row in rows) == [
         ("stretching-3.0", unknown),
         *(("stretching-4.0", task) for task in (unknown, "bumpy_1", "bumpy_2")),
@@ -96,7 +96,7 @@ def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
 
 
 def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
-    """The method changes a file that it imports as it goes."""
+    """While it runs, the method changes a file that it imports."""
     helper = write_theirs(tmp_path) / "helper.py"
     arguments = ["dataset=bumpy", "method=stretching", "method._target_=theirs.method.method"]
     arguments.append("+method.edit=X")
@@ -118,7 +118,7 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     runs = [f"stretching bumpy_{angle} seed 0" for angle in (1, 2, 11)]
     assert [line.split(":")[0] for line in lines[:-1]] == runs
     assert lines[-1].startswith("3 runs: 3 new")
-    # Apart, by the dataset's tag.
+    # The dataset's tag gives its runs a separate folder.
     assert {name.split("/")[2] for name in files(tmp_path)} == {"single_listed"}
     for other in (["pose=2"], ["subject=1", "pose=all"]):
         last = run_eval(tmp_path, *common, *other).stdout.splitlines()[-1]
@@ -128,7 +128,7 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
 
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
-    """The method that a sweep starts from, paper, has neither."""
+    """The default method of a sweep, paper, does not take polish_iterations."""
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1"]
     done = run_eval(tmp_path, *sweep, "method=fine,fine_free", "method.stiffness=0.5")
     assert done.returncode == 0, done.stderr
@@ -168,6 +168,6 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, arguments, message)
     assert done.returncode == 2
     assert message in done.stderr
     assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1
-    # A value that only the method can judge has left its row; nothing else may.
+    # A row is left only for a value that the method itself refuses.
     rows = [name for name in files(tmp_path) if name.endswith("row.json")]
     assert len(rows) == ("proxy vertices" in message)

@@ -1,4 +1,4 @@
-"""Every YAML of conf composes, names functions that exist, and passes them parameters that they have."""
+"""Every YAML file of conf composes, names existing functions, and passes them parameters that they take."""
 
 import inspect
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def names(group):
     return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
 
 
-#: Experiments that make their own data.
+#: Experiments that generate their data.
 MAKING_DATA = (
     *("resolution", "ablation_touching", "peers_shapes", "peers_scans"),
     *("animals_25k", "noisy_2mm", "noisy_170k"),
@@ -40,7 +40,7 @@ def method_of(config):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_method_composes_and_names_every_parameter_of_its_function(name):
-    """A row then tells all that the method was given, and a command line can change each."""
+    """A row then records every parameter of its method, and a command line can change every parameter."""
     config = composed(f"method={name}")
     assert config.label == name
     plain = method_of(config)
@@ -76,7 +76,7 @@ def test_dataset_composes_and_names_a_loader(name):
 @pytest.mark.parametrize("values", few(["first and last", "every"], "first and last"))
 @pytest.mark.parametrize("name", names("experiment"))
 def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
-    """But for cases and seeds, which are plain values in every configuration."""
+    """Cases and seeds are left out, because they are plain values in every configuration."""
     config = composed(f"experiment={name}")
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == name
@@ -97,7 +97,7 @@ def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
     + [("table1", "tosca"), ("table1", "sequence")],
 )
 def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
-    """The other experiments make their own data."""
+    """Experiments in MAKING_DATA are left out, because they generate their data."""
     config = composed(f"experiment={name}", f"dataset={data}", "dataset.root=there")
     assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
     assert config.dataset.build.endswith("out=there")

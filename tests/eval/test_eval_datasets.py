@@ -15,7 +15,7 @@ from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import write_faust
 from tests.shapes import bumpy
 
-#: Name of the task, and how many there are. One size of each kind serves for all.
+#: Entry -> name of its task and number of its cases. One size of each kind stands for all sizes.
 BUILT = {
     "defaust_20k": ("defaust-synthetic/subject_00/pose_1", 10),
     "noisy_25k": ("defaust-noisy_2mm/subject_00/pose_1", 5),
@@ -29,12 +29,12 @@ BUILT = {
 
 
 def dataset(name, *overrides):
-    """The plain settings of an entry."""
+    """Return the plain settings of an entry."""
     return OmegaConf.to_container(composed(f"dataset={name}", *overrides).dataset, resolve=True)
 
 
 def write_originals(folder, name):
-    """Meshes as users have them, under the names that the build commands say."""
+    """Write meshes like a user's, in the folders that the build commands name."""
     if name == "faust":
         write_faust(folder / "MPI-FAUST" / "training" / "registrations")
     mesh = bumpy(3)

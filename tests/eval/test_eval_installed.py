@@ -1,4 +1,4 @@
-"""The commands as they are installed: from a folder whose own names are ours too, and from a wheel."""
+"""Installed commands work in a folder that has names of our packages, and after installation from a wheel."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ def run(folder, *command, **variables):
 
 @pytest.fixture
 def own_folder(tmp_path):
-    """A project of a user's: with folders `conf`, `eval` and `tests`, and a method in a module."""
+    """Make a user's project with folders `conf`, `eval` and `tests`, and a method in a module."""
     for name in ("conf/method", "eval", "tests", "results"):
         (tmp_path / name).mkdir(parents=True)
     for name in ("eval", "tests"):

@@ -1,4 +1,4 @@
-"""Ctrl-C, a lost worker and a terminal, as a user meets them: with signals and a pseudo-terminal."""
+"""Ctrl-C and the display in a terminal, tested with signals and a pseudo-terminal."""
 
 import os
 import pty
@@ -19,9 +19,9 @@ INTERRUPTED = "interrupted; the same command goes on from there"
 
 @contextmanager
 def start_eval(folder, *arguments, **streams):
-    """The program as the leader of a process group of its own, ended in the end.
+    """Start the program as the leader of a new process group; kill the group at the end.
 
-    It hears Ctrl-C even where the tests do not, as in the background of a shell.
+    The program reacts to Ctrl-C even if the tests ignore it, for example in the background of a shell.
     """
     environment = {**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "120"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
@@ -53,7 +53,7 @@ def wait_for(condition, seconds=60):
 
 
 def alive(group):
-    """Whether any process of a group is there."""
+    """Return whether any process of a group exists."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:
@@ -67,8 +67,8 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
     for new, kept in ((1, 0), (0, 1)):
         with start_eval(tmp_path, *overrides) as process:
             assert "[1 done, 0 failed, 1 remaining]" in process.stdout.readline()
-            sleep(1.0)  # into the run that does not end
-            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+            sleep(1.0)  # the endless run has then begun
+            os.killpg(process.pid, signal.SIGINT)  # a terminal, too, signals every process
             out, err = process.communicate(timeout=60)
         assert process.returncode == 130
         counts = f"{new} new{' (1 not_converged)' * new}, {kept} kept"
@@ -104,5 +104,5 @@ def test_a_terminal_shows_bars_and_a_file_the_lines(tmp_path):
 def _read(terminal):
     try:
         return os.read(terminal, 65536)
-    except OSError:  # the other side is closed
+    except OSError:  # the program has closed its side of the terminal
         return b""

@@ -1,4 +1,4 @@
-"""A sweep through each launcher whose extra is installed: the same rows, and a lost worker."""
+"""A sweep gives the same rows with every installed launcher, and a lost worker is reported."""
 
 import os
 
@@ -37,7 +37,7 @@ def test_the_launcher_composes(launcher):
 
 @pytest.fixture(scope="module")
 def basic(tmp_path_factory):
-    """A sweep of one failing and one good run, one after the other."""
+    """Sweep over a failing and a successful run in sequence; return the ended program and the rows."""
     folder = tmp_path_factory.mktemp("basic")
     done = run_eval(folder, *RUNS)
     return done, collect(folder / "out/runs/single")
@@ -65,7 +65,7 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
 
 
 def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
-    """Each process that starts edits the method's package, so that no two load the same."""
+    """Every new process edits the method's package first, so that no two processes load the same code."""
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
     path = write_theirs(tmp_path) / "helper.py"
     (tmp_path / "sitecustomize.py").write_text(
@@ -75,7 +75,7 @@ def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
     place = os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])
     done = run_program(tmp_path, "-m", "dataset=bumpy", *method, "seed=0,1", *JOBLIB, PYTHONPATH=place)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    told = done.stderr.splitlines()[-1]  # Hydra announces a worker's error, too
+    told = done.stderr.splitlines()[-1]  # after Hydra's message about the worker's error
     assert told.startswith("error: theirs/helper.py has changed since the command began")
     assert "Traceback" not in done.stderr and not list(tmp_path.rglob("row.json"))
 
@@ -93,7 +93,7 @@ def test_a_lost_worker_is_told(tmp_path):
 
 @pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])
 def test_a_launcher_that_is_not_there_names_its_extra(extra):
-    """Take Hydra's message about an unknown launcher, because our launchers may be installed here."""
+    """The test edits Hydra's message about an unknown launcher, because our launchers may be installed."""
     with pytest.raises(HydraException) as caught:
         composed("hydra/launcher=nothing")
     assert "extra" not in cli._one_line(caught.value)

@@ -139,7 +139,7 @@ def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
         key(seed=1),
     ]
     assert len(set(keys)) == 4
-    # Neither changes the result.
+    # The keys warm_up and _partial_ do not change the result.
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
     guess, renamed = replace(task, guess=task.mesh.V), replace(task, name="renamed")
     assert key(task=renamed) == keys[0] != key(task=guess)
@@ -206,7 +206,7 @@ def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):
 
 def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
     here = run(task, ARAP, name="a", root=tmp_path)
-    ballast = np.ones(40_000_000)  # 305 MiB, which the child must not be charged for
+    ballast = np.ones(40_000_000)  # 305 MiB that must not count for the child process
     fresh = run(task, ARAP, name="a", root=tmp_path, fresh=True)
     assert not fresh.found
     assert 30 < fresh.row["peak_mib"] < ballast.nbytes / 2**20

@@ -1,4 +1,4 @@
-"""Every experiment states its half of the benchmark, and a run of a case of the other half is refused."""
+"""Every experiment states its half of the benchmark, and cases of the other half are refused."""
 
 import re
 
@@ -13,7 +13,7 @@ from sshade.cli.configuration import CONFIGURATION
 
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 
-#: Subjects and poses that the default build of a source has.
+#: Subjects and poses in the default build of each source.
 SUBJECTS = {
     "synthetic": range(10),
     "noisy": range(10),
@@ -31,7 +31,7 @@ POSES = {
 
 
 def cases(config):
-    """The names of an experiment's cases, as its sweep and its dataset's build command tell them."""
+    """Return the names of an experiment's cases, from its sweep and its dataset's build command."""
     if config.dataset._target_.endswith("hairpin_task"):
         return [f"hairpin/gap_{gap}" for gap in config.hydra.sweeper.params["dataset.gap"].split(",")]
     source = re.search(r"source=(\w+)", config.dataset.build)[1]
@@ -57,7 +57,7 @@ def test_an_experiment_states_the_halves_of_its_cases_and_the_papers_tables_star
     config = composed(f"experiment={name}")
     halves = {split_of(case) for case in cases(config)}
     assert halves == ({TUNING, HELD_OUT} if config.run.split == BOTH else {config.run.split})
-    rest = ("paper", "table1", "table1_lowres", "ci")  # ci: its bands are of that start
+    rest = ("paper", "table1", "table1_lowres", "ci")  # the bands of ci need this start
     assert config.solver.start == ("rest" if name in rest else "rigid")
 
 
@@ -68,5 +68,6 @@ def test_a_case_of_the_other_half_is_not_run(tmp_path):
         assert done.returncode == 2 and done.stderr.startswith("error: hairpin/gap_0.02 is a tuning case")
         assert done.stderr.count("\n") == 1
     assert not run_folders(tmp_path / "out/runs")
-    tagged = run_eval(tmp_path, *cases, "run.split=held_out", "+dataset.tag=_mine")  # in a table of its own
+    # A tag moves the rows to a separate table, which may hold any case.
+    tagged = run_eval(tmp_path, *cases, "run.split=held_out", "+dataset.tag=_mine")
     assert tagged.returncode == 0 and run_folders(tmp_path / "out/runs/single_mine")

@@ -39,7 +39,7 @@ def test_the_record_gives_back_what_was_put_in(tmp_path):
         assert (first.number, first.row, first.found) == (1, told, "already there")
         assert (second.number, second.row, second.problems) == (0, None, ["seed=-1 is no seed"])
     record.remove()
-    record.add(0, row=None)  # a worker that outlives its sweep
+    record.add(0, row=None)  # a worker may outlive its sweep
     assert records(experiment) == []
 
 
@@ -59,13 +59,13 @@ def test_a_killed_sweep_is_told_from_one_that_may_be_under_way(tmp_path, capsys)
 
 
 def _of_process(record, pid):
-    """The record as another process would have made it."""
+    """Return the record under the name that the process `pid` would have given it."""
     begun, _, _ = record.folder.name.rpartition("_")
     return SweepRecord(record.folder.rename(record.folder.with_name(f"{begun}_{pid}")))
 
 
 def test_runs_come_in_the_order_of_discovery(tmp_path):
-    """A clock of another machine that is behind must not shift what has been told."""
+    """A slow clock on another machine must not change the order of runs that are already reported."""
     record = SweepRecord.create(tmp_path, sweep("a", "b", "c"))
     record.add(2, row=None)
     assert [run.number for run in record.ended()] == [2]
@@ -97,7 +97,7 @@ def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):
         told = capsys.readouterr().out
     assert told == "run 1: no [1 done, 1 failed, 1 remaining]\n"
     record.add(0, row=None, problems=["no"])
-    monitor.close()  # tells of the last one, and of none twice
+    monitor.close()  # reports the last run, and no run twice
     assert capsys.readouterr().out == "run 0: no [2 done, 2 failed, 0 remaining]\n"
 
 

@@ -1,4 +1,4 @@
-"""The untimed first run, and the mesh that it uses."""
+"""The untimed first run of a method, and the kernels that are compiled after it."""
 
 import subprocess
 import sys
@@ -8,7 +8,8 @@ import pytest
 from eval.run.warmup import warm_up
 from sshade.task import DeformationResult, DeformationTask, TransferTask
 
-#: Prints the kernels that a method compiles, or loads, after its warm-up: by two caps, then by two wide ones.
+#: Program that prints the kernels that a method compiles or loads after its warm-up, for two tasks.
+#: The handles are two small caps in the first task and two large caps in the second task.
 COMPILED = """
 import sys
 from numba.core.dispatcher import Dispatcher

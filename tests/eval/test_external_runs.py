@@ -37,7 +37,7 @@ SETTINGS = " ".join(f"method.{name}={value}" for name, value in TEXTS.items())
 
 @pytest.fixture(autouse=True)
 def nothing_allowed(monkeypatch):
-    forget()  # programs of the same names in another test's folder
+    forget()  # other tests have programs of the same names
     monkeypatch.setenv(ALLOWED, "")
 
 
@@ -57,7 +57,7 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path, monkeypat
     np.testing.assert_allclose(read_vertices(done.folder, n=task.mesh.n), task.mesh.V, atol=1e-6)
     assert row["method.command"] == str(method["command"]) and row["method.mesh_format"] == "off"
     assert row["seconds.startup"] > 0 and 0 < row["seconds.program"] < row["seconds.total"]
-    assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # of the program
+    assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # CPU time of the program
     assert 0.1 < row["peak_mib"] < 50, "not of our own process, which is larger"
     assert row["metric.edge"] == pytest.approx(0, abs=1e-9) and "extra.peak_mib" not in row
     assert run(task, method, name="p", root=tmp_path / "runs", fresh=fresh).found
@@ -80,7 +80,7 @@ def running(pid):
 
 
 def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
-    """A method may need longer than its limit without noticing; the row must say so."""
+    """A method may exceed its limit without noticing; its row must still be a timeout."""
     monkeypatch.setattr("eval.run.attempt.LAST_WORDS", 30.0)
     method = {"_target_": "eval_cases.sleeping", "seconds": 0.3, "warm_up": {"seconds": 0.0}}
     row = run(task, method, name="s", root=tmp_path, time_limit=0.2).row
@@ -218,7 +218,7 @@ def test_bench_times_a_program(here, monkeypatch, case):
 
 @pytest.fixture
 def theirs(here):
-    """A folder of configurations, and programs that leave a file."""
+    """Make a folder of configurations, and two programs that leave a file when they run."""
     program(here, "touch hacked; " + COPYING, name="evil.sh")
     program(here, "touch called; " + COPYING, name="mine.sh")
     (here / "configs/method").mkdir(parents=True)
@@ -320,7 +320,7 @@ def test_a_nested_call_is_no_way_around(body, place, content):
     path.write_text(yaml.safe_dump(content))
     code_, _, err = run_command(f"sshade-eval run -cd configs {place}=evil {MINE}")
     assert code_ != 0 and not Path("hacked").exists(), err
-    assert "not allowed" in err or "is not a list" in err  # a list of Hydra is none
+    assert "not allowed" in err or "is not a list" in err  # Hydra's lists are no Python lists
 
 
 def test_nor_is_a_method_inside_another(body):

@@ -14,7 +14,7 @@ from sshade.errors import InputError
 
 @pytest.fixture
 def runs(tiny_runs, tmp_path):
-    """Two methods on two tasks; one run fails."""
+    """Copy the runs of two methods on two tasks; the runs of one method failed."""
     for method in ("stretching", "failing"):
         shutil.copytree(tiny_runs / method, tmp_path / "tiny" / method)
     return tmp_path / "tiny"
@@ -25,7 +25,7 @@ def rows_of(root):
 
 
 def outdate(root, *, of=None):
-    """Give the valid rows, or those of a task, the version of older metrics; their folders."""
+    """Give the valid rows, of all tasks or of one task, an older metrics version; return their folders."""
     folders = [f for f in run_folders(root) if read_row(f)["status"] != "failed"]
     folders = [folder for folder in folders if of in (None, read_row(folder)["task.name"])]
     for folder in folders:

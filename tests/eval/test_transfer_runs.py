@@ -22,7 +22,7 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
     row = run(task, method, name="paper", root=tmp_path).row
     assert row["status"] == "ok" and row["task.meta.edit"] == "wider" and row["env.warmed_up"]
     assert not any(name.startswith(("task.handles", "task.snap", "metric.handle")) for name in row)
-    # The pose is a turn, which the frames carry exactly.
+    # The pose is a rotation, which the frames transfer exactly.
     for name, metric in METRICS.items():
         assert "truth" not in metric.needs or row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
     assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None

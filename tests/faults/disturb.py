@@ -1,4 +1,4 @@
-"""Builds and sweeps in processes of their own: killed at random moments, and two at once."""
+"""Run builds and sweeps in separate processes: kill them at random moments, and run two at once."""
 
 import importlib
 import json
@@ -26,9 +26,9 @@ from tests.defaust.toy import OPTIONS, Balls
 from tests.shapes import bent, bumpy
 
 ROOT = Path(__file__).parents[2]
-#: Columns that tell of the time and the place of a run, not of its result.
+#: Beginnings of the names of columns that record the time and place of a run, not its result.
 VARYING = ("seconds.", "date", "env.")
-#: Kills between two reruns to the end.
+#: Number of kills before a rerun goes to the end.
 IN_A_ROW = 5
 
 Result = dict[str, Any]
@@ -41,13 +41,13 @@ class Scene:
     Parameters
     ----------
     command : sequence of str
-        Of ``defaust`` or ``sshade-eval``.
+        Words of a command line of ``defaust`` or ``sshade-eval``.
     prepare : callable
         Writes the input into a folder.
     check : callable
-        AssertionError where something of what lies in ``out`` is half written.
+        Raises AssertionError if ``out`` holds something half written.
     result : callable
-        What of ``out`` must be equal to an undisturbed run's.
+        Returns the content of ``out`` that must equal the content from an undisturbed run.
     """
 
     command: Sequence[str]
@@ -57,7 +57,7 @@ class Scene:
 
 
 class Run:
-    """A scene's command in a process that leads a group, with its output in a file."""
+    """A process that runs a scene's command, leads a process group, and writes its output to a file."""
 
     def __init__(self, scene: Scene, folder: Path, log: str = "log") -> None:
         self.out, self.log = folder / "out", folder / log
@@ -76,16 +76,16 @@ class Run:
         return self.process.exitcode
 
     def kill(self, *, workers: bool) -> None:
-        """End it at once, alone or with the processes that it started."""
+        """Kill the process at once, alone or with the processes that it started."""
         if workers:
-            with suppress(ProcessLookupError):  # so young that it leads no group yet
+            with suppress(ProcessLookupError):  # a new process leads no group yet
                 os.killpg(self.process.pid, signal.SIGKILL)
                 return
         os.kill(self.process.pid, signal.SIGKILL)
 
 
 def run_to_the_end(scene: Scene, folder: Path) -> tuple[Result, float]:
-    """The result of a run, whose files are then removed, and the seconds of its work."""
+    """Run a scene; return its result and the seconds of its work, and remove its files."""
     run = Run(scene, folder)
     run.wait_for_work()
     begin = perf_counter()
@@ -94,7 +94,7 @@ def run_to_the_end(scene: Scene, folder: Path) -> tuple[Result, float]:
 
 
 def taken(scene: Scene, folder: Path) -> Result:
-    """The result, whose files are then removed."""
+    """Return the result of a run and remove its files."""
     result = scene.result(folder / "out")
     shutil.rmtree(folder / "out")
     return result
@@ -103,15 +103,15 @@ def taken(scene: Scene, folder: Path) -> Result:
 def kill_at_random(
     scene: Scene, folder: Path, *, kills: int, expected: Result, seconds: float, seed: int
 ) -> None:
-    """Kill a scene so many times; what it left is whole, and a rerun's result the undisturbed one.
+    """Kill a scene `kills` times. Assert that its files are whole, and that a rerun gives `expected`.
 
-    Every other kill takes the process alone, the others its workers too.
+    The first kill and every second kill after it also kill the workers of the process.
     """
     rng, done, since = np.random.default_rng(seed), 0, 0
     while done < kills:
         run = Run(scene, folder)
         run.wait_for_work()
-        # Now and then before or just after the beginning, where little is there yet.
+        # A quarter of the kills come before or just after the work begins, when few files exist.
         sleep(float(rng.uniform(0, seconds) if rng.integers(4) else rng.uniform(0, 0.05)))
         if run.process.is_alive():
             run.kill(workers=done % 2 == 0)
@@ -125,7 +125,7 @@ def kill_at_random(
 
 
 def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int | None]:
-    """Exit codes of two that were started together; their result is that of one."""
+    """Run a scene twice at once, assert that the result is `expected`, and return both exit codes."""
     runs = [Run(scene, folder, log) for log in ("one", "two")]
     codes = [run.end() for run in runs]
     for run, code in zip(runs, codes, strict=True):
@@ -136,7 +136,7 @@ def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int | N
 
 @cache
 def _context() -> ForkServerContext:
-    """Processes that begin with everything imported, and without threads."""
+    """Return a context whose processes begin with all modules imported and without threads."""
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.deform"])
@@ -147,7 +147,7 @@ MAINS = {"defaust": "defaust.cli", "sshade-eval": "eval.main"}
 
 
 def _work(command: Sequence[str], folder: Path, log: Path) -> None:
-    """The process: a command line, and its exit code."""
+    """Run a command line in the new process, and exit with its exit code."""
     os.setsid()
     os.chdir(folder)
     output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
@@ -158,12 +158,12 @@ def _work(command: Sequence[str], folder: Path, log: Path) -> None:
 
 
 def _files(folder: Path) -> Result:
-    """List every file below a folder."""
+    """Return the content of every file below a folder."""
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def _shapes(folder: Path) -> None:
-    """Four classes of three meshes."""
+    """Write four classes of three meshes each."""
     body = bumpy(3)
     (folder / "meshes").mkdir()
     for number, name in enumerate(("ant", "bee", "cow", "dog")):
@@ -172,7 +172,7 @@ def _shapes(folder: Path) -> None:
 
 
 def _check_build(out: Path) -> None:
-    """Subjects appear whole, and the record last."""
+    """Check that every subject is complete, and that a dataset with a record has no faults."""
     for subject in out.glob("subject_*"):
         assert len(list(subject.iterdir())) == 6, f"{subject} is not complete"
     if (out / "dataset.json").is_file():
@@ -191,7 +191,10 @@ def _check_rows(out: Path) -> None:
 
 
 def _rows(out: Path) -> Result:
-    """Each run's row without what varies, and its vertices; nothing half written beside them."""
+    """Return the row of each run without the varying columns, its vertices, and the names of its files.
+
+    The names would reveal a half-written file.
+    """
     found: Result = {}
     for folder in run_folders(out):
         row = {name: value for name, value in read_row(folder).items() if not name.startswith(VARYING)}

@@ -1,15 +1,15 @@
-"""The process that atheris drives: ``python -m tests.fuzz.guided TARGET CORPUS SCRATCH [options]``."""
+"""Fuzz a target with atheris: ``python -m tests.fuzz.guided TARGET CORPUS SCRATCH [options]``."""
 
 import sys
 from pathlib import Path
 
 import atheris
 
-#: What coverage is counted in: our packages, and what parses for them.
+#: Packages that count coverage: our packages, and the parsers that they call.
 PACKAGES = ("sshade", "defaust", "eval")
 PARSERS = ["json", "yaml"]
 ROOT = Path(__file__).parents[2]
-#: Kernels cannot be compiled once they count.
+#: Modules with kernels do not count coverage, because a kernel that counts cannot be compiled.
 COMPILED = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
     for package in PACKAGES
@@ -26,7 +26,7 @@ with atheris.instrument_imports(include=[*PACKAGES, *PARSERS], exclude=COMPILED)
 
 
 def main() -> None:
-    """Write the seeds and the dictionary, and fuzz; libFuzzer ends the process, and removes nothing."""
+    """Write the seeds and the dictionary, then fuzz. LibFuzzer ends the process and removes no files."""
     name, corpus, scratch, *options = sys.argv[1:]
     target = TARGETS[name]
     for number, seed in enumerate(target.seeds()):

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def mutated(seeds: Sequence[bytes], tokens: Sequence[bytes], *, number: int) -> bytes:
-    """One of the seeds with one to eight changes, the same for the same number."""
+    """Return a random seed with one to eight random changes. The same `number` gives the same bytes."""
     rng = np.random.default_rng(number)
     data = bytearray(seeds[int(rng.integers(len(seeds)))])
     for _ in range(int(rng.integers(1, 9))):

@@ -1,4 +1,4 @@
-"""A few hundred mutated inputs for each reader; those marked full try many more, guided by coverage."""
+"""Give each reader up to 300 mutated inputs. Tests marked `full` try many more, mostly guided by coverage."""
 
 import os
 import re
@@ -12,11 +12,12 @@ import pytest
 from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS, refused_or_read
 
-#: Slower ones get fewer.
+#: Numbers of mutated inputs of slow readers. Other readers get 300.
 COUNTS = {"map": 60, "yaml": 150, "shapes": 40}
-#: Of each round of guided fuzzing: ten go on with the inputs that the earlier ones found worth keeping.
+#: Number of rounds of guided fuzzing, and inputs of a round. A round goes on with the inputs that earlier
+#: rounds kept.
 ROUNDS, EXECUTIONS = 10, 20_000
-#: Seconds that one input may take, MiB that the process may, bytes of an input.
+#: Maximum seconds for one input, MiB of the process, and bytes of an input.
 LIMITS = ["-timeout=20", "-rss_limit_mb=4096", "-max_len=60000"]
 
 
@@ -32,23 +33,23 @@ def test_mutated_inputs_are_read_or_refused(name, count, tmp_path):
     seeds = target.seeds()
     assert any(refused_or_read(target, seed, tmp_path) for seed in seeds)
     read = [refused_or_read(target, mutated(seeds, target.tokens, number=k), tmp_path) for k in range(count)]
-    assert 0 < sum(read) < count  # some of both: the mutations are neither all harmless nor all fatal
+    assert 0 < sum(read) < count  # the mutations are neither all harmless nor all fatal
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", [name for name in TARGETS if name != "shapes"])  # read in other processes
 def test_inputs_guided_by_coverage_are_read_or_refused(name, tmp_path):
-    """A crash ends the child process; its input stays in the test's folder, the output tells it too."""
+    """A crash ends the child process. Its input stays in the test's folder and appears in the output."""
     pytest.importorskip("atheris", reason="the extra fuzz is not installed")
     corpus = tmp_path / "corpus"
     corpus.mkdir()
-    memory = "/dev/shm"  # where there is one, its files cost nothing
+    memory = "/dev/shm"  # files in memory cost no disk access, if the system has this folder
     for seed in range(1, ROUNDS + 1):
         with tempfile.TemporaryDirectory(dir=memory if Path(memory).is_dir() else None) as scratch:
             command = [sys.executable, "-m", "tests.fuzz.guided", name, str(corpus), scratch, *LIMITS]
             command += [f"-atheris_runs={EXECUTIONS}", f"-seed={seed}", f"-artifact_prefix={tmp_path}/"]
             environment = os.environ | {"TMPDIR": scratch}
             done = subprocess.run(command, env=environment, stderr=-1, text=True, errors="replace")
-        # Its timer may still end the process once it is done: no word of its exit code.
+        # The timer of libFuzzer may end the process after its work, so the exit code says nothing.
         ended = re.search(r"^Done \d+ in", done.stderr, re.MULTILINE)
         assert ended and "ERROR: libFuzzer" not in done.stderr, done.stderr[-3000:]

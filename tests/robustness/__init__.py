@@ -1,1 +1,1 @@
-"""What every entry point does with bad and hard input."""
+"""Tests of every entry point with bad and hard input."""

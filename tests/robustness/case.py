@@ -1,4 +1,4 @@
-"""What a case of the catalogue is, and how it is tried."""
+"""Define the cases of the catalogue and try them."""
 
 import contextlib
 import ctypes
@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-#: Lines of the first call on a machine, which compiles kernels.
+#: Beginnings of the lines that the first call on a machine prints, because it compiles kernels.
 ANNOUNCEMENTS = ("compiling kernels", "compiled in")
 
-#: More than this is no sentence.
+#: Maximum length of an error message, in characters.
 LONGEST = 420
 
 
@@ -29,7 +29,7 @@ def nothing() -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """One input and what becomes of it.
+    """One input and the expected outcome.
 
     Parameters
     ----------
@@ -37,21 +37,22 @@ class Case:
         Unique in the catalogue.
     call : str or callable
         A command line, such as ``sshade deform body.ply pose.json -o out.ply``
-        or ``sshade-eval tables rows.csv``; or a function of no arguments with assertions of its own.
+        or ``sshade-eval tables rows.csv``; or a function without arguments that makes its own assertions.
     given : callable
-        Writes the input into the working folder, which has a sound ``body.ply``
+        Writes the input into the working folder, which already has a sound ``body.ply``
         and ``pose.json``.
     says : tuple of str
-        Words of the one sentence with which the command refuses the input, with exit code 2. Empty
-        if the input is to be taken.
+        Words that the error message contains. The command refuses the input in one sentence, with exit
+        code 2. Empty if the command accepts the input.
     leaves : tuple of str
-        Files that a taken input makes or changes; a folder stands for all in it.
+        Files that the case may make or change, and that exist afterwards. A folder stands for all files
+        in it.
     holds : callable, optional
-        The promised result, as assertions about the files.
+        Asserts that the files are as promised.
     code : int
-        Exit code of a taken input.
+        Exit code if the command accepts the input.
     slow : bool
-        Too long for the ordinary test suite.
+        Whether the case takes too long for the ordinary test suite.
     """
 
     name: str
@@ -65,12 +66,12 @@ class Case:
 
 
 def refused(call: str, table: Mapping[str, tuple[Any, ...]], *, prefix: str = "") -> list[Case]:
-    """A case for each name: what writes its input, and the words of its sentence."""
+    """Return the cases of a table, which maps a name to the writer of an input and the expected words."""
     return [Case(prefix + name, call, given, says=tuple(says)) for name, (given, *says) in table.items()]
 
 
 def attempt(case: Case) -> None:
-    """Try a case in the working folder; AssertionError where it ends otherwise than it says."""
+    """Try a case in the working folder; raise AssertionError if the outcome is not the expected one."""
     case.given()
     before = contents()
     if isinstance(case.call, str):
@@ -93,13 +94,13 @@ def attempt(case: Case) -> None:
 
 
 def assert_refused(program: str, arguments: Iterable[str], *words: str) -> None:
-    """A command is refused in one sentence with these words, and leaves the working folder as it was."""
+    """Assert that a command fails with one sentence that has these words, and changes no file."""
     call = shlex.join([program, *map(str, arguments)])
     attempt(Case(call, call, says=words))
 
 
 def check_refusal(ended: tuple[int, str, str], *words: str) -> None:
-    """A run ended with exit code 2, nothing printed but one sentence with these words."""
+    """Assert that a run ended with exit code 2 and printed only one sentence, which has these words."""
     code, out, err = ended
     assert (code, out) == (2, ""), f"exit code {code}: {out} {err}"
     assert err.startswith("error: ") and err.endswith("\n"), err
@@ -110,12 +111,12 @@ def check_refusal(ended: tuple[int, str, str], *words: str) -> None:
 
 
 def contents() -> dict[str, bytes]:
-    """Every file below the working folder, hidden ones too."""
+    """Return the content of every file below the working folder, including hidden files."""
     return {str(p): p.read_bytes() for p in Path().rglob("*") if p.is_file()}
 
 
 def run(command: str) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of a command line, run in this process."""
+    """Run a command line in this process; return its exit code, standard output and standard error."""
     program, *arguments = shlex.split(command)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -132,8 +133,8 @@ def _main(program: str, arguments: list[str]) -> int:
         from eval.configure import app
         from eval.main import main
 
-        app._load_task.cache_clear()  # another case's folder has the same name
-        # It tells what it starts, by the environment, where not to look for modules.
+        app._load_task.cache_clear()  # the folders of several cases have the same name
+        # The command sets environment variables for its child processes, such as PYTHONSAFEPATH.
         with mock.patch.object(sys, "argv", list(sys.argv)), mock.patch.dict(os.environ):
             return main(arguments)
     name = {"sshade": "sshade.cli.main", "defaust": "defaust.cli"}[program]
@@ -142,7 +143,7 @@ def _main(program: str, arguments: list[str]) -> int:
 
 @contextlib.contextmanager
 def limited(size: int) -> Iterator[None]:
-    """No file may grow beyond `size` bytes for a while, as on a full disk."""
+    """Keep files from growing beyond `size` bytes for a while, as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
@@ -154,7 +155,7 @@ def limited(size: int) -> Iterator[None]:
 
 
 def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool = False) -> Case:
-    """The command is refused, old files stay and nothing new is left; with room it works."""
+    """Return a case in which a command works, then fails on a full disk and changes no file."""
 
     def attempt() -> None:
         code, _, err = run(call)
@@ -169,7 +170,7 @@ def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool
 
 @contextlib.contextmanager
 def read_only(folder: str) -> Iterator[None]:
-    """Nothing below a folder may be written for a while, not even by root."""
+    """Make a folder and its subfolders read-only for a while, even for root."""
     places = [Path(folder), *(path for path in Path(folder).rglob("*") if path.is_dir())]
     modes = [place.stat().st_mode for place in places]
     with _without_privileges():
@@ -184,7 +185,7 @@ def read_only(folder: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_privileges() -> Iterator[None]:
-    """Take from this thread what lets root write anywhere (Linux: two capabilities)."""
+    """Take from this thread the two Linux capabilities that let root read and write anywhere."""
     if os.geteuid() != 0:
         yield
         return

@@ -39,7 +39,7 @@ def _record(edit: Callable[[dict[str, Any]], Any]) -> Given:
 
 
 def _damaged(name: str, damage: Callable[[str], Given], *, listed: bool = False) -> Given:
-    """A finished dataset with a file damaged; `listed`: as it then is."""
+    """A finished dataset with a damaged file. If `listed`, the record has the damaged file's checksum."""
     entered = (lambda: relist(Path("balls"), name)) if listed else nothing
     return both(dataset, damage(f"balls/{name}"), entered)
 
@@ -54,7 +54,7 @@ def _half(path: str) -> Given:
 
 REST, POSE = "subject_00/rest.ply", "subject_00/pose_1.json"
 CHANGED = both(dataset, patched(RECORD, b'"seed": 0', b'"seed": 5'))
-#: Refused by whoever reads a dataset.
+#: Folders that a command refuses to read as a dataset.
 RECORDS = {
     "an empty folder": (folder("balls"), "not a finished DeFAUST folder"),
     "a cut record": (both(dataset, cut(RECORD, 0.7)), "not a readable JSON file"),
@@ -67,13 +67,13 @@ RECORDS = {
         "not a whole number",
     ),
 }
-#: Options of a run.
+#: Options that a run refuses.
 RUNS = {
     "subject=7": (dataset, "has no subject 7"),
     "pose=7": (dataset, "has no pose 7"),
     "dataset.resolution=medium": (dataset, "resolution 'medium' is unknown"),
 }
-#: Refused by a run.
+#: Damaged datasets that a run refuses.
 FILES = {
     "a record that was changed": (CHANGED, "changed after the build"),
     "a missing file": (_damaged(REST, _removed), "is missing; run the same defaust build again"),
@@ -84,7 +84,7 @@ FILES = {
         "it has no source_pose",
     ),
 }
-#: Found by verify, which ends with 1.
+#: Damage that `defaust verify` finds; it ends with exit code 1.
 FOUND = {
     "a missing file": (_damaged(REST, _removed), f"{REST}: missing"),
     "a cut file": (_damaged(REST, _half), f"{REST}: its sha256"),
@@ -115,7 +115,7 @@ def shapes(*names: str, root: str = "meshes") -> Given:
 BUILD = "defaust build source=sequence source.root=meshes out=out source.landmarks=3 handles_per_landmark=5"
 SMALL = f"{BUILD} neighbourhood=10 workers=1"
 TWO = shapes("a", "b")
-#: Of a build without a source of its own, and of one of two bodies.
+#: Options that `defaust build` refuses: alone, and in a build of two bodies (`OPTIONS_OF_TWO`).
 OPTIONS_OF_BUILDS = {
     "seed=1": ("out is not set",),
     "out=out source=scape": ("no source 'scape'",),
@@ -139,7 +139,7 @@ SOURCES = {
 
 
 def _full_disk() -> None:
-    """The first build is complete, the second, of more subjects, fails and leaves no half of one."""
+    """A build completes, then fails on a full disk and leaves only its recipe, then completes again."""
     assert run(SMALL)[0] == 0
     shutil.rmtree("out")
     with limited(3000):
@@ -154,7 +154,10 @@ def _no_faults() -> None:
 
 
 def _matlab() -> None:
-    """TOSCA's format; in the second file the struct is announced as a sparse matrix, which ends SciPy."""
+    """Write two meshes in TOSCA's format.
+
+    The second file declares its struct as a sparse matrix, which ends the process that reads it with SciPy.
+    """
     from scipy.io import savemat
 
     Path("meshes").mkdir()
@@ -168,7 +171,7 @@ def _matlab() -> None:
 
 
 def _begun(name: str, given: Given, words: str) -> Case:
-    """A build whose subject fails has begun: its recipe stays, for the next."""
+    """Return a case in which a build fails at a subject. At most its recipe stays, for the next build."""
 
     def holds() -> None:
         check_refusal(run(SMALL), words)

@@ -1,4 +1,4 @@
-"""Cases: running methods, and everything made of rows."""
+"""Cases: running methods, and everything made from rows."""
 
 import atexit
 import csv
@@ -42,7 +42,7 @@ def _done() -> Path:
     with working_in(place):
         dataset()
         assert run(SWEEP)[0] == 0
-        for path in Path(RUNS).rglob("row.json"):  # as if the metrics had been written anew since
+        for path in Path(RUNS).rglob("row.json"):  # as if the metrics had changed since the run
             row = json.loads(path.read_text()) | {"env.version.metrics": "older"}
             path.write_text(json.dumps(row))
         assert run("sshade-eval collect tiny")[0] == 0
@@ -55,12 +55,12 @@ def runs() -> None:
 
 
 def _in_run(name: str, damage: Callable[[str], Given]) -> Given:
-    """The two runs, with a file of the first damaged."""
+    """The two runs, with a damaged file in the first run."""
     return both(runs, lambda: damage(str(min(Path(RUNS).rglob(name))))())
 
 
 def _row(name: str, value: Any) -> Given:
-    """The two runs, with an entry of the first one's row replaced; None takes it out."""
+    """The two runs, with an entry of the first run's row replaced; the value None removes the entry."""
 
     def damage(path: str) -> Given:
         row = json.loads(Path(path).read_text()) | {name: value}
@@ -109,7 +109,7 @@ ROW = {
     "a row that is a list": (_in_run("row.json", lambda p: text(p, "[]")), "not a row"),
     "a row without a date": (_row("date", None), "it has no date"),
 }
-#: Of those that read what a row names.
+#: Refused by `figures`, which reads the files and the source that a row names.
 NAMED = {
     "cut vertices": (_vertices(lambda p: cut(p, 0.5)), "vertices.npy: not the file of a run"),
     "vertices that are a pickle": (_vertices(lambda p: data(p, pickle.dumps([1]))), "not the file of a run"),
@@ -140,7 +140,7 @@ METHODS = {
 
 
 def _full_disk() -> None:
-    """Earlier rows stay, the new one is not half there, and a rerun completes it."""
+    """Earlier rows stay, no part of the new row is written, and a rerun completes the new row."""
     before = contents()
     with limited(3000):
         check_refusal(run(f"{RUN} run.experiment=tiny subject=1"), "cannot be written", "disk may be full")

@@ -1,4 +1,4 @@
-"""Input files of the cases: each function gives one that writes a file into the working folder."""
+"""Input files of the cases. Most functions return a writer, which puts a file into the working folder."""
 
 import json
 from collections.abc import Callable
@@ -18,18 +18,18 @@ Given = Callable[[], None]
 
 
 def pose(V: np.ndarray) -> Handles:
-    """The lowest tenth along z held, the highest tenth moved sideways and up."""
+    """Return handles: the lowest tenth along z stays, the highest tenth moves sideways and up."""
     return end_handles(V, shift=np.ptp(V[:, 2]) * np.array([0.1, 0, 0.05]))
 
 
 def write_sound() -> None:
-    """The sound files that every case begins with."""
+    """Write the sound files that every case begins with."""
     write_mesh("body.ply", BODY.V, BODY.F)
     write_handles("pose.json", pose(BODY.V))
 
 
 def both(*parts: Given) -> Given:
-    """One after the other."""
+    """Return a writer that calls several writers in their order."""
 
     def write() -> None:
         for part in parts:
@@ -51,7 +51,7 @@ def posed(shape: Mesh | tuple[np.ndarray, np.ndarray], path: str = "body.ply") -
 
 
 def data(path: str, content: bytes) -> Given:
-    """A file of these bytes; folders on the way are made."""
+    """A file with the bytes `content`; its folders are made, too."""
 
     def write() -> None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -66,12 +66,12 @@ def text(path: str, content: str) -> Given:
 
 
 def handles(*entries: Any) -> Given:
-    """A handle file of these entries."""
+    """A handle file with the given entries."""
     return text("pose.json", json.dumps({"handles": list(entries)}))
 
 
 def cut(path: str, share: float) -> Given:
-    """A file shortened to a share of its length, or by so many bytes if negative."""
+    """A file cut to the fraction `share` of its length; a negative `share` counts bytes off its end."""
 
     def write() -> None:
         content = Path(path).read_bytes()
@@ -81,7 +81,7 @@ def cut(path: str, share: float) -> Given:
 
 
 def patched(path: str, old: bytes, new: bytes) -> Given:
-    """A file with a part of it replaced, which must be there."""
+    """A file in which `new` replaces `old`; the file must contain `old`."""
 
     def write() -> None:
         content = Path(path).read_bytes()

@@ -1,4 +1,4 @@
-"""Cases: where files come from and go to: odd paths, a full disk; maps."""
+"""Cases: odd paths, full disks, maps, and meshes that go with another mesh."""
 
 import pickle
 from pathlib import Path
@@ -21,7 +21,7 @@ def remeshed() -> None:
 
 
 def _map(**changes: Any) -> Given:
-    """A sound map with arrays replaced; None leaves one out."""
+    """A sound map with arrays replaced; the change None removes an array."""
 
     def write() -> None:
         remeshed()
@@ -80,7 +80,7 @@ MAPS = {
 
 
 def _taken(name: str, path: str, given: Given = nothing, *, call: str = DEFORM) -> Case:
-    """The result at a path is that of the sound files under their plain names."""
+    """Return a case whose result at `path` equals the result from the sound files with plain names."""
 
     def holds() -> None:
         found = read_arrays(path)[0]

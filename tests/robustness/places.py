@@ -15,7 +15,10 @@ DEFORM = "sshade deform {} pose.json -o {}"
 
 
 def _refused(call: str, given: Given = nothing) -> Case:
-    """The command ends with one sentence while the folder d is closed, all is as it was; then it works."""
+    """Return a case in which a command fails and changes no file while the folder d is read-only.
+
+    The command works once the folder may be written.
+    """
 
     def attempt() -> None:
         before = contents()
@@ -45,7 +48,7 @@ def _unreadable(path: str, call: str, given: Given = nothing) -> Case:
 
 
 def _sweep_goes_on() -> None:
-    """Earlier rows stay and are read where no new one can be written."""
+    """Earlier rows stay and can be collected while no new row can be written."""
     before = {path: data for path, data in contents().items() if path.endswith("row.json")}
     with read_only(RUNS):
         check_refusal(run(f"{RUN} run.experiment=tiny subject=1"), DENIED)
@@ -58,14 +61,14 @@ PRINTING = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
 
 
 def _to_a_full_device() -> None:
-    """What is printed goes to a device that takes nothing, as a log on a full disk."""
+    """Print to a device that is always full, like a log on a full disk."""
     with open("/dev/full", "w") as full:
         done = subprocess.run(PRINTING, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
 
 
 def _to_nobody() -> None:
-    """As ``| head -0`` does."""
+    """Print to a pipe whose reader closes it at once, as ``| head -0`` does."""
     with subprocess.Popen(PRINTING, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         process.stdout.close()
         assert process.stderr.read() == "" and process.wait(60) == 141

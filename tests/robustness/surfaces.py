@@ -14,7 +14,7 @@ V, F = BODY.V, BODY.F
 
 
 def _result() -> np.ndarray:
-    """The vertices that were written: finite, and the handles near their targets."""
+    """Return the written vertices; assert that they are finite and the handles are near their targets."""
     rest = read_arrays("body.ply")[0]
     moved, _ = read_arrays("out.ply")
     assert moved.shape == rest.shape and np.isfinite(moved).all()
@@ -27,7 +27,7 @@ def _result() -> np.ndarray:
 
 
 def _equals(change: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Callable[[], None]:
-    """The result is the sound body's, changed."""
+    """Return a check that the result equals the sound body's result after `change`."""
 
     def holds() -> None:
         found = _result()
@@ -45,7 +45,7 @@ def _taken(name: str, given: Given, holds: Callable[[], object]) -> Case:
 
 
 TURNED = np.where(np.arange(len(F))[:, None] % 3, F, F[:, ::-1])
-#: The input, and what holds beside that the handles are near their targets.
+#: Each input that is accepted, and a check of its result. The handles must also be near their targets.
 TAKEN = {
     "scale 1e-30": (posed((1e-30 * V, F)), _equals(lambda X: 1e-30 * X, 1e-9)),
     "scale 1e30": (posed((1e30 * V, F)), _equals(lambda X: 1e30 * X, 1e-9)),

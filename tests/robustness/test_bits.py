@@ -1,4 +1,7 @@
-"""The same bits from any number of cores, workers and threads, and from kernels compiled now or loaded."""
+"""Results have the same bits with any number of cores, workers and threads.
+
+Kernels that are loaded give the same bits as kernels that are compiled now.
+"""
 
 import hashlib
 import os
@@ -21,7 +24,7 @@ SEEDS = 2
 
 
 def digests(seeds: int = 1) -> list[str]:
-    """Return a line for the proxy and for each method and seed, on a body of 27,554 vertices.
+    """Return a line for each array of the proxy and for each result, on a body of 27,554 vertices.
 
     Threads share the work on a body of this size.
     """
@@ -47,7 +50,7 @@ def _digest(array: np.ndarray) -> str:
     not hasattr(os, "sched_setaffinity") or available_cpus() < 2, reason="it takes two cores to compare with"
 )
 def test_the_same_bits_on_one_core_as_on_several():
-    """Fresh processes: what a process may use is read when libraries start their threads."""
+    """Run fresh processes, because libraries read the usable cores when they start their threads."""
     one = min(os.sched_getaffinity(0))
     found = []
     for before in (f"import os; os.sched_setaffinity(0, {{{one}}}); ", ""):
@@ -59,7 +62,7 @@ def test_the_same_bits_on_one_core_as_on_several():
 
 @pytest.mark.full
 def test_the_same_bits_with_other_threads_and_caches(tmp_path):
-    """Fresh processes: one compiles every kernel, the next loads them, others have so many threads."""
+    """Run fresh processes: one compiles every kernel, one loads the kernels, one has one thread, one two."""
     expected = digests(SEEDS)
     command = [sys.executable, "-c", f"from {__name__} import digests; print(*digests({SEEDS}), sep='\\n')"]
     cache = {"SSHADE_KERNELS": str(tmp_path)}

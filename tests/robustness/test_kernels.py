@@ -1,6 +1,6 @@
-"""Kernels as plain Python, which checks every index, give what their machine code gives.
+"""Kernels give the same results as machine code and as plain Python, which checks every index.
 
-Work on tiny meshes calls every kernel, compiled and then not.
+The functions of `WORK` together call every kernel on tiny meshes, first compiled and then as plain Python.
 """
 
 import importlib
@@ -39,13 +39,13 @@ from tests.robustness.test_trust import ROOT, SOURCES
 from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
-#: Apart, relative to the largest value: the compiler contracts and reorders sums.
+#: Maximum difference, relative to the largest value. The compiler contracts and reorders sums.
 CLOSE = 1e-9
 FEW: dict[str, Any] = {"tolerance": 0.0, "max_iterations": 4}
 
 
 def task() -> DeformationTask:
-    """A body of 162 vertices with its ends held and moved."""
+    """A body of 162 vertices with one end fixed and the other end moved."""
     return DeformationTask("body", BODY, pose(BODY.V))
 
 
@@ -72,7 +72,7 @@ def _with_regions() -> np.ndarray:
 
 
 def _carried() -> np.ndarray:
-    """Points on the mesh, inside of it and outside."""
+    """Carry points that lie on, inside and outside the mesh."""
     X = np.concatenate([BODY.V, 0.3 * BODY.V, 1.4 * BODY.V])
     found = bind_points(BODY, X).with_maps(bent(BODY.V))
     shapes = moved_shapes(np.tile(np.arange(1.0, 8.0), (len(X), 1)), found.maps)
@@ -86,7 +86,7 @@ def _warped() -> np.ndarray:
 
 
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
-    """With few, closed balls are mended where regions touch in too little."""
+    """Sample a proxy. With few vertices, cells fail the closed-ball test, which then adds samples."""
     found = sample_proxy(mesh, vertices, seed=1)
     return np.concatenate([found.samples, found.faces.ravel(), found.cell])
 
@@ -102,7 +102,7 @@ def _cut() -> np.ndarray:
 
 
 def _on_needles() -> np.ndarray:
-    """Triangles whose corners lie on a line but for rounding."""
+    """Find closest points in triangles whose corners lie on a line up to rounding."""
     rng = np.random.default_rng(0)
     found = []
     for _ in range(200):
@@ -114,7 +114,7 @@ def _on_needles() -> np.ndarray:
 
 
 def _written() -> np.ndarray:
-    """Numbers of a text with normals, read, bent and written."""
+    """Read a text file with normals, bend the mesh, write it, and return the written numbers."""
     body = icosphere(1)
     rows = "".join("{!r} {!r} {!r} {!r} {!r} {!r}\n".format(*row, *row) for row in body.V.tolist())
     triangles = "".join(f"3 {a} {b} {c}\n" for a, b, c in body.F.tolist())
@@ -127,7 +127,10 @@ def _written() -> np.ndarray:
 
 
 def _cycled() -> np.ndarray:
-    """Two levels, a row held and one without strong neighbours; one cycle, and steps with cycles."""
+    """Run one multigrid cycle on two levels, then conjugate gradients with cycles.
+
+    One row of the matrix is fixed, and one row has no strong neighbours.
+    """
     rng = np.random.default_rng(0)
     A = csr_array(np.diag(np.full(29, -1.0), 1) + np.diag(np.full(29, -1.0), -1) + np.diag(np.full(30, 2.1)))
     A[[0, 1], [1, 0]] = -1e-3
@@ -177,7 +180,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
 
 
 def kernels() -> dict[CPUDispatcher, list[tuple[Any, str]]]:
-    """Every compiled function, and the modules that name it."""
+    """Return every compiled function, with the modules and the names that refer to it."""
     for path in SOURCES:
         if "@kernel" in path.read_text(encoding="utf-8"):
             importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))

@@ -15,7 +15,7 @@ def bent_bar() -> DeformationTask:
 
 
 def bent_strip() -> DeformationTask:
-    """An open sheet, out of its plane, one end of which is turned by 90 degrees."""
+    """An open sheet with one end turned out of the plane by 90 degrees."""
     return bend(jittered(strip(20, 5), 0.1), axis=0, pivot=[10.0, 2.5, 0.0])
 
 
@@ -41,7 +41,7 @@ def svd_rotations(S: np.ndarray) -> np.ndarray:
 
 
 def vertex_areas(mesh: Mesh) -> np.ndarray:
-    """(n,) a third of the area of the faces around each vertex."""
+    """Return a third (n,) of the area of the faces around each vertex."""
     area = np.zeros(mesh.n)
     for face in mesh.F:
         a, b, c = mesh.V[face]
@@ -59,7 +59,7 @@ class Naive:
         a, b = self.V[self.k] - self.V[opposite], self.V[self.j] - self.V[opposite]
         self.h = 0.5 * (a * b).sum(axis=1) / np.linalg.norm(np.cross(a, b), axis=1)
         self.rest = self.V[self.k] - self.V[self.j]
-        # The vertices whose cells hold the term of k, j and h.
+        # Vertices whose cells contain the term of the edge from j to k with weight h.
         spokes = np.stack([self.k, self.j], axis=1)
         self.cells = spokes if energy == "spokes" else np.repeat(F, 3, axis=0)
         n = len(self.V)
@@ -81,7 +81,7 @@ class Naive:
         return S
 
     def energy(self, U: np.ndarray, R: np.ndarray) -> float:
-        # Spokes: every edge belongs to its two end points' cells, as here.
+        # For spokes, `cells` lists the two end points of every edge, because each edge is in both cells.
         turned = np.einsum("tcxy,ty->tcx", R[self.cells], self.rest)
         squares = ((U[self.k] - U[self.j])[:, None] - turned) ** 2
         return float((self.h * squares.sum(axis=(1, 2))).sum())
@@ -92,7 +92,7 @@ class Naive:
         return self.positions(self.rotations(U))
 
     def positions(self, R: np.ndarray) -> np.ndarray:
-        """Where the energy is least for rotations (n, 3, 3)."""
+        """Return the positions of least energy for rotations (n, 3, 3)."""
         U = np.empty_like(self.V)
         U[self.index] = self.targets
         b = self.right_hand_side(R)

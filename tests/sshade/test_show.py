@@ -1,4 +1,4 @@
-"""Pictures of shapes and ``sshade show``: what is drawn where, and in which colour."""
+"""Pictures of shapes and ``sshade show``: places and colours of the drawn objects."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from tests.shapes import end_handles, rotation
 
 
 def coloured(pixels: np.ndarray, *, red=(0, 255), green=(0, 255), blue=(0, 255)) -> np.ndarray:
-    """(h, w) bool: pixels whose channels lie in the ranges."""
+    """Return a mask (h, w) of the pixels whose channels lie in the ranges."""
     low, high = np.array([red, green, blue]).T
     return ((pixels >= low) & (pixels <= high)).all(axis=2)
 
@@ -47,7 +47,7 @@ def test_a_view_holds_its_shapes_upright(body):
         assert (np.abs((V - view.centre) @ axes.T) < 0.5 * view.size).all()
     foot = view.with_foot(0.25)
     assert foot.size[1] == 1.25 * view.size[1]
-    # Its upper edge is where it was.
+    # The upper edge of the view stays in place.
     assert (foot.centre - view.centre) @ axes[1] + foot.size[1] / 2 == pytest.approx(view.size[1] / 2)
 
 
@@ -92,7 +92,7 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
     for panel in (left, right):
         assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
-    # The errors alone are in colours.
+    # Only the picture with errors is coloured.
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
 
 

@@ -1,4 +1,4 @@
-"""Every measure against its definition, by libigl or face by face, on faces that differ in size."""
+"""Every measure agrees with its definition, by libigl or face by face, on faces that differ in size."""
 
 from functools import cache
 from itertools import combinations
@@ -14,18 +14,18 @@ from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
 from tests.shapes import bent, bumpy, jittered, rotation, strip
 
-#: Held against their definitions in the other files of this folder.
+#: Measures that other tests of this folder compare with their definitions.
 ELSEWHERE = {"zero_area_faces", "flips", "self_intersections", "hausdorff", "chamfer"}
 
 
 def uneven(mesh: Mesh) -> Mesh:
-    """A mesh whose faces are several times as large at one end as at the opposite end."""
+    """Return a mesh whose faces are several times as large at one end as at the opposite end."""
     mesh = jittered(mesh, 0.05)
     return Mesh(mesh.V * np.exp(0.6 * mesh.V[:, :1]) * [1.0, 0.7, 1.4], mesh.F)
 
 
 def task_of(mesh: Mesh) -> DeformationTask:
-    """Handles in two groups that no method met, and a true result."""
+    """Return a task with two groups of handles, whose targets no result reaches, and with a ground truth."""
     index = np.array([3, 4, 40, 41, 42])
     handles = Handles(index, mesh.V[index] + [0.1, 0.2, -0.3], group=np.array([0, 0, 7, 7, 7]))
     truth = bent(mesh.V, 0.5) * [1.0, 1.1, 0.95]
@@ -33,7 +33,7 @@ def task_of(mesh: Mesh) -> DeformationTask:
 
 
 def deformed_of(mesh: Mesh) -> np.ndarray:
-    """Bent, stretched, and moved a little everywhere; one face is shrunk to a twentieth of its height."""
+    """Bend and stretch a mesh, move all vertices a little, and shrink a face to a twentieth of its height."""
     V = bent(mesh.V, 0.7) * [1.0, 1.3, 0.8] + np.random.default_rng(5).normal(0, 0.01, mesh.V.shape)
     tip, *base = mesh.F[7]
     V[tip] = 0.05 * V[tip] + 0.95 * V[base].mean(axis=0)
@@ -63,12 +63,15 @@ def lengths(V, F):
 
 
 def enclosed(V, F):
-    """Tetrahedra from a point that is no centre of anything."""
+    """Return the enclosed volume, as a sum of tetrahedra between the faces and an arbitrary point."""
     return sum(np.linalg.det(V[face] - [0.3, -0.2, 0.1]) for face in F) / 6
 
 
 def dihedral(V, F):
-    """Signed angle at each edge of two faces: between normals, and on which side the other corner is."""
+    """Return the angle between the normals of the two faces at each inner edge.
+
+    The angle is positive if the second face lies behind the first face, that is, at convex edges.
+    """
     at = {}
     for face in F:
         for i, j in combinations(face, 2):
@@ -105,7 +108,11 @@ def spike(task, V):
 
 
 def stretches(task, V):
-    """Singular values of the map that also carries the unit normal over; its own, 1, is left out."""
+    """Return the two singular values of the deformation of each face.
+
+    The linear map of a face also maps its unit normal at rest to its deformed unit normal. The singular
+    value of the normal, which is 1, is left out.
+    """
     found = []
     for face in task.mesh.F:
         before, after = (
@@ -129,12 +136,12 @@ def percentile_by_area(task, V, percent):
 
 
 def collapsed(task, V):
-    flipped = Deformed(task, V).flipped  # counted against its definition elsewhere
+    flipped = Deformed(task, V).flipped  # test_deformation.py tests its definition
     return sum(s.min() < 0.1 or flip for s, flip in zip(stretches(task, V), flipped, strict=True))
 
 
 def detail(task, V):
-    """libigl's Laplacian and scipy's rotation fit, vertex by vertex."""
+    """Return the measure by libigl's Laplacian and SciPy's rotation fit, vertex by vertex."""
     mesh = task.mesh
     L = -igl.cotmatrix(np.array(mesh.V), np.array(mesh.F)).toarray()
     boundary = set(igl.boundary_facets(np.array(mesh.F))[0].ravel().tolist())
@@ -243,7 +250,7 @@ def test_invariant_under_the_order_of_vertices_faces_corners_and_handles():
 
 
 def test_a_rigid_motion_of_the_result_changes_no_measure_but_places_and_normals():
-    """Also of a shape of a metre by a kilometre."""
+    """The motion is large: a shape of about a metre moves by about a kilometre."""
     task = task_of(uneven(bumpy(2)))
     V = deformed_of(task.mesh)
     here, there = (measure(task, X) for X in (V, V @ rotation(2).T + [800.0, -500.0, 300.0]))

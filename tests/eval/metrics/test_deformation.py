@@ -1,4 +1,4 @@
-"""Metrics of single faces: without area, inverted, needles; intermediate values are computed once."""
+"""Metrics of faces without area, inverted faces and needles; values that runs of a task share."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which faces intersect: linear programs as oracle, and collapsed faces."""
+"""Intersecting faces: agreement with linear programs, collapsed faces, and neighbouring faces."""
 
 import numpy as np
 import pytest
@@ -17,9 +17,10 @@ def meet(V, F=TWO) -> bool:
 
 
 def triangles_meet(one, two):
-    """Whether two convex combinations of corners are equal, by linear programming.
+    """Return whether two triangles have a common point, by linear programming.
 
-    Corners are small integers: triangles that do not meet are apart by much more than the tolerance.
+    A common point is a convex combination of the corners of each triangle. Corners are small integers, so
+    triangles that do not meet are apart by much more than the tolerance.
     """
     A = np.vstack([np.hstack([one.T, -two.T]), np.kron(np.eye(2), np.ones(3))])
     return linprog(np.zeros(6), A_eq=A, b_eq=[0, 0, 0, 1, 1]).status == 0
@@ -27,7 +28,7 @@ def triangles_meet(one, two):
 
 @pytest.mark.parametrize("size", [2, 3, 6])
 def test_faces_without_a_common_corner_against_linear_programs(size):
-    """On a grid this small most pairs touch, lie in a plane, or have lost their area."""
+    """On a grid this small, most pairs of faces touch, lie in one plane, or include a face without area."""
     rng = np.random.default_rng(size)
     flat = 0
     for V in rng.integers(0, size, (700, 6, 3)):
@@ -41,10 +42,10 @@ def test_faces_without_a_common_corner_against_linear_programs(size):
 def test_a_collapsed_face_through_a_wall_counts_although_it_has_no_plane():
     through = [[1, 1, -1], [1, 1, 1], [1, 1, 0.25]]
     assert meet(WALL + through)
-    # Beside the wall, within its shadow on the plane z = 0, it does not.
+    # A collapsed face beside the wall does not count, although the two overlap when seen along z.
     beside = [[0.5, 0.5, 3], [3.5, 3.5, -1], [2.75, 2.75, 0]]
     assert not meet(WALL + beside) and not meet(beside + WALL)
-    # A needle on its way there, of a height of 1e-13.
+    # A needle through the wall counts, too; its height is 1e-13.
     assert meet([*WALL, [1, 1, -1], [1, 1, 1], [1 + 1e-13, 1, 0.25]])
     assert not meet(WALL + 3 * [[1, 1, 0]])
 

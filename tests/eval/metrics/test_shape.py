@@ -12,7 +12,7 @@ from tests.shapes import bumpy, quads, rotation, strip
 
 
 def grid(size: int = 12) -> Mesh:
-    """A flat square of size x size vertices a unit apart."""
+    """Return a flat square of size x size vertices with a spacing of 1."""
     x, y = np.meshgrid(np.arange(size, dtype=float), np.arange(size, dtype=float), indexing="ij")
     return Mesh(np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3), quads(size, size))
 
@@ -34,7 +34,7 @@ def test_a_rigid_motion_is_no_deformation(scale):
 
 def test_a_face_that_loses_its_area_is_infinitely_distorted_and_one_without_is_left_out():
     V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0]])
-    mesh = Mesh(V, np.array([[0, 3, 2], [3, 1, 2], [0, 1, 3]]))  # the last has no area
+    mesh = Mesh(V, np.array([[0, 3, 2], [3, 1, 2], [0, 1, 3]]))  # the last face has no area
     assert np.isnan(Deformed(task(mesh), V).singular_values[0][2])
     assert distortion_max(Deformed(task(mesh), V)) == pytest.approx(0.0, abs=1e-12)
     assert collapsed(Deformed(task(mesh), V)) == 0

@@ -25,13 +25,13 @@ def rows():
 
 
 def dots(axes):
-    """The runs of a distribution, top to bottom: (n,) values each."""
+    """Return the values of the runs of each method, from top to bottom of a distribution."""
     return [np.asarray(part.get_offsets())[:, 0].tolist() for part in axes.collections]
 
 
 def test_a_distribution_shows_every_run_of_every_method(rows):
     found = distributions(frame(*rows))
-    # The area is the same everywhere, and the edges were not measured.
+    # Measures that are equal in all runs, such as the area, have no chart.
     assert set(found) == {"volume", "memory"}
     axes = found["volume"].axes[0]
     assert dots(axes) == [[4.0, 8.0], [2.0]]
@@ -54,7 +54,7 @@ def test_the_sizes_of_a_method_share_its_colour():
     rows = [
         row("arap-2000", task__vertices=2010, metric__volume=2.0),
         row("arap-9000", task__vertices=9020),
-        row("paper-6000", task__vertices=2010),  # 6000 is no number of its vertices
+        row("paper-6000", task__vertices=2010),  # the mesh has 2010 vertices, not 6000
         row("paper-600", task__vertices=2010),
     ]
     axes = distributions(frame(*rows))["volume"].axes[0]
@@ -66,7 +66,7 @@ def test_curves_of_the_runs_that_are_here(rows, tmp_path):
     losses = np.array([[4.0, 1.0], [2.0, 0.5], [1.0, 0.25]])
     write_run(run_folder(tmp_path, rows[0]), rows[0], curves={"loss_curve": losses})
     write_run(run_folder(tmp_path, rows[1]), rows[1], curves={"energy_curve": np.array([3.0, -1.0])})
-    # Another run of the same key is not the row's.
+    # The curves of an older run with the same key do not belong to the row.
     older = rows[2] | {"date": "2020"}
     write_run(run_folder(tmp_path, rows[2]), older, curves={"energy_curve": losses[:, 0]})
     found = convergence(Experiment("tiny", frame(*rows), (tmp_path,)))

@@ -1,4 +1,4 @@
-"""Claims of pages: the words stand on the page, and intervals of the committed rows support them."""
+"""Every claim of a page is written there, and intervals of the committed rows support it."""
 
 from functools import cache
 from pathlib import Path
@@ -14,8 +14,9 @@ from eval.rows.splits import HELD_OUT, TUNING, split_of
 
 ROOT = Path(__file__).parents[3]
 
-#: Page -> words -> claims: table and half, column, method, sign of the difference, other methods.
-#: The interval of the difference lies below zero (<), above zero (>), or contains zero (=).
+#: Page -> words on the page -> claims. A claim names a table and a half, a column, a method, the sign of its
+#: difference to other methods, and the other methods. The interval of the difference lies below zero (<),
+#: lies above zero (>), or contains zero (=).
 CLAIMS = {
     "README.md": {
         "Edges and angles change less": [
@@ -126,19 +127,19 @@ CLAIMS = {
 
 
 def words_of(page: str) -> str:
-    """The text of a page on one line."""
+    """Return the text of a page as one line."""
     return " ".join((ROOT / page).read_text(encoding="utf-8").split())
 
 
 @cache
 def of_subjects(table: str, half: str) -> pd.DataFrame:
-    """The means of each method and subject over the common cases of a half."""
+    """Return the means of each method and subject over the common cases of a half."""
     rows = read_csv(ROOT / "results" / "rows" / f"{table}.csv")
     return compare(rows[rows["task.name"].map(split_of) == half], COLUMNS[:-1]).of_subjects
 
 
 def sign(table: str, half: str, column: str, method: str, other: str) -> str:
-    """Where the interval of the difference of two methods lies."""
+    """Return <, > or = if the interval of the difference of two methods is below, above or around zero."""
     assert half in (HELD_OUT, TUNING)
     values = of_subjects(table, half)[column].unstack("method.name")[[method, other]]
     assert len(values) >= 5

@@ -18,7 +18,7 @@ MORE = {**LESS, "holds": "one a > one b"}
 
 
 def write(folder, values, name="one_own", tasks=1):
-    """Rows of some methods with a volume for each subject, the same on each task of a subject."""
+    """Write rows of methods with a volume for each subject; all tasks of a subject have the same volume."""
     rows = [
         row(method, f"s{subject}/t{task}", metric__volume=volume, task__meta__subject=subject)
         for method, volumes in values.items()

@@ -15,7 +15,7 @@ BODIES = "defaust-synthetic/subject_0"
 
 
 def on(method, volumes, **changes):
-    """A row a case of a method, t0 and so on; one without a volume was lost."""
+    """Return a row of a method for each case t0, t1, and so on. A volume of None gives a failed run."""
     return [
         lost(method, f"t{i}") if volume is None else row(method, f"t{i}", metric__volume=volume, **changes)
         for i, volume in enumerate(volumes)
@@ -23,13 +23,13 @@ def on(method, volumes, **changes):
 
 
 def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
-    """Without its worst case b would look better than a, which finished it."""
+    """Only method a finished the worst case. Means over all finished cases would make b look better."""
     rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0, 3.0, 3.0, 1.0, None])]
     table = table_of(*rows)
     assert table.means["volume"].tolist() == [2.0, 2.5]
     assert table.lines["cases"].tolist() == [4, 4] and table.lines["competes"].all()
     text = to_markdown(table)
-    assert "| a | 5 | 2.00 |" in text and "| b | 4/5 | 2.50 |" in text  # too close to tell them apart
+    assert "| a | 5 | 2.00 |" in text and "| b | 4/5 | 2.50 |" in text  # no marks: the means are too close
     assert "| b | *+0.50 [-1.09, +2.09]* |" in text and table.subjects == 4
     assert "means over 4 of 5, the cases for which every compared method has a result." in table.notes[0]
     assert "b: 1 failed (ValueError: no): t4." in table.notes
@@ -50,7 +50,7 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
 
 
 def test_methods_that_lost_as_many_cases_as_each_other_are_kept():
-    """A sweep that has come to its second case: nothing else is left to compare."""
+    """A sweep that has finished two of five cases leaves only two cases to compare."""
     rows = [r for name, v in (("a", 1.0), ("b", 2.0)) for r in on(name, [v, v, None, None, None])]
     table = table_of(*rows)
     assert table.means["volume"].tolist() == [1.0, 2.0] and "means over 2 of 5" in table.notes[0]
@@ -113,7 +113,7 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     plain = on("a", [3.0, 3.0])
     table = table_of(*seeded, *plain)
     assert table.means["volume"].to_dict() == {"a": 3.0, "s": 4.5}
-    # Means over cases: 3 with one seed and 6 with the other.
+    # The mean over the cases is 3 with seed 0 and 6 with seed 1.
     assert table.spread.at["s", "volume"] == pytest.approx(np.std([3.0, 6.0], ddof=1))
     assert np.isnan(table.spread.at["a", "volume"])
     text = to_markdown(table)
@@ -181,7 +181,7 @@ def test_the_version_stands_under_the_table():
 
     code = "Code: version c0dec0de, metrics 3e753e75"
     assert note(row("a"), row("b")) == f"{code}, commit abcdef01, clean tree."
-    # A commit of texts alone leaves the version as it is.
+    # A commit that changes only texts does not change the version.
     two = note(row("a"), row("b", env__commit="1234567890", env__modified=True))
     assert two == f"{code}, commit 12345678, abcdef01, modified tree."
     assert note(row("a"), planned("a", "t2")).startswith(code)  # a run that never started has no version

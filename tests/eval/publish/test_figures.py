@@ -1,4 +1,4 @@
-"""The comparison picture: which runs it shows, and that no method is run for it."""
+"""The comparison picture shows stored runs of the chosen cases and methods; it runs no method."""
 
 import re
 from dataclasses import replace
@@ -49,7 +49,7 @@ def test_a_method_without_a_result_has_its_reason_in_its_place(tiny_runs):
 
 
 def test_what_the_configuration_says_of_pictures_names_published_runs():
-    """Cases and methods of the rows, or a track's picture could not be made of its runs."""
+    """A picture can be made from published runs only if the rows have its cases and methods."""
     told = yaml.safe_load((CONFIGURATION / "pictures.yaml").read_text())
     for name, picture in told.items():
         assert set(picture) <= {"title", "titles", "captions", "tasks", "methods", "towards", "up"}

@@ -1,4 +1,4 @@
-"""What a knob costs: curves of values, points of methods, over the cases that all have."""
+"""The cost of a knob: a curve over its values, points of other methods, and means over common cases."""
 
 import pytest
 from eval_rows import frame, lost, row
@@ -19,9 +19,9 @@ def test_weights_make_a_curve_and_other_methods_points():
         weighted("fine-inf", volume=0.0, weight=float("inf")),
         weighted("fine-0.0", volume=4.0, weight=0.0),
         weighted("fine-0.1", volume=2.0, weight=0.1),
-        weighted("fine", volume=3.0, weight=0.05),  # by the plain name
+        weighted("fine", volume=3.0, weight=0.05),  # a weight, but no number in the name
         weighted("arap", volume=9.0),
-        weighted("accelerated-2", volume=7.0),  # a number, but no weight
+        weighted("accelerated-2", volume=7.0),  # a number in the name, but no weight
         weighted("identity", volume=5.0),
     )
     points = front(rows)

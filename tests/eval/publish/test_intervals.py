@@ -24,7 +24,10 @@ def drawn(n, k=3, seed=0):
 
 
 def on_subjects(method, values, *, poses=1, seeds=1):
-    """Rows of a method: a mean distance for each subject, spread over poses and seeds that differ much."""
+    """Return rows of a method whose metric.edge has a given mean for each subject.
+
+    The values differ much between the poses and seeds of a subject.
+    """
     return [
         row(
             method,
@@ -95,7 +98,7 @@ def test_too_few_subjects_have_neither_interval_nor_rank(n):
 
 
 def test_poses_and_seeds_of_a_subject_are_averaged_first():
-    """Thirty runs of five subjects are five values."""
+    """Thirty runs of a method on five subjects give five values."""
     base, better = np.array([1.0, 2.0, 3.0, 4.0, 6.0]), np.array([0.5, 1.9, 2.0, 4.1, 4.0])
     many = [*on_subjects("elastic", base, poses=3, seeds=2), *on_subjects("near", better, poses=3, seeds=2)]
     one = [*on_subjects("elastic", base), *on_subjects("near", better)]
@@ -144,7 +147,7 @@ def test_differences_are_to_elastic_or_to_the_first_method(names, reference):
 
 
 def test_methods_that_cannot_be_told_apart_from_the_best_share_its_rank():
-    """a and b differ by noise; c is worse for each subject; d varies so much that nothing can be said."""
+    """Methods a and b differ by noise; c and e are worse for every subject; d varies a lot."""
     of_subjects = pd.DataFrame(
         {
             "a": [1.0, 1.1, 0.9, 1.0, 1.0],

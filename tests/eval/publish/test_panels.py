@@ -22,7 +22,7 @@ def transfer(edited=True, known=True) -> TransferTask:
 
 
 def assert_fits(row):
-    """One scale in all panels of a row, and every shape fits."""
+    """Assert that all panels of a row have one scale, and that every shape fits into its panel."""
     assert len({tuple(view.size) for view in row.views}) == 1
     for V, view in zip(row.shapes.values(), row.views, strict=True):
         assert (np.abs((V - view.centre) @ view.axes.T) < view.size / 2).all()

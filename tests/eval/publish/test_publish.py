@@ -1,4 +1,4 @@
-"""``sshade-eval publish`` alone changes committed results; committed rows, tables and figures agree."""
+"""Only ``sshade-eval publish`` changes committed results; committed rows, tables and figures agree."""
 
 import json
 import os
@@ -22,7 +22,7 @@ TIME_FORMATS = {"csv": of_times.to_csv, "md": of_times.to_markdown}
 
 
 def clean(method="arap", task="t1", **changes):
-    """A row of version c from a clean checkout."""
+    """Return a row of code version c from a clean checkout."""
     facts = {"env.commit": "1", "env.modified": False, "env.version.code": "c", "env.version.metrics": "m"}
     return row(method, task) | facts | {name.replace("__", "."): value for name, value in changes.items()}
 
@@ -37,7 +37,7 @@ def published():
 
 @pytest.fixture
 def project(here):
-    """A project with earlier results of one experiment and new rows of two."""
+    """Make a project with published rows of one experiment and new rows of two experiments."""
     write_csv("results/rows/tiny.csv", frame(clean("early")))
     for name in ("tiny", "other"):
         write_csv(f"out/rows/{name}.csv", frame(clean("arap"), clean("paper")))

@@ -1,4 +1,4 @@
-"""The report's text: everything that the rows say stands in it, and nothing is fetched or run."""
+"""The report contains everything that the rows say; nothing is fetched, and no method runs."""
 
 import json
 import re
@@ -18,12 +18,12 @@ pytest.importorskip("jinja2")
 
 
 def plain(html: str) -> str:
-    """The text of a part of a page, on a line."""
+    """Return the text of a part of a page as one line."""
     return " ".join(unescape(re.sub("<[^>]*>", " ", html)).split())
 
 
 class Page:
-    """Tables as lists of rows of texts, pictures by their names, and texts of elements."""
+    """A page with its tables as lists of rows of texts, its pictures by name, and texts of its elements."""
 
     def __init__(self, text: str) -> None:
         self.text, self.tables, self.images = text, [], {}
@@ -34,7 +34,7 @@ class Page:
             self.images.setdefault(name, []).append(source)
 
     def told(self, tag: str, kind: str = "") -> str:
-        """The texts of the elements of a tag, and of a class if one is given."""
+        """Return the text of all elements with a tag, and with the class `kind` if it is given."""
         begin = f'<{tag} class="{kind}">' if kind else f"<{tag}>"
         return plain(" ".join(re.findall(f"{begin}.*?</{tag}>", self.text, re.S)))
 
@@ -82,7 +82,7 @@ def test_every_case_has_pictures(page):
 
 
 def test_convergence_failures_and_facts(page, tiny):
-    assert page.tables[4][0] == ["method", "converged", "iterations", "last residual"]  # no energies
+    assert page.tables[4][0] == ["method", "converged", "iterations", "last residual"]  # without energy
     convergence = {line[0]: line[1:] for line in page.tables[4][1:]}
     assert convergence["arap"][:2] == ["0/2", "5 / 5 / 5"]
     failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_40"]]
@@ -133,7 +133,7 @@ def test_the_view_holds_every_shape(text):
 
 @pytest.fixture
 def without_charts(monkeypatch):
-    """Charts take most of a small report's time."""
+    """Leave out the charts, which take most of the time of a small report."""
     monkeypatch.setattr("eval.publish.report.page.charts", lambda figures: [])
 
 
@@ -174,7 +174,7 @@ def test_pose_transfers_are_held_against_the_truth(tmp_path):
     assert "distance to the ground truth (% of the diagonal)" in page.told("div", "scale")
     assert "fixed" not in page.told("div", "scale")  # there are no handles
     assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
-    # Two cases, the whole, two edits: each has the numbers of its own runs.
+    # The tables of the two cases, the whole experiment and the two edits have the numbers of their runs.
     at = "distance (%)"
     distances = [table[1][table[0].index(at)] for table in page.tables if at in table[0]]
     assert distances[:2] == distances[3:5] and len(set(distances)) == 3

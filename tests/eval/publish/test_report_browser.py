@@ -1,4 +1,4 @@
-"""The report in a browser, at the width of a telephone and of a desktop: it draws, and reacts."""
+"""The report draws and reacts in a browser, at the width of a phone and at the width of a desktop."""
 
 import numpy as np
 import pytest
@@ -20,12 +20,12 @@ def page(request, browser, tiny_report):
 
 
 def stage(page) -> np.ndarray:
-    """The 3D view as it is on the screen, without its frame."""
+    """Return the pixels of the 3D view on the screen, without its frame."""
     return pixels(page.locator("#turn-stage"))[4:-4, 4:-4]
 
 
 def drag(page, dx: int) -> None:
-    """Move one finger, or the mouse, over the middle of the 3D view."""
+    """Drag one finger or the mouse by `dx` pixels from the middle of the 3D view."""
     box = page.locator("#turn-canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     if page.viewport_size["width"] == 400:
@@ -78,7 +78,7 @@ def test_the_view_switches_shapes_errors_handles_and_cases(page):
     assert np.ptp(stage(page), axis=2).max() < 60
     page.locator("#turn-shapes").get_by_text("rest", exact=True).click()
     assert page.locator("#turn-stage").get_attribute("data-shape") == "rest"
-    assert changed(plain, stage(page)) > 0.02  # half as large
+    assert changed(plain, stage(page)) > 0.02  # the rest shape is smaller
     page.locator("#turn-case").select_option("1")
     page.wait_for_selector("#turn-stage[data-case=tiny-case-1]")
     assert page.locator("#turn-stage").get_attribute("data-shape") == "rest"

@@ -49,7 +49,7 @@ def test_markdown(rows):
 
 def test_every_measure_has_a_place_in_a_table():
     shown = {column.source.removeprefix("metric.") for column in (*COLUMNS, *TRANSFER_COLUMNS)}
-    # The formula of the paper's text, from which the paper's table deviates.
+    # angle_relative is the formula in the paper's text; the paper's table deviates from it.
     assert METRICS.keys() - shown == {"angle_relative", "zero_area_faces"}
 
 
@@ -84,7 +84,7 @@ def test_pose_transfers_by_class_and_edit():
         for edit in ("fin", "horns")
     ]
     parts = [part.title for part in table_of(*two, planned("z", "cat fin")).parts]
-    # Poses that not every class has are cases, not parts.
+    # A pose that only some classes have gets no part of the table.
     assert parts == ["class: cat", "class: dog", "edit: fin", "edit: horns"]
     assert table_of(*two[:1]).parts == []
 

@@ -1,4 +1,4 @@
-"""The experiment of isometric transfers, from its configuration to its table, on a user's own sequence."""
+"""The experiment `isometric` runs on a user's sequence, from its configuration to its table."""
 
 from eval_program import run_eval
 
@@ -16,7 +16,7 @@ def test_isometric(tmp_path):
     for k in range(3):
         write_mesh(tmp_path / "meshes" / f"blob{k}.ply", bent(mesh.V, 0.1 * k), mesh.F)
     arguments = ["build", "source=sequence", f"source.root={tmp_path / 'meshes'}", f"out={tmp_path / 'data'}"]
-    # Handles are not used here, but a dataset has them.
+    # Transfers use no handles, but every dataset has handles.
     arguments += ["source.landmarks=2", "handles_per_landmark=5", "neighbourhood=10", "workers=1"]
     assert defaust(arguments) == 0
 

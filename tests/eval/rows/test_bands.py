@@ -50,7 +50,7 @@ def test_widths_of_suggested_bands(column, value, band):
 
 
 def typical(method: str, task: str) -> dict:
-    """A row in the middle of its committed bands."""
+    """Return a row whose values lie in the middle of their committed bands."""
     bands = CI[method][task]
     return row(method, task) | {column: (low + high) / 2 for column, (low, high) in bands.items()}
 

@@ -1,4 +1,4 @@
-"""Rows of several runs, folders, people and machines together."""
+"""Rows of several runs, folders, people and machines are joined into one file for each experiment."""
 
 import pytest
 from eval_rows import row
@@ -66,7 +66,7 @@ def test_published_rows_of_the_same_version_and_what_is_missing_are_taken_in(her
     write_csv("results/rows/tiny.csv", to_frame(published))
     runs = [planned(method, task) | VERSION for method in "abc" for task in ("t1", "t2")]
     write_plan(here / "out/runs/tiny", runs)
-    assert call("collect", []) == 0  # all that was asked for may be published
+    assert call("collect", []) == 0  # published rows alone are enough
     assert "tiny.csv: 3 rows, 4 of 7 planned runs missing\n" in capsys.readouterr().out
     write_run(here / "out/runs/tiny/0", versioned("a", "t1"))
     write_run(here / "out/runs/tiny/1", versioned("a", "t2"))

@@ -1,4 +1,4 @@
-"""Experiments found by name: one's own rows, published ones, folders of runs."""
+"""Experiments are found by name among one's own rows, published rows, and folders of runs."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def test_published_rows_are_read_where_there_are_none_of_ones_own(here):
     write_csv("out/rows/tiny.csv", frame(row(), row("b")))
     assert str(rows_file("tiny")) == "out/rows/tiny.csv" and len(load_rows("tiny")) == 2
     assert len(load_rows("results/rows/tiny.csv")) == 1
-    assert str(rows_file("none")) == "out/rows/none.csv"  # what a message names
+    assert str(rows_file("none")) == "out/rows/none.csv"  # messages name this path
 
 
 def test_runs_that_were_not_collected_are_rows_too(here):
@@ -56,9 +56,9 @@ def test_runs_that_were_not_collected_are_rows_too(here):
 
 
 def test_an_experiment_on_another_dataset_is_found_by_its_name_alone(here):
-    (here / "out/runs/mine").mkdir(parents=True)  # of a refused run
+    (here / "out/runs/mine").mkdir(parents=True)  # a refused run leaves an empty folder
     write_run(run_folder("out/runs/mine_mesh", row()), row())
-    write_run(run_folder("out/runs/mine_lowres", row()), row())  # no tag of a dataset
+    write_run(run_folder("out/runs/mine_lowres", row()), row())  # lowres is no dataset's tag
     assert experiment_folder(Path("mine")) == Path("out/runs/mine_mesh")
     assert main(["collect", "mine"]) == 0
     assert rows_file("mine") == Path("out/rows/mine_mesh.csv") and len(load_rows("mine")) == 1

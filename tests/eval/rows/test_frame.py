@@ -1,4 +1,4 @@
-"""Rows as a table of pandas: types in CSV, reading back, the newest of equal runs, labels."""
+"""Rows as a pandas table: types in CSV, reading back, the newest of equal runs, labels."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -61,7 +61,7 @@ def test_types_survive(tmp_path):
     write_csv(tmp_path / "r.csv", to_frame(rows))
     back = records(read_csv(tmp_path / "r.csv"))
     expected = [{name: rows[i].get(name) for name in back[0]} for i in (0, 1)]
-    expected[0]["reason"] = None  # nothing and an empty text are one
+    expected[0]["reason"] = None  # an empty text is read back as None
     assert back == expected
     assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
 

@@ -1,4 +1,4 @@
-"""Old names of methods and options are refused with the new ones, and committed rows have none."""
+"""Old names of methods and options are refused with their new names; committed rows have no old names."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""Plans of sweeps: stored, joined, and runs without a row."""
+"""Plans of sweeps are stored and joined, and planned runs without a row are missing."""
 
 import json
 
@@ -45,7 +45,7 @@ def test_what_no_row_answers_for_is_missing():
     told = {(r["method.name"], r["task.name"], r["seed"]) for r in missing_rows([*runs, *runs], rows)}
     assert told == {("a", "t2", 0), ("a", "t2", 1), ("b", "t1", 0), ("b", "t1", 1), ("b", "t2", 1)}
     (one,) = missing_rows([planned(pose=3)], rows)
-    assert one["task.name"] == "_target_=load pose=3"  # nobody knows its name yet
+    assert one["task.name"] == "_target_=load pose=3"  # the name of the case is not known yet
     assert (one["status"], one["reason"]) == ("missing", "planned, never run")
     assert one["task.source"] == planned(pose=3)["task.source"]
     assert missing_rows([one], [done("t3", pose=3)]) == []

@@ -1,4 +1,4 @@
-"""Rankings: by each column, ties of the intervals, methods without means, kinds of handles, mixtures."""
+"""Rankings by each column: shared ranks, methods without means, kinds of handles, and refused mixtures."""
 
 import pytest
 from eval_rows import frame, lost, row
@@ -17,7 +17,7 @@ NOISE = (0.0, 0.2, -0.1, 0.1)
 
 
 def near(name, truth, *, noise=1.0, kind="", **changes):
-    """Rows of a method on four subjects, with a distance around `truth`."""
+    """Return rows of a method on four subjects, with distances to the ground truth around `truth`."""
     return [
         row(
             name,

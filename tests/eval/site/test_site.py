@@ -1,4 +1,4 @@
-"""The pages of the leaderboard: what the rows say stands there, links lead somewhere, nothing is fetched."""
+"""The pages of the leaderboard show the contents of the rows, every link works, and nothing is fetched."""
 
 import base64
 import re
@@ -30,7 +30,7 @@ def rows(tiny_runs, monkeypatch):
 
 @pytest.fixture
 def site(rows, tmp_path):
-    """The pages by name, with one method handed in."""
+    """Write the pages with one submitted method; return their folder."""
     theirs = [row for row in rows if row["method.name"] == "stretching"]
     ours = [row for row in rows if row["method.name"] != "stretching"]
     facts = {"name": "stretching", "track": "tiny", "authors": "A & B", "code": "https://example.org/code"}

@@ -26,7 +26,7 @@ def published(tiny_runs):
 
 @pytest.fixture
 def folder(tiny_runs, tmp_path, monkeypatch):
-    """A submission that is as it should be."""
+    """Make a correct submission; return its folder."""
     monkeypatch.setattr(module, "split_of", lambda task: "held_out")
     folder = tmp_path / "handed_in"
     shutil.copytree(tiny_runs / "stretching", folder / "runs" / "stretching")
@@ -39,7 +39,7 @@ def folder(tiny_runs, tmp_path, monkeypatch):
 
 
 def put_rows(folder, change=lambda row: row):
-    """Write rows.csv from the runs, each changed, or left out where that gives None."""
+    """Write rows.csv from the runs. `change` returns the row to write, or None to leave the row out."""
     rows = [change(read_row(run)) for run in run_folders(folder / "runs")]
     write_csv(folder / "rows.csv", to_frame([row for row in rows if row]))
 
@@ -108,7 +108,7 @@ def test_a_task_of_equal_files_is_the_same_whatever_the_processor_rounds(folder,
     facts = {"task.meta.checksum": "aa+bb", "task.meta.raw": False}
     official = [row | facts for row in published]
     put_rows(folder, lambda row: row | facts | {"task.checksum": "0123"})
-    with pytest.raises(InputError, match="has changed since the run"):  # the vertices belong to neither run
+    with pytest.raises(InputError, match="has changed since the run"):  # neither checksum is right
         check(folder, TRACK, [row | {"task.checksum": "4567"} for row in official])
     assert check(folder, TRACK, official).remeasured == 2
     shutil.rmtree(folder / "runs" / "stretching")

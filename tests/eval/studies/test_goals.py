@@ -1,4 +1,4 @@
-"""Volumes that were asked for and reached, and local thickness."""
+"""Requested volumes and reached volumes, and local thickness."""
 
 from dataclasses import replace
 

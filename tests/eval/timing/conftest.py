@@ -1,4 +1,4 @@
-"""What the tests of times share: a machine that does nothing else."""
+"""Fixtures for tests of times: a simulated machine, which is quiet unless a test sets a load."""
 
 import os
 from time import perf_counter, process_time, time
@@ -11,7 +11,10 @@ from eval.timing.quiet import Reading
 
 
 class Machine:
-    """Replace the counters: other processes use each `load` for one span, and the last load from then on."""
+    """Simulate the counters of a machine with other processes.
+
+    Each value of `load` holds for one span; the last value holds for all later spans as well.
+    """
 
     def __init__(self, *load: float, jump: float = 0.0) -> None:
         self.load, self.jump = list(load), jump
@@ -31,7 +34,10 @@ class Machine:
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Set the load of other processes during each repeat. Repeats may be short, and run in this process."""
+    """Return a function that sets the load of other processes during each repeat.
+
+    Repeats may be short, and they run in this process.
+    """
 
     def set_load(*load: float, jump: float = 0.0) -> None:
         monkeypatch.setattr(eval.timing.turns, "read_machine", Machine(*load, jump=jump))

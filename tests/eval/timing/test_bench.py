@@ -1,4 +1,4 @@
-"""The benchmark command on a small mesh: every kind leaves its rows, and mistakes are told in a sentence."""
+"""The benchmark command on a small mesh: every kind writes its rows, and a mistake gives one sentence."""
 
 import os
 import shlex
@@ -61,7 +61,7 @@ def test_a_drag(machine, case, method):
     parts = [row[f"seconds.step_{name}"] for name in ("solve", "carry", "output")]
     assert min(parts) > 0 and max(parts) < row["seconds.step_95"]
     assert row["seconds.rebind"] > 0 and row["seconds.settle"] > 0
-    # A ball with four handles folds in more than one way: only the published energy has one minimum here.
+    # A ball with four handles can fold in several ways. Only the published energy has a single minimum here.
     assert 0 <= row["drag.settled"] < (0.1 if "rest" in method else 10)
     assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
     assert call("timings", ["drag"]) == 0
@@ -71,7 +71,7 @@ def test_a_drag(machine, case, method):
 def test_subdivisions_and_their_memory(machine, case):
     sizes = ["--sizes", "600", "2500", "2600"]
     rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
-    assert rows["task.vertices"].tolist() == [642, 2562]  # two of the wanted sizes share one
+    assert rows["task.vertices"].tolist() == [642, 2562]  # 2500 and 2600 give the same mesh
     assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
     assert call("timings", ["scaling"]) == 0
 
@@ -90,7 +90,7 @@ def test_the_command_line(machine, case):
     assert rows["task.vertices"].tolist() == [2562]
     assert (numbers(rows, "seconds.method") > 0).all()
     assert (numbers(rows, "seconds.method") < numbers(rows, "seconds.total")).all()
-    assert (numbers(rows, "peak_mib") > 50).all()  # numba and SciPy alone take more
+    assert (numbers(rows, "peak_mib") > 50).all()  # numba and SciPy alone need more
     assert main(["bench", "whole", "--methods", "sshod"]) == 2
 
 
@@ -102,7 +102,7 @@ def test_a_commit_is_written_to_a_folder(here):
 
 
 def test_two_versions(machine, case):
-    """The older version is this one, too, whose kernels are compiled."""
+    """A link to this checkout stands for the older version, because its kernels are compiled already."""
     head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=versions.HERE, capture_output=True, text=True)
     older = versions.OLDER / head.stdout.strip()
     older.parent.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""The study of carried splats: its ground truth along normals, and the tables."""
+"""The study of splats on a deformed mesh: its ground truth along normals, and its tables."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The load of other processes and jumps of the clock are seen; a busy process is found."""
+"""The load of other processes and jumps of the clock are noticed, and the busiest process is found."""
 
 import os
 import re
@@ -21,7 +21,7 @@ BURN = "import time\nend = time.time() + 60\nwhile time.time() < end: pass"
     [
         (10.0, 10.0, 19.0, 18.1, ""),
         (10.0, 10.0, 19.0, 17.8, "other processes used 6% of the machine's 2 cores"),
-        (10.0, 10.0, 5.0, 5.1, ""),  # ticks: the system has counted less than the process
+        (10.0, 10.0, 5.0, 5.1, ""),  # the system counts whole ticks, so less than the process
         (10.0, 10.05, 5.0, 5.0, ""),
         (10.0, 3610.0, 5.0, 5.0, "the clock jumped by +3600.0 s"),
         (10.0, 5.0, 5.0, 5.0, "the clock jumped by -5.0 s"),
@@ -37,7 +37,7 @@ def test_what_makes_a_span_count(seconds, clock, busy, own, problem):
 
 
 def test_what_counts_as_busy(monkeypatch):
-    """Idle time and waits for a disk do not count; time of a hypervisor does; user includes guests."""
+    """Idle time and waits for a disk do not count. Time of a hypervisor counts. `user` includes guests."""
     from collections import namedtuple
 
     names = "user nice system idle iowait irq softirq steal guest guest_nice"
@@ -63,14 +63,14 @@ def test_children_are_own_while_they_run_and_after():
 
 @pytest.fixture
 def busy():
-    """Pids of busy processes whose parent has ended; together they use at least a tenth of the cores."""
+    """Start busy processes on at least a tenth of the cores; their parent ends. Yield their pids."""
     count = ceil(2 * OTHERS * os.cpu_count())
     script = f'for i in $(seq {count}); do "$0" -c "$1" >/dev/null 2>&1 & echo $!; done'
     shell = ["sh", "-c", script, sys.executable, BURN]
     pids = [int(pid) for pid in subprocess.run(shell, check=True, capture_output=True).stdout.split()]
     yield pids
     for pid in pids:
-        with suppress(psutil.NoSuchProcess):  # it ends by itself after a minute
+        with suppress(psutil.NoSuchProcess):  # the process ends by itself after a minute
             psutil.Process(pid).kill()
 
 

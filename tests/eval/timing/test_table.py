@@ -67,7 +67,7 @@ def test_cases_are_compared_each_with_its_own_reference():
 )
 def test_mixtures_are_refused(facts, words):
     joined = pd.concat([rows(), rows(**facts)], ignore_index=True)
-    if words is None:  # a library that only one method uses
+    if words is None:  # only some of the rows name a version of the library
         make_time_table(joined, title="speed")
     else:
         with pytest.raises(InputError, match=words):

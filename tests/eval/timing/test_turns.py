@@ -1,4 +1,4 @@
-"""Jobs take turns; a disturbed repeat is rejected and run again, and too many end the command."""
+"""Jobs take turns. A disturbed repeat is rejected and run again; too many rejections end the command."""
 
 from time import sleep
 
@@ -42,7 +42,7 @@ def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
 
 
 def test_a_disturbed_repeat_is_rejected_and_repeated(machine):
-    machine(0.0, 0.0, 0.2, 0.3, 0.0)  # warm-ups of a and b, then two rejected repeats of a
+    machine(0.0, 0.0, 0.2, 0.3, 0.0)  # quiet warm-ups of a and b; two rejected repeats of a; then quiet
     order = []
     rows = take_turns([job(name, order) for name in "ab"], rounds=1)
     assert order == list("abaaab")

@@ -60,7 +60,7 @@ def test_the_weight_in_a_group_is_the_weight_of_a_handle(g, weight):
 
 
 def test_a_small_weight_follows_less():
-    """The group goes about a fraction g of the way that a hard group goes."""
+    """A group with weight g moves about g times as far as a hard group."""
     gone = []
     for g in (0.02, 0.5, 0.98):
         rig = rig_of(bumpy(2), weight=g)
@@ -72,7 +72,7 @@ def test_a_small_weight_follows_less():
 
 def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
     mesh = bumpy(2)
-    # Every face has vertices of its own: all edges are seams.
+    # No two faces share a vertex, so all edges are seams.
     V = np.vstack([mesh.V[mesh.F].reshape(-1, 3), [[9.0, 9.0, 9.0]]]).astype(np.float32)
     F = np.arange(3 * mesh.m).reshape(-1, 3)
     low, high = (weights(len(V), np.flatnonzero(mask)) for mask in (V[:, 2] < -1.5, V[:, 2] > 1.5))

@@ -9,7 +9,7 @@ from sshade.carry.kinds import FrameKind
 from sshade.carry.triangle import TriangleFrames
 from tests.shapes import bent, family, rotation
 
-#: Positions agree to rounding: this times the bounding-box diagonal.
+#: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
 ROUNDING = 1e-12
 
 MESHES = family()
@@ -31,7 +31,7 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
 
 
 def test_samples_follow_their_proxy_vertices_where_the_proxy_turns_little():
-    """A frame is no interpolation: vertices leave N' by what its triangles stretch, and no more."""
+    """Frames do not interpolate: a sample may miss its vertex of N', at most by the stretch of triangles."""
     binding = bind(BUMPY, BUMPY.n // 3)
     for amount in (1e-2, 1e-3):
         NV = bent(binding.proxy.V, amount)

@@ -11,7 +11,7 @@ from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from tests.shapes import bent, bumpy, family, rotation
 
-#: Positions agree to rounding: this times the bounding-box diagonal.
+#: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
 ROUNDING = 1e-12
 
 MESHES = family()
@@ -33,9 +33,9 @@ def turns(count: int, *, most: float, seed: int = 0) -> np.ndarray:
 
 
 def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pose in the middle of the screw motion from one pose to another.
+    """Return the pose in the middle of the screw motion from one pose to another.
 
-    The motion that leads there has the square x -> turn x + shift, which leads all the way.
+    The whole motion is x -> turn x + shift. The half motion, applied twice, gives the whole motion.
     """
     turn = R[1] @ R[0].T
     shift = v[1] - turn @ v[0]
@@ -46,7 +46,7 @@ def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def one_by_one(
     proxy: Mesh, V: np.ndarray, *, on: Projection, NV: np.ndarray, R: np.ndarray, S: np.ndarray
 ) -> np.ndarray:
-    """Blended frames, point by point, from the definition."""
+    """Evaluate blended frames point by point from the definition."""
     moved = np.empty_like(V)
     for i, (t, w) in enumerate(zip(on.face, on.barycentric, strict=True)):
         corners = proxy.F[t]
@@ -93,7 +93,7 @@ def test_decoding_follows_the_definition():
 @pytest.mark.parametrize("kind", ["blended", "blended_affine"])
 @pytest.mark.parametrize("most", [0.5, np.pi / 2])
 def test_the_two_sides_of_an_edge_agree(kind, most):
-    """A point of the proxy's edge goes to one place whichever of its triangles it is said to be on."""
+    """A point on an edge of the proxy moves to the same place from either triangle of the edge."""
     proxy = bumpy(2)
     rng, sides = np.random.default_rng(2), []
     pairs = np.stack([proxy.F, np.roll(proxy.F, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -116,7 +116,10 @@ def test_the_two_sides_of_an_edge_agree(kind, most):
 
 
 def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
-    """Of half turns about nearly the same axis, each as far from the third corner's rotation."""
+    """Two corners have half turns about nearly the same axis.
+
+    Both half turns are equally far from the rotation of the third corner.
+    """
     triangle = Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     half = Rotation.from_rotvec(np.pi * np.array([[1, -0.999, 0], [1, -1.001, 0]]) / np.sqrt(2)).as_matrix()
     half = 2 * np.round((half + np.eye(3)) / 2, 12) - np.eye(3)

@@ -1,10 +1,10 @@
-"""What stands in for undefined matrices."""
+"""Undefined matrices are filled with means of their neighbours, or with the identity."""
 
 import numpy as np
 
 from sshade.carry.neighbours import fill_from_neighbours
 
-#: A path 0 - 1 - 2 - 3 - 4, and 5 - 6 apart.
+#: A path 0 - 1 - 2 - 3 - 4, and a separate pair 5 - 6.
 PAIRS = np.array([[0, 1], [2, 1], [2, 3], [3, 4], [5, 6]])
 KNOWN = np.array([True, False, False, False, True, False, False])
 

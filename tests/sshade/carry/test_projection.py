@@ -11,7 +11,7 @@ from tests.shapes import bumpy, double_torus, jittered, rotation, strip, tube
 
 
 def nearest_in_triangle(p: np.ndarray, corners: np.ndarray) -> float:
-    """Distance by enumeration: the nearest feasible point over the corners, edges and inside."""
+    """Return the distance to a triangle by trying its corners, its edges and its interior."""
     best = np.linalg.norm(corners - p, axis=1).min()
     for ids in ((0, 1), (1, 2), (2, 0), (0, 1, 2)):
         origin, *others = corners[list(ids)]
@@ -23,7 +23,7 @@ def nearest_in_triangle(p: np.ndarray, corners: np.ndarray) -> float:
 
 
 def at(proxy: Mesh, cell: list[int]) -> Sampling:
-    """A sampling in which vertices of M are in these cells."""
+    """Return a sampling that assigns the vertices of M to the given cells."""
     return Sampling(np.arange(proxy.n), proxy.F, np.array(cell, dtype=np.int32), np.zeros(len(cell)))
 
 
@@ -67,7 +67,7 @@ def test_samples_lie_on_themselves(bound):
 
 
 def test_only_the_own_fan_counts_where_two_sheets_touch():
-    """A vertex that lies on the other sheet is still projected onto its own."""
+    """A vertex of the first sheet is projected onto the first sheet even if the second sheet is nearer."""
     sheet = strip(6, 6)
     V = np.concatenate([sheet.V, sheet.V + [0, 0, 0.1]])
     proxy = Mesh(V, np.concatenate([sheet.F, sheet.F + sheet.n]))
@@ -81,7 +81,7 @@ def test_only_the_own_fan_counts_where_two_sheets_touch():
     p=st.lists(st.floats(-2, 2), min_size=3, max_size=3),
 )
 def test_any_triangle_also_flat_or_a_point(corners, p):
-    assume(not 0 < np.ptp(corners, axis=0).max() < 2 / LARGEST)  # which a mesh refuses
+    assume(not 0 < np.ptp(corners, axis=0).max() < 2 / LARGEST)  # a Mesh cannot be so small
     proxy, p = Mesh(np.array(corners), [[0, 1, 2]]), np.array(p)
     projection = project_to_fans(p[None], proxy, at(proxy, [1]))
     assert projection.distance[0] == pytest.approx(nearest_in_triangle(p, proxy.V), rel=1e-7, abs=1e-7)

@@ -8,7 +8,7 @@ from sshade.carry.triangle import TriangleFrames, frame_values
 from tests.shapes import bent, block, bumpy, jittered, rotation, strip
 
 BODY = bumpy(2)
-#: Where the gradient of f is shorter, f_2 takes over.
+#: Length of the gradient of f below which f_2 replaces f.
 FLAT = 0.1
 
 
@@ -41,7 +41,8 @@ def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
     ("function", "axis", "second"), [("extent", 2, 1), ("z", 2, 1), ("x", 0, 2), ("y", 1, 2)]
 )
 def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshold(function, axis, second):
-    # Longest along z, then y; the jitter tilts the sides' normals by more and by less than the threshold.
+    # The block is longest along z and shortest along x. The jitter tilts some normals of the sides by more
+    # than the threshold, others by less.
     mesh = jittered(block(np.ones((2, 3, 5)), cells=2), 0.03)
     order = np.argsort(-np.ptp(mesh.V, axis=0))
     assert order.tolist() == [2, 1, 0]
@@ -70,7 +71,7 @@ def test_values_are_scaled_to_the_diagonal_before_the_threshold(scale):
 
 
 def test_a_stretch_along_g_scales_no_tangential_coordinate():
-    """With the raw gradient in L, a stretch by 1.3 would come out as a shrinking by 1.3."""
+    """If L contained the raw gradient, a stretch by 1.3 would shrink the coordinate by 1.3."""
     sheet = strip(4, 3)
     frames = TriangleFrames.at_rest(sheet, "x")
     assert np.allclose(frames.L[:, :, 0], [1, 0, 0])
@@ -84,7 +85,7 @@ def test_a_stretch_along_g_scales_no_tangential_coordinate():
 
 
 def collapsed(mesh: Mesh, face: int, NV: np.ndarray) -> np.ndarray:
-    """Deformed vertices with the third corner of a face in the middle between its other two."""
+    """Return NV with the third corner of a face moved to the middle of the other two corners."""
     NV = NV.copy()
     a, b, c = mesh.F[face]
     NV[c] = 0.5 * (NV[a] + NV[b])
@@ -92,7 +93,7 @@ def collapsed(mesh: Mesh, face: int, NV: np.ndarray) -> np.ndarray:
 
 
 def assert_mean_turn(frames: TriangleFrames, face: int, NV: np.ndarray) -> None:
-    """The map of a triangle turns by the rotation nearest to the sum of its edge neighbours'."""
+    """Assert that a triangle turns by the rotation nearest to the sum of its edge neighbours' rotations."""
     deformed = TriangleFrames.of_values(Mesh(NV, frames.F), frames.values)
     missing = frames.degenerate | deformed.degenerate
     on = at(np.full(4, face))
@@ -116,7 +117,7 @@ def test_zero_area_triangles_turn_like_the_mean_of_their_neighbours():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_mean_of_neighbours_is_a_rotation_even_if_they_fold_over(seed):
-    """Half turns about three axes add up to minus the identity, which is no rotation."""
+    """The sum need not be near a rotation: half turns about three axes add up to minus the identity."""
     V = [[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, -2, 0], [3, 2, 0], [-1, 2, 0]]
     fan = Mesh(np.array(V, dtype=float), [[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
     NV = np.random.default_rng(seed).normal(size=(6, 3))
@@ -134,7 +135,7 @@ def test_patches_of_zero_area_triangles_are_filled_from_their_rim():
     # Every frame is a rotation of the frame at rest, so offsets keep their length.
     offsets = moved - NV[BODY.F].mean(axis=1)
     assert np.allclose(np.linalg.norm(offsets, axis=1), 0.1, rtol=1e-12)
-    # Without any frame nothing turns.
+    # If no triangle has a frame, nothing turns.
     moved, count = frames.decode(frames.encode(frames.origin + [0, 0.1, 0], on), np.ones((BODY.n, 3)), on=on)
     assert count == BODY.m and np.allclose(moved, [1.0, 1.1, 1.0], rtol=0, atol=1e-15)
 

@@ -1,4 +1,4 @@
-"""What `sshade deform` says about handles that miss their targets, and about rounded positions."""
+"""Messages of `sshade deform` about handles that miss their targets, and about rounded positions."""
 
 import re
 
@@ -72,7 +72,7 @@ def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(here, 
         assert said_to_be_reached(err) < 1e-9 and "single precision" not in err
         return
     assert said_to_be_reached(err) > 1e-3
-    if suffix != "stl":  # whose vertices are those of faces
+    if suffix != "stl":  # STL files have other vertex ids: one for each corner of a face
         assert said_to_be_reached(err) == pytest.approx(largest_error(output, far, BODY.diagonal), rel=0.06)
     assert f"note: {output} stores single precision, which moves positions by up to" in err
     assert "warning" not in err  # the method is exact; only the format rounds

@@ -1,4 +1,4 @@
-"""`sshade edit` as a process: its address, how it ends, and what it refuses."""
+"""`sshade edit` as a process: the printed address, the ways to end it, and refused mistakes."""
 
 import json
 import os
@@ -31,10 +31,10 @@ def folder(here) -> Path:
 
 @contextmanager
 def running(*arguments: str):
-    """The command, and the address that it prints."""
+    """Run the command; yield its process and the address that it prints."""
     line = [sys.executable, "-m", "sshade", "edit", *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    if os.name != "nt":  # of tests in the background of a shell it is ignored, which children inherit
+    if os.name != "nt":  # background jobs of a shell ignore SIGINT, and children inherit this
         pipes["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
     process = subprocess.Popen(line, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
     try:
@@ -96,7 +96,7 @@ def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved
         get(f"{address}select?how=replace", b"\0\0\0\0")
         get(f"{address}mark", b'{"kind": "moving"}')
         (kept,) = Path().glob("body.ply.recovery-*.npz")
-        with running("body.ply", "--no-browser") as (_, other):  # of an editor that still runs
+        with running("body.ply", "--no-browser") as (_, other):  # the first editor still runs
             assert facts_of(other)["recovery"] == []
         process.kill()
         process.wait()

@@ -1,4 +1,4 @@
-"""The commands write the file that they read, with other positions."""
+"""The commands write a copy of the file that they read, with new positions."""
 
 import base64
 import json
@@ -20,7 +20,7 @@ V, F, SEAM = torn(BODY)
 
 @pytest.fixture
 def folder(here) -> Path:
-    """A closed body, whole and with a texture whose seam doubles vertices, and handles of both."""
+    """Write a closed body, a copy with vertices doubled along a texture seam, and handles for each."""
     write_mesh("whole.ply", BODY.V, BODY.F)
     Path("seam.obj").write_text(as_obj(V, F))
     write_handles("whole.json", POSE)
@@ -55,7 +55,7 @@ def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
 
 
 def test_remesh_carry_and_transfers_keep_the_file_too(folder, capsys):
-    own, faces = V[1:], F - 1  # these commands refuse vertices of no face
+    own, faces = V[1:], F - 1  # without the unused vertex, which these commands refuse
     Path("seam.obj").write_text(as_obj(own, faces))
     assert main(["remesh", "seam.obj", "-o", "proxy.ply", "--map", "m.npz", "--vertices", "40"]) == 0
     proxy = read_mesh("proxy.ply")

@@ -1,4 +1,4 @@
-"""Commands under limits of memory: one sentence, and never an abort. Each runs in a process of its own."""
+"""Commands under memory limits end with one sentence and never abort. Each runs in a separate process."""
 
 import os
 import subprocess

@@ -22,7 +22,7 @@ from tests.shapes import beside, bumpy, end_handles, rotation, shifted
 from tests.sshade.mesh.test_cutting import moebius
 
 BODY = bumpy(2)
-#: The lower end held, the upper end lifted.
+#: The lower end is fixed, and the upper end is lifted.
 POSE = end_handles(BODY.V, shift=(0.3, 0, 0.2))
 DEFORM = ["deform", "body.ply", "pose.json", "-o", "out.ply"]
 TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
@@ -30,7 +30,7 @@ TURN, SHIFT = rotation(2), np.array([0.5, 0.2, 0.1])
 
 @pytest.fixture
 def folder(here) -> Path:
-    """A folder with a sound mesh and pose, and the place of an output that does not exist yet."""
+    """Return a folder with a valid mesh and pose, and without an output."""
     write_mesh("body.ply", BODY.V, BODY.F)
     write_handles("pose.json", POSE)
     return here
@@ -50,7 +50,7 @@ def test_deform_names_no_proxy_where_components_move_rigidly(folder, capsys):
 
 @pytest.mark.parametrize("method", ["paper", "fast", "fine"])
 def test_all_options_reach_the_method(folder, method):
-    """Also those that say how handles are taken."""
+    """The options include `--raw` and `--weight`, which change how handles are read."""
     source = BODY.V[POSE.index] + [0.02, 0, 0]
     put_handles({"source": source.tolist(), "target": POSE.target.tolist()})
     options = {"vertices": 60, "start": "rest", "attachment": 0.5, "seed": 7, "workers": 2}
@@ -97,7 +97,7 @@ def without_area() -> Mesh:
 TWO = beside(BODY, shifted(BODY, 9))
 BOTH = Handles(np.append(POSE.index, POSE.index + BODY.n), np.concatenate([POSE.target, POSE.target + 9]))
 FIN = np.concatenate([BODY.F, [[*BODY.F[0, :2], BODY.n]]])  # a third face at an edge
-#: Vertices in no face at both ends, faces that repeat a vertex, and a face twice.
+#: Unused vertices at the beginning and at the end, faces that repeat a vertex, and a duplicate face.
 V = np.concatenate([[[9.0, 9, 9]], BODY.V, [[0, 0, 0.5]]])
 F = np.concatenate([[[7, 7, 9]], BODY.F + 1, BODY.F[5:6] + 1, [[3, 4, 3]]])
 
@@ -227,7 +227,7 @@ def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, manner, name, cod
     line = [sys.executable, "-c", ENDLESS, manner]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 
-    def begin_with_default() -> None:  # nohup and others ignore signals, which children inherit
+    def begin_with_default() -> None:  # nohup and others ignore signals, and children inherit this
         signal.signal(getattr(signal, name), signal.SIG_DFL)
 
     with subprocess.Popen(line, **pipes, env=environment, preexec_fn=begin_with_default) as process:

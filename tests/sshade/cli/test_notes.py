@@ -1,4 +1,4 @@
-"""The sentences on a result: each is true, and is there once."""
+"""Notes about a result: each note is true and appears once."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_facts_in_words(facts, words):
 
 
 def test_many_components_share_one_note(here, capfd):
-    """501 components with a boundary, 500 of them triangles."""
+    """The mesh has 501 components with a boundary: an open body and 500 triangles."""
     rng = np.random.default_rng(0)
     corners = (rng.uniform(-5, 5, (500, 1, 3)) + rng.normal(size=(500, 3, 3)) * 0.1).reshape(-1, 3)
     opened = Mesh(BODY.V, BODY.F[1:])

@@ -11,7 +11,8 @@ from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[3]
 BODY = bumpy(1)
-#: Runs each command line of a file, and prints its exit code, its error, and what it imported and compiled.
+#: A program that runs each command line of a file. It prints the exit code, the error, and whether numba was
+#: imported or, with `--count`, the number of events of compilation.
 CODE = """\
 import contextlib, io, json, sys
 from sshade.cli.main import main
@@ -102,7 +103,7 @@ LIGHT = {
     "show body.ply -o a.exr": "'.exr'",
     "show body.ply -o no/a.png": "no does not exist",
 }
-#: Mistakes whose check imports more.
+#: Command lines whose checks may import heavy libraries, but must not compile a kernel.
 HEAVIER = {
     "deform damaged.ply pose.json -o a.ply": "damaged.ply: not a readable PLY file",
     "edit body.ply --method paper_plain": "there is no method 'paper_plain' here",

@@ -22,7 +22,7 @@ ENDS = end_handles(BODY.V, share=0.1)
 UP = np.flatnonzero(ENDS.dynamic)
 STEPS = (0.1, 0.15, 0.2, 0.25)
 FAST = ["--vertices", "60"]
-#: Place of the second node of a mesh.
+#: Rotation, scale and translation of the second node of a mesh.
 PLACE = {
     "rotation": Rotation.from_rotvec([0, 0, 0.5]).as_quat().tolist(),
     "scale": [2, 2, 2],
@@ -36,7 +36,7 @@ def targets(step: float) -> np.ndarray:
 
 @pytest.fixture
 def folder(here) -> Path:
-    """A body, and four poses."""
+    """Write a body and four poses."""
     write_mesh("body.ply", BODY.V, BODY.F)
     for number, step in enumerate(STEPS):
         write_handles(f"pose_{number}.json", ENDS.at(targets(step)), names={0: "low", 1: "high"})
@@ -87,7 +87,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsy
     assert len(list(Path().glob(f"parts_?{suffix}"))) == 2
     before = Path(f"parts_1{suffix}").stat().st_mtime_ns
     assert main(["deform", "body.ply", *poses(), "-o", parts, *FAST]) == 0
-    assert len(count) == 5  # two poses more
+    assert len(count) == 5  # three calls in the first run, two in the second
     assert "2 of them kept from an earlier run" in capsys.readouterr().err
     assert Path(f"parts_1{suffix}").stat().st_mtime_ns == before
     for number in (1, 2, 3, 4):
@@ -229,7 +229,7 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose(folder):
 
 
 def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
-    """Two nodes show a mesh with normals and texture coordinates; one of them turns and scales it."""
+    """Two nodes show a mesh with normals and texture coordinates. The second node turns and scales it."""
     attributes = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}
     tree = {
         "scenes": [{"nodes": [0, 1]}],
@@ -302,7 +302,7 @@ def test_frames_move_groups_rigidly_too(folder):
 
 
 def rig_with(*, names=("root", "high"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)) -> None:
-    """A root that turns about y, and a child above it that rises; the child is at rest at (0, 0, 1)."""
+    """Write a root that turns about y and a child that rises; at rest, the child is at (0, 0, 1)."""
     angles = np.linspace(0, 0.4, len(times))
     turns = Rotation.from_rotvec(angles[:, None] * [0, 1, 0]).as_quat()
     shifts = [0, 0, 1] + 0.2 * angles[:, None] * [0, 0, 1]
@@ -331,7 +331,7 @@ def rig_with(*, names=("root", "high"), interpolation="LINEAR", channels=True, t
 
 
 def rig_motion(t: float, interpolation: str) -> tuple[np.ndarray, np.ndarray]:
-    """R and b of the map v -> R v + b of the child since rest, in closed form."""
+    """Return R and b of the motion v -> R v + b of the child since rest, in closed form."""
     s = {"LINEAR": t, "STEP": np.floor(t), "CUBICSPLINE": 3 * t**2 - 2 * t**3}[interpolation]
     q = Rotation.from_rotvec([[0, 0, 0], [0, 0.4, 0]])
     if interpolation == "CUBICSPLINE":

@@ -25,7 +25,7 @@ SHAPES = {
 
 
 def upright(mesh: Mesh) -> Mesh:
-    """The mesh with y upwards."""
+    """Return the mesh with y upwards."""
     return Mesh(mesh.V[:, [1, 2, 0]], mesh.F)
 
 
@@ -35,7 +35,7 @@ def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
 
 
 def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
-    """Distances (n,) from the nearest source along edges, by relaxing all edges until nothing changes."""
+    """Return distances (n,) from the nearest source; relax all edges until nothing changes."""
     found = np.full(mesh.n, np.inf)
     found[sources] = 0
     i, j = mesh.edges.T
@@ -49,7 +49,7 @@ def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
 
 
 def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
-    """The vertices at both ends of the longest extent."""
+    """Return the vertices at both ends of the longest extent."""
     x = V[:, np.argmax(np.ptp(V, axis=0))]
     low, high = x.min() + share * np.ptp(x), x.max() - share * np.ptp(x)
     return np.flatnonzero(x < low), np.flatnonzero(x > high)
@@ -62,33 +62,33 @@ def added(session: Session, vertices: np.ndarray, kind: str) -> int:
 
 
 def marked(session: Session) -> int:
-    """One end held, and the other movable; the number of that."""
+    """Fix the lower end and make the upper end movable; return the number of the movable group."""
     held, free = ends(session.mesh.V)
     added(session, held, "static")
     return added(session, free, "moving")
 
 
 def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
-    """A session with both ends marked, and the number of the movable one."""
+    """Return a session with a fixed and a movable end, and the number of the movable group."""
     session = begun(mesh, **given)
     return session, marked(session)
 
 
 def settled(session: Session, number: int, motion: Motion) -> np.ndarray:
-    """The shape at rest after a group is released."""
+    """Release a group and return the converged shape."""
     session.release(number, motion)
     session.settle()
     return session.shown
 
 
 def turned(V: np.ndarray, amount: float) -> Motion:
-    """A turn of an end about its middle, and a shift, both by a share."""
+    """Return a rotation of the upper end about its middle and a shift, both larger for a larger amount."""
     _, free = ends(V)
     quaternion = np.array([0.1, 0.2, 0.3, 1 / max(amount, 1e-3)])
     return Motion.about(V[free].mean(axis=0), quaternion, amount * np.array([0.2, 0.3, -0.1]))
 
 
-#: Where groups are on the body, as a direction from its middle, and how they move.
+#: Groups by name: the direction from the middle of the body to the group, and the settings of the group.
 SWITCHED = {
     "fixed": ([0, 0, -1], {"kind": "static"}),
     "turned": ([0, 0, 1], {}),
@@ -102,7 +102,10 @@ SWITCHED = {
 
 
 def switched(*, single: bool) -> Session:
-    """A session on a body and a copy that follows, with a group of every kind: `single` vertices or caps."""
+    """Return a session on a body and an unconstrained copy, with a group of every kind.
+
+    The groups are caps, or single vertices if `single` is true.
+    """
     V, F, _ = torn(BODY)
     V[BODY.n + 1 :] += 3e-7  # a seam that opened
     pair = beside(Mesh(V[1:], F - 1), shifted(BODY, [4, 0, 0]))

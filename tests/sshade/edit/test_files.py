@@ -58,7 +58,7 @@ def test_saved_groups_are_opened_as_they_were():
             assert np.array_equal(group.vertices, new.vertices)
             assert np.array_equal(group.target, new.target)
     assert session.state.groups[1].name == "top"
-    # Where a vertex goes does not say how it turns; where a region goes does.
+    # The targets of a region determine its rotation. A single vertex needs a stored rotation.
     assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
     assert np.allclose(again.state.groups[2].rotation, rotation(1))
 
@@ -92,7 +92,7 @@ def test_one_command_repeats_a_session_in_which_everything_was_switched(method, 
 
 
 def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
-    V, F, seam = torn(strip(20, 8))  # no vertex has the number that it has on the surface
+    V, F, seam = torn(strip(20, 8))  # no vertex has the same id in the file and on the surface
     Path("sheet.obj").write_text(as_obj(V, F))
     session = Session(Path("sheet.obj"))
     number = marked(session)
@@ -105,7 +105,7 @@ def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     session.save("handles", "pose.json")
     assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
     assert Path("again.obj").read_bytes() == path.read_bytes()
-    assert session.save("mesh", "plain.ply")[1] != ()  # what PLY does not hold is told
+    assert session.save("mesh", "plain.ply")[1] != ()  # the result names the data that PLY loses
 
 
 @pytest.mark.parametrize("name", ["body.ply", "body.obj", "body.glb"])
@@ -145,7 +145,7 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
         session.save("handles", "other.json")
     assert (here / "other.json").read_text() == "mine"
     session.save("handles", "other.json", over=True)
-    session.save("handles", "other.json")  # it is the editor's own now
+    session.save("handles", "other.json")  # the editor has written it and may replace it
     second = begun()
     marked(second)
     with pytest.raises(InputError, match="exists already"):

@@ -23,7 +23,7 @@ MOVE = np.array([0.3, -0.1, 0.4])
 
 
 def animated() -> tuple[Session, int]:
-    """A session with keys at 0 s, at rest, at 1 s, turned and moved, and at 3 s, moved back halfway."""
+    """Return a session with three keys: at rest at 0 s, turned and moved at 1 s, half back at 3 s."""
     session, number = ready()
     session.key(0.0)
     own = session.state.group(number).vertices
@@ -35,7 +35,7 @@ def animated() -> tuple[Session, int]:
 
 
 def expected(own: np.ndarray, time: float) -> np.ndarray:
-    """Where the keys have a group, by the angle of its turn and the way of its middle."""
+    """Return the targets of a group at a time: angle and middle change linearly between keys."""
     part = min(time, 1.0)
     way = part if time <= 1 else 1 - 0.25 * (time - 1)
     centre = BODY.V[own].mean(axis=0)
@@ -58,7 +58,7 @@ def test_groups_turn_and_move_evenly_between_keys_and_stay_beyond():
     assert np.abs(shown[own] - expected(own, 0.5)).max() < 1e-12 and np.abs(shown - BODY.V).max() > 0.1
     before = session.state.group(number).target
     session.settle()
-    assert np.array_equal(session.shown[own], before)  # a shown pose is no change
+    assert np.array_equal(session.shown[own], before)  # `seek` shows a pose without a change
 
 
 def test_keys_are_replaced_removed_and_undone_and_mistakes_are_told():

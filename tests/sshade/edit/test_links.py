@@ -24,14 +24,14 @@ ACROSS = np.diag([-1.0, 1, 1])
 
 
 def caps(both: bool = True) -> np.ndarray:
-    """Vertices of two opposite caps, or one."""
+    """Return the vertices of two opposite caps, or only of the cap at positive x."""
     side = BALL.V @ [0.96, 0.28, 0]
     other = BALL.V @ [-0.96, 0.28, 0]
     return np.flatnonzero((side > 0.93) | ((other > 0.93) & both))
 
 
 def image(group) -> np.ndarray:
-    """Places of the mirror images of the targets of a group, by the vertices of the other side."""
+    """Return the mirror image, a vertex of the ball, of each vertex of a group."""
     place = np.linalg.norm(BALL.V[group.vertices, None] @ ACROSS - BALL.V, axis=2)
     return place.argmin(axis=1)
 
@@ -61,7 +61,7 @@ def test_with_symmetry_picks_and_movable_groups_are_on_both_sides_and_move_alike
     session.release(number, motion)
     one, other = session.state.groups
     assert_mirrored(session, one, other)
-    # The image moves its leader: the mirrored motion and back.
+    # A motion of the image moves the leader by the mirrored motion.
     before = one.target
     session.release(other.number, Motion(np.eye(3), np.array([0.1, 0.2, 0])))
     one, other = session.state.groups
@@ -76,7 +76,7 @@ def test_with_symmetry_picks_and_movable_groups_are_on_both_sides_and_move_alike
 
 
 def image_of_all() -> np.ndarray:
-    """The mirror image of each vertex of the ball."""
+    """Return the mirror image of each vertex of the ball."""
     return np.linalg.norm(BALL.V[:, None] @ ACROSS - BALL.V, axis=2).argmin(axis=1)
 
 

@@ -1,4 +1,4 @@
-"""The page in a browser: pick, mark, drag, undo and save, and the command line makes the same shape."""
+"""The page in a browser: pick, mark, drag, undo and save; the command line repeats the saved shape."""
 
 import json
 import re
@@ -30,7 +30,7 @@ def session(here) -> Session:
 
 @pytest.fixture
 def page(request, browser, session):
-    """At a width of 1280 pixels, unless a test asks for others."""
+    """Open the page with a width of 1280 pixels, or with the width that a test gives as a parameter."""
     width = getattr(request, "param", 1280)
     with lent(session) as server, opened(browser, server.address, width=width) as page:
         page.wait_for_selector("#stage[data-state=converged]")
@@ -39,7 +39,7 @@ def page(request, browser, session):
 
 
 def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(k, 2) pixels of points in the first view of a mesh, as style.css and view.js say."""
+    """Return pixels (k, 2) of points in the first view of a mesh, which style.css and view.js define."""
     box = page.locator("#canvas").bounding_box()
     centre, scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), np.linalg.norm(np.ptp(V, axis=0))
     half, P = 0.5 * np.ptp(V, axis=0) / scale, (np.atleast_2d(points) - centre) / scale
@@ -61,7 +61,7 @@ def tool(page, name: str) -> None:
 
 
 def stroke(page, *points, steps: int = 4) -> None:
-    """Press at the first point, go to the others, let go; wait until that is picked."""
+    """Drag the mouse through the points, release it, and wait until the page shows the selection."""
     page.mouse.move(*points[0])
     page.mouse.down()
     for point in points[1:]:
@@ -70,7 +70,7 @@ def stroke(page, *points, steps: int = 4) -> None:
 
 
 def corners(xy: np.ndarray) -> tuple:
-    """Opposite ones of a rectangle that leaves room around pixels."""
+    """Return two opposite corners of a rectangle with a margin around some pixels."""
     return tuple(xy.min(axis=0) - 3), tuple(xy.max(axis=0) + 3)
 
 
@@ -119,7 +119,7 @@ def mark(page, session, shown: np.ndarray) -> np.ndarray:
 def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     V = session.mesh.V
     shown = where(page, V, V)
-    # By the eye: a vertex of a star-shaped body is in sight where the body turns to the camera.
+    # A vertex of a star-shaped body is in sight if its normal points to the camera.
     towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
     normals = igl.per_vertex_normals(V, np.array(session.mesh.F))
     facing = normals @ towards
@@ -249,7 +249,7 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     page.wait_for_selector("#message:has-text('bad.json: there are no handles')")
     assert page.locator("#message span").inner_text().startswith("bad.json: there are no handles;")
     assert len(session.state.groups) == 2
-    # What the browser itself notes of an answer that refuses is all that it says.
+    # The browser logs the refused requests and nothing else.
     assert all("400" in text for text in page.said)
 
 
@@ -288,7 +288,7 @@ def test_it_fits_the_window_and_ends_by_its_button(page, session):
 
 @pytest.fixture
 def large(session, monkeypatch) -> None:
-    """A session with groups, whose mesh counts as large."""
+    """Add groups to the session and make its mesh count as large."""
     monkeypatch.setattr(preview, "LARGE", 1.2)
     monkeypatch.setitem(preview.VERTICES, "processor", 800)
     marked(session)
@@ -310,7 +310,7 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     assert changed(resting, following) > 0.01
     release(page)
     page.wait_for_timeout(600)
-    # The same shape, but for the facets of the preview and the last steps of the solution.
+    # The shapes differ only by the facets of the preview and the last steps of the solver.
     assert changed(following, pixels(stage)) < 0.1
     group = session.state.groups[1]
     assert np.array_equal(session.shown[group.vertices], group.target)
@@ -351,7 +351,7 @@ def test_a_second_page_follows_the_first(page, session, browser):
     other.wait_for_timeout(500)
     other.wait_for_selector("#stage[data-state=converged]")
     assert changed(resting, pixels(other.locator("#stage"))) > 0.01
-    for _ in range(3):  # now the first follows
+    for _ in range(3):  # now the first page follows
         asked(other, "undo", other.get_by_role("button", name="Undo").click)
     page.wait_for_selector("#groups li:nth-child(2)", state="detached")
     assert len(session.state.groups) == 1 and page.said == []

@@ -1,4 +1,4 @@
-"""What is shown of a large mesh while it is dragged."""
+"""The preview that the editor shows while a large mesh is dragged."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ STILL = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 
 @pytest.fixture
 def large(monkeypatch):
-    """Meshes of few vertices are large."""
+    """Make meshes of few vertices count as large."""
     monkeypatch.setattr(module, "LARGE", 1.2)
     monkeypatch.setitem(module.VERTICES, "card", 800)
     monkeypatch.setitem(module.VERTICES, "processor", 400)
@@ -36,7 +36,8 @@ def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large, draw
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_it_depends_on_no_unit(large, scale):
-    # A power of two would do for the bits; of other units a vertex on the side of a cell may change it.
+    # A scale by a power of two would keep all bits. Other scales may move a vertex on the side of a cell
+    # into another cell.
     few, other = preview(BODY, "card"), preview(Mesh(scale * BODY.V, BODY.F), "card")
     assert abs(len(few.vertices) - len(other.vertices)) <= 4
 

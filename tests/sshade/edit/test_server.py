@@ -1,4 +1,4 @@
-"""Who is answered, what commands do, and how a server ends."""
+"""The server of the editor: accepted and refused requests, effects of commands, and its end."""
 
 import json
 import logging
@@ -40,7 +40,7 @@ def state(server: Server):
 
 
 def post(server: Server, path: str, body: bytes | None = b"{}", **headers) -> int:
-    """The status of an answer."""
+    """Send a request and return the status of the answer."""
     return ask(server, "POST", f"/{server.token}/{path}", body, **headers)[0]
 
 
@@ -259,7 +259,7 @@ def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(tmp_path, scale
 
 
 def beat(server: Server) -> socket.socket:
-    """An open page: its connection, once it has heard something."""
+    """Open a connection like a page does, and return it after the first answer."""
     connection = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
     host = f"127.0.0.1:{server.server_port}"
     connection.sendall(f"GET /{server.token}/alive HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
@@ -308,7 +308,7 @@ def test_it_ends_when_the_page_says_so(tmp_path):
     with lent(session_of(tmp_path)) as server:
         page = beat(server)
         assert ask(server, "POST", f"/{server.token}/quit", b"")[0] == 200
-        while page.recv(4096):  # and so does what it listens to
+        while page.recv(4096):  # until the server closes the connection of the open page
             pass
         page.close()
         assert server._closed

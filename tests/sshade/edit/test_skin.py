@@ -57,7 +57,8 @@ def colour_at(commands: Commands, skin: dict, corner: int) -> np.ndarray:
 def test_every_corner_has_the_colour_that_the_texture_has_there(name):
     sheet = strip(20, 8)
     V, seam = sheet.V, 9.0
-    # A seam: the faces beyond x = 9 have copies of its vertices, whose coordinates lie in the other quarter.
+    # The faces beyond the seam at x = 9 use copies of the seam's vertices. The texture coordinates of the
+    # copies lie in another quarter of the image.
     beyond = V[sheet.F].mean(axis=1)[:, 0] > seam
     copies = np.flatnonzero(V[:, 0] == seam)
     at = np.arange(sheet.n)

@@ -18,7 +18,7 @@ from tests.sshade.edit.test_page import asked, drag, release
 
 @pytest.fixture
 def session(here) -> Session:
-    """With the lower end fixed, and the upper end movable and chosen."""
+    """Return a session with a fixed lower end and a movable upper end."""
     return ready(upright(BODY))[0]
 
 
@@ -37,7 +37,7 @@ def group(session: Session):
 
 
 def gizmo(page) -> np.ndarray:
-    """Pixel of the middle of the arrows."""
+    """Return the pixel at the middle of the arrows."""
     place = page.locator("#stage").get_attribute("data-gizmo")
     return np.array([float(x) for x in place.split(",")])
 
@@ -50,7 +50,7 @@ def apply(page, **numbers: float) -> None:
 
 
 def motion(session: Session, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation of the group since `before`, and the move of its middle."""
+    """Return the rotation of the group since `before` and the move of its middle."""
     after = group(session).target
     turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))
     return turn.as_rotvec(degrees=True), after.mean(axis=0) - before.mean(axis=0)

@@ -15,7 +15,7 @@ from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import BODY, added, begun, marked, upright
 from tests.sshade.edit.test_page import asked, drag, mark, release, where
 
-#: Sizes of a window in pixels: of a laptop, and of a telephone.
+#: Window sizes of a laptop and of a telephone, in pixels.
 SIZES = [(1280, 800), (390, 844)]
 
 
@@ -46,7 +46,7 @@ def set_time(page, time: float) -> None:
 
 
 def in_sight(page, locator) -> bool:
-    """Whether an element lies in the window, and nothing covers its middle."""
+    """Return whether an element lies in the window and nothing covers its middle."""
     locator.scroll_into_view_if_needed()
     return locator.evaluate(
         "it => { const b = it.getBoundingClientRect(); const at = [b.x + b.width / 2, b.y + b.height / 2];"
@@ -150,7 +150,7 @@ def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size)
         assert np.allclose(shift, [0.4 * time, 0, 0], atol=1e-6) and 0 < time < 2
         with page.expect_response("**/pose"):
             page.get_by_label("time", exact=True).focus()
-            page.keyboard.press("End")  # a second behind the last key
+            page.keyboard.press("End")  # the slider ends one second after the last key
         page.wait_for_selector("#stage[data-state=converged]")
         assert np.allclose(session.state.groups[1].target - rest, [0.8, 0, 0], atol=1e-6)
         set_time(page, 2)
@@ -176,7 +176,7 @@ def test_all_controls_have_names_and_messages_are_announced(browser, session):
             assert page.locator(place).get_attribute("role") == "status"
         for place in "#message", "#trouble":
             assert page.locator(place).get_attribute("role") == "alert"
-        # Tab reaches the tools first, then the panel from its top to its end.
+        # The Tab key visits the tools first and the controls of the panel afterwards, from top to bottom.
         page.goto(server.address)
         page.wait_for_selector("#groups li")
         order, focused = [], "document.activeElement.id || document.activeElement.name"

@@ -1,4 +1,4 @@
-"""Files in the manner of several programs keep everything but positions and normals."""
+"""Files as several programs write them keep everything except positions and normals."""
 
 import struct
 
@@ -15,7 +15,7 @@ from tests.sshade.io.test_colours import BALL, as_ply
 from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
 
-#: A rotation without rounding, which takes x to y, y to z and z to x, and a shift.
+#: A rotation without rounding errors (x to y, y to z, z to x), and a shift.
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 SHIFT = np.array([0.5, 0.25, 2.0])
 
@@ -132,7 +132,7 @@ def test_what_does_not_move_stays_byte_by_byte(tmp_path, name, text):
     path.write_bytes(text.encode())
     file = read_file(path)
     assert rewritten(path, file.V).read_bytes() == path.read_bytes()
-    # One vertex that moves within its plane changes its own line.
+    # If one vertex moves within the plane of its faces, only the line of this vertex changes.
     V = file.V.copy()
     V[-1] += [0, 0.125, 0]
     old, new = (p.read_bytes().splitlines() for p in (path, rewritten(path, V)))
@@ -161,7 +161,7 @@ def test_textures_normals_and_materials_of_an_obj_split_no_vertex(tmp_path):
     ],
 )
 def test_a_turned_text_differs_in_positions_and_normals_alone(tmp_path, name, text, positions, normals):
-    """Lines are told apart by their first word, or by their number of words."""
+    """The keys of `positions` and `normals` are the first word of a line, or the number of words."""
     path = tmp_path / name
     path.write_bytes(text.encode())
     V = read_arrays(path)[0]
@@ -183,7 +183,7 @@ def test_a_turned_text_differs_in_positions_and_normals_alone(tmp_path, name, te
 
 
 def test_a_normal_that_many_vertices_share_becomes_several_where_they_turn_apart(tmp_path):
-    """Two far squares with one line vn, as Blender writes them; one of the two is turned."""
+    """Two distant squares share one line `vn`, as Blender writes it. The second square is turned."""
     square = "v {0} 0 0\nv {1} 0 0\nv {1} 1 0\nv {0} 1 0\n"
     for faces in (
         "f 1/1/2 2/1/2 3/1/2 4/1/2\nf 5//2 6//2 7//2 8//2\nf 1//1 3//1 2//1\n",
@@ -213,7 +213,7 @@ def test_a_normal_that_many_vertices_share_becomes_several_where_they_turn_apart
 
 
 def test_normals_turn_with_the_surface_and_keep_what_an_artist_set(tmp_path):
-    """A sphere becomes an ellipsoid: its normals are known; one that leans keeps its angle."""
+    """A sphere becomes an ellipsoid, and its normals become the known normals of the ellipsoid."""
     mesh = icosphere(4)
     lines = [f"v {x!r} {y!r} {z!r}\nvn {x!r} {y!r} {z!r}" for x, y, z in mesh.V.tolist()]
     lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in (mesh.F + 1).tolist()]
@@ -265,7 +265,7 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
         write_file(tmp_path / out, read_file(path), V)
         expected = line or "mtllib maps/one.mtl two.mtl \n"
         assert expected in (tmp_path / out).read_text()
-    # One name may have spaces: the file is there.
+    # A name may contain spaces if the file exists.
     (tmp_path / "in" / "of it.mtl").write_text("newmtl red\n")
     path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it.mtl"))
     write_file(tmp_path / "out" / "b.obj", read_file(path), V)
@@ -300,7 +300,7 @@ def test_what_another_format_loses_is_named(tmp_path):
 
 
 def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
-    """Each line of a vertex has a value more than the header declares."""
+    """Each line of a vertex has one more value than the header declares."""
     body, note = BALL, "further values than the header declares stay as they are: {} lines, from line 10"
     (here / "a.ply").write_text(as_ply("", "", np.ones((body.n, 1), dtype=int)))
     write_handles("a.json", end_handles(body.V))

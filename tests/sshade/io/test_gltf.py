@@ -1,4 +1,4 @@
-"""glTF as exporters lay it out: written into the buffers, the rest as it was; what is refused."""
+"""glTF files as exporters write them: new positions in the buffers, all else unchanged; refused files."""
 
 import base64
 import json
@@ -28,9 +28,9 @@ PLACE = np.array([[2.0, 0, 0], [0, 0, -2], [0, 2, 0]])
 
 
 def exported(*, node=NODE, normals=SPHERE.V, **changes) -> tuple[dict, bytes]:
-    """JSON and buffer: interleaved position, normal, tangent, texture; short indices; a second mesh.
+    """Return JSON and buffer: interleaved position, normal, tangent, texture; short indices; a second mesh.
 
-    `changes` are values by their paths.
+    `changes` maps paths in the JSON to new values.
     """
     tangents = np.cross([0.0, 0, 1], SPHERE.V + [1e-9, 0, 0])
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -75,7 +75,10 @@ def exported(*, node=NODE, normals=SPHERE.V, **changes) -> tuple[dict, bytes]:
 
 
 def change(tree: dict, path: str, value) -> None:
-    """Set the value at a path, such as "accessors.4.count"; it may extend a list. ... drops it."""
+    """Set the value at a path, such as "accessors.4.count", or delete it if `value` is `...`.
+
+    The path may also append an item to a list.
+    """
     *way, last = (int(key) if key.isdecimal() else key for key in path.split("."))
     for key in way:
         tree = tree[key]
@@ -101,7 +104,7 @@ def test_what_does_not_move_stays_byte_by_byte(tmp_path):
     tree = taken_apart(new)[0]
     triangle = tree["accessors"].pop()
     assert tree == {**taken_apart(old)[0], "accessors": taken_apart(old)[0]["accessors"][:-1]}
-    assert "min" not in triangle  # it has none, and gets none
+    assert "min" not in triangle  # an accessor without bounds gets no bounds
 
 
 @pytest.mark.parametrize(("node", "M"), [(NODE, PLACE), ({"mesh": 0}, np.eye(3)), (MIRRORED, MIRROR)])
@@ -115,7 +118,7 @@ def test_positions_normals_tangents_and_their_bounds_follow(tmp_path, node, M):
     assert np.allclose(read_arrays(tmp_path / "b.glb")[0], file.V @ turn.T + [1, 2, 3], atol=1e-6)
     new_tree, new = taken_apart((tmp_path / "b.glb").read_bytes())
     before, after = table(buffer), table(new)
-    # In the node's own coordinates, the motion is that of the scene between its matrix and back.
+    # `local` is the turn of the scene in the coordinates of the node.
     local = np.linalg.inv(M) @ turn @ M
     expected = before[:, 3:6] @ np.linalg.inv(local)
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
@@ -148,7 +151,7 @@ def test_a_gltf_with_buffer_and_images_beside_it(tmp_path):
     assert (tmp_path / "in" / "with space.bin").read_bytes() == buffer
     data = base64.b64decode(new["buffers"][0]["uri"].partition(",")[2])
     assert np.array_equal(table(data)[:, 9:], table(buffer)[:, 9:])
-    # Unmoved, the buffer is referred to where it is; in a .glb it is within.
+    # If nothing moves, a .gltf refers to the old file of the buffer. A .glb contains the buffer.
     write_file(tmp_path / "out" / "c.gltf", file, file.V)
     new = json.loads((tmp_path / "out" / "c.gltf").read_text())
     assert new["buffers"][0]["uri"] == "../in/with%20space.bin"
@@ -172,7 +175,7 @@ def test_strips_and_fans(tmp_path, mode, expected):
 
 
 def instanced() -> tuple[dict, bytes]:
-    """Three nodes that show the sphere: below a root, moved beside it, and mirrored."""
+    """Return a file in which three nodes show the sphere: turned, moved aside, and mirrored."""
     tree, buffer = exported()
     tree["nodes"] += [{"mesh": 0, "translation": [9, 0, 0], "name": "second"}, MIRRORED | {"mesh": 0}]
     tree["nodes"][1]["children"] += [3, 4]
@@ -202,7 +205,7 @@ def test_instances_stand_where_their_nodes_put_them_and_mirrors_turn_faces(tmp_p
 
 
 def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
-    """A hidden node has the mesh of the shown node; without scenes, both are shown."""
+    """A hidden node and a shown node have the same mesh. In a file without scenes, both are shown."""
     tree, buffer = exported()
     tree["nodes"] = [{"mesh": 0, "name": "hidden"}, {"mesh": 0}]
     (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
@@ -260,7 +263,7 @@ def test_instances_are_written_as_meshes_that_share_what_does_not_move(tmp_path,
 
 
 def test_quantised_and_sparse_positions_are_written_as_single_precision(tmp_path):
-    """Positions are shorts, normals normalised bytes; the first position is a sparse one."""
+    """Positions are shorts, and normals are normalised bytes. The first position is sparse."""
     positions = np.round(1000 * SPHERE.V).astype("<i2")
     normals = np.round(127 * SPHERE.V).astype("<i1")
     rows = np.zeros(SPHERE.n, [("p", "<i2", 4), ("n", "<i1", 4)])
@@ -311,7 +314,7 @@ def test_lines_and_points_beside_triangles_have_vertices_without_faces(tmp_path,
 
 
 def test_numbers_that_share_bytes_are_taken_apart(tmp_path):
-    """Normals that are the positions, as a unit sphere may have them, and normals that overlap positions."""
+    """Normals use the bytes of the positions, as they may on a unit sphere, or overlap the positions."""
     for changes in ({f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}):
         (tmp_path / "a.glb").write_bytes(glb(*exported(**changes)))
         file = read_file(tmp_path / "a.glb")
@@ -324,7 +327,7 @@ PRIMITIVE = "meshes.0.primitives.0"
 
 
 def sparse(view: int, offset: int) -> dict:
-    """A sparse number whose place is a short at an offset of a view, and whose value is in view 2."""
+    """Return a sparse entry: its index is a short at an offset of a view, and its value is in view 2."""
     indices = {"bufferView": view, "byteOffset": offset, "componentType": 5123}
     return {"count": 1, "indices": indices, "values": {"bufferView": 2}}
 

@@ -1,4 +1,4 @@
-"""glTF files with changed numbers: refused in one sentence, or read back as what was written."""
+"""glTF files with changed numbers are refused in one sentence, or the written file reads back correctly."""
 
 import copy
 
@@ -12,14 +12,14 @@ from tests.gltf import glb, taken_apart
 from tests.shapes import bent
 from tests.sshade.io.test_gltf import SPHERE, exported
 
-#: What stands in for a number of the JSON.
+#: Values that replace the numbers of the JSON: mostly NUMBERS for whole numbers, otherwise FLOATS.
 NUMBERS = (-1, 0, 1, 2, 3, 4, 5, 6, 12, 16, 24, 36, 40, 44, 52, 100, 162, 480, 5121, 5123, 5125, 5126)
 FLOATS = (0.5, -1.0, 1e-3, 1e3, 1e-12, 1e12, 1e30, 1e-30, float("nan"), float("inf"), True, None, "x")
 MUTATIONS = 1500
 
 
 def numbers(tree):
-    """Each number of a JSON document, as the object or list that holds it, and its key."""
+    """Yield, for each number of a JSON document, its key and the object or list that contains it."""
     for key, value in list(tree.items() if isinstance(tree, dict) else enumerate(tree)):
         if isinstance(value, (dict, list)):
             yield from numbers(value)
@@ -28,7 +28,7 @@ def numbers(tree):
 
 
 def mutated(tree, rng):
-    """One or two numbers changed or dropped, which also makes accessors and attributes share bytes."""
+    """Change or drop one or two numbers. Some changes make accessors and attributes share bytes."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.integers(1, 3)):
         every = list(numbers(tree))
@@ -42,7 +42,7 @@ def mutated(tree, rng):
 
 
 def free(tree, size):
-    """(b,) bool: bytes of positions, normals and tangents of the first buffer, which may change."""
+    """Return a mask (b,) of the bytes in the buffer that may change: positions, normals and tangents."""
     found = np.zeros(size, dtype=bool)
     for primitive in (p for mesh in tree["meshes"] for p in mesh["primitives"]):
         for name, width in (("POSITION", 12), ("NORMAL", 12), ("TANGENT", 16)):
@@ -57,7 +57,7 @@ def free(tree, size):
 
 
 def outcome(tree, buffer, folder):
-    """ "refused" or "written", where what is written is what was asked for; an AssertionError else."""
+    """Deform a file and return "refused" or "written"; assert that a written file is correct."""
     path, out = folder / "a.glb", folder / "b.glb"
     path.write_bytes(glb(tree, buffer))
     out.unlink(missing_ok=True)
@@ -72,7 +72,7 @@ def outcome(tree, buffer, folder):
         return "refused"
     again = read_file(out)
     assert np.array_equal(again.F, file.F)
-    # As well as single precision holds it, or as the file held what was there.
+    # The tolerance is single precision, relative to the extent and to the coordinates of the file.
     extent = np.ptp(V, axis=0).max()
     local = np.frombuffer(buffer, "<f4", 12 * SPHERE.n)
     coarse = np.abs(file.V).max() + np.abs(local[np.isfinite(local)]).max()
@@ -103,7 +103,7 @@ def test_changed_numbers_are_refused_or_read_back(tmp_path, seed):
 
 
 def accessors(tree, number):
-    """Accessors of positions, normals and tangents of a primitive of the first mesh."""
+    """Return the accessors of positions, normals and tangents of a primitive of the first mesh."""
     return [
         tree["meshes"][0]["primitives"][number]["attributes"][n] for n in ("POSITION", "NORMAL", "TANGENT")
     ]
@@ -122,7 +122,7 @@ def test_two_sets_of_positions_with_the_same_normals_get_normals_of_their_own(tm
 
 
 def test_accessors_that_read_the_same_are_one(tmp_path):
-    """A second primitive with positions and normals of its own names, but the bytes of the first."""
+    """A second primitive has separate accessors that refer to the bytes of the first primitive."""
     tree, buffer = exported(node={"mesh": 0})
     tree["accessors"] += [{**tree["accessors"][i]} for i in (0, 1, 2)]
     second = {"attributes": {"POSITION": 6, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3}, "indices": 4}
@@ -130,7 +130,7 @@ def test_accessors_that_read_the_same_are_one(tmp_path):
     assert outcome(tree, buffer, tmp_path) == "written"
     new = taken_apart((tmp_path / "b.glb").read_bytes())[0]["accessors"]
     assert len(new) == 9 and new[6] == new[0] != tree["accessors"][0]
-    # Without normals, it is another surface at the same positions.
+    # A second primitive without normals is a separate surface at the same positions.
     del second["attributes"]["NORMAL"], second["attributes"]["TANGENT"]
     (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
     assert len(read_file(tmp_path / "a.glb").V) == 2 * SPHERE.n + 3

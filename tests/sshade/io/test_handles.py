@@ -324,14 +324,14 @@ def test_written_handles_read_back_the_same(tmp_path, body):
     a, b = np.argsort(handles.index), np.argsort(back.index)
     for name in ("index", "target", "dynamic"):
         assert np.array_equal(getattr(handles, name)[a], getattr(back, name)[b])
-    # Groups are renumbered, one for each kind in each: equal before means equal or split after.
+    # Groups are renumbered. A group with static and dynamic handles becomes two groups.
     pairs = set(zip(handles.group[a] * 2 + handles.dynamic[a], back.group[b], strict=True))
     assert len(pairs) == len({p[0] for p in pairs}) == len({p[1] for p in pairs})
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
 def test_large_groups_are_written_compactly_and_small_groups_as_lists(tmp_path, body):
-    """Same bits, in fewer lines and bytes than as lists of one number a line; that form is read, too."""
+    """The compact form has the same bits in fewer lines and bytes. Lists of numbers are still read."""
     rng = np.random.default_rng(4)
     groups = [rng.permutation(300)[:200], np.r_[300:400, 420:500], np.arange(600, 608)]
     index, group = np.concatenate(groups), np.repeat([0, 1, 2], [200, 180, 8])
@@ -374,13 +374,13 @@ handles:
 
 @pytest.fixture(scope="module")
 def far_body() -> Mesh:
-    """Another unit of length, far from the origin."""
+    """Return a mesh with another unit of length, far from the origin."""
     mesh = bumpy(3)
     return Mesh(170 * mesh.V + [300, -50, 20], mesh.F)
 
 
 class Experiment:
-    """A folder of Implicit-ARAP, in its coordinates: other axes, centred at the centroid, scaled to 0.8."""
+    """A folder of Implicit-ARAP. Its coordinates have other axes, are centred and are scaled to 0.8."""
 
     def __init__(self, folder: Path, mesh: Mesh, axes: np.ndarray, *, noise: float = 0.0) -> None:
         self.folder, self.axes = folder, axes
@@ -422,20 +422,20 @@ def test_implicit_arap_targets_come_back_in_the_coordinates_of_the_mesh(tmp_path
 
 
 def test_points_a_little_off_the_surface_keep_the_parts_rigid_motion(tmp_path, far_body):
-    """As of another copy of the model: handles are vertices, and targets those vertices moved rigidly."""
+    """The points may come from another copy of the model. The targets are rigidly moved vertices."""
     experiment = Experiment(tmp_path / "x", far_body, AXES[2], noise=0.003)
     handles = read_handles(experiment.path, far_body)
     static = ~handles.dynamic
     assert np.array_equal(handles.target[static], far_body.V[handles.index[static]])
     at, to = far_body.V[handles.index[handles.dynamic]], handles.target[handles.dynamic]
-    # Rigid: all distances among the targets are those among their vertices.
+    # A rigid motion keeps all distances between vertices.
     rest, apart = (np.linalg.norm(x[:, None] - x[None], axis=2) for x in (at, to))
     assert np.allclose(apart, rest, rtol=0, atol=1e-9 * far_body.diagonal)
     assert np.linalg.norm(to.mean(axis=0) - experiment.moved.mean(axis=0)) < 0.05 * far_body.diagonal
 
 
 def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_body):
-    """The centroid of another triangulation lies elsewhere: all points are off by the same shift."""
+    """Another triangulation has another centroid, so all points are off by the same shift."""
     experiment = Experiment(tmp_path / "x", far_body, AXES[3])
     everywhere = np.random.default_rng(0).permutation(far_body.n)[:200]
     shift, up = np.array([0.006, -0.004, 0.005]), np.array([0, 0, 0.5])
@@ -444,7 +444,7 @@ def test_a_little_rigid_motion_of_another_copy_is_found_by_icp(tmp_path, far_bod
     experiment.put("transforms", "moved", points + up)
     experiment.path.write_text("handles: {moving: {positions: [all], transform: [moved]}}")
     handles = read_handles(experiment.path, far_body, raw=True)
-    # Raw targets are the file's, mapped: without ICP all would be off by the whole shift.
+    # Raw targets are the mapped targets of the file. Without ICP, all would be off by the whole shift.
     target = far_body.V + up @ experiment.axes / experiment.scale
     gap = np.linalg.norm(handles.target - target[handles.index], axis=1)
     assert np.max(gap) < 0.75 * np.linalg.norm(shift) / experiment.scale
@@ -497,7 +497,7 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
 
 
 def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
-    """An unused vertex first, a face that repeats a vertex, and a second body that has no handle."""
+    """The file has an unused first vertex, a face that repeats a vertex, and a body without handles."""
     body = bumpy(1)
     V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
     F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])

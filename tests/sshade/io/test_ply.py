@@ -1,4 +1,4 @@
-"""PLY: every type and byte order, mixed polygons, and what is wrong with a file."""
+"""PLY files: every type and byte order, mixed polygons, and messages about errors."""
 
 import struct
 
@@ -19,7 +19,7 @@ SIZED = {"int8": "char", "uint16": "ushort", "float64": "double"}
 def ply(
     order: str, *, points=SQUARE, position="double", count="uchar", corner="int", polygons=POLYGONS
 ) -> bytes:
-    """Vertices with a colour in between and a list, edges to skip, faces with a list after their corners."""
+    """Return a PLY file of vertices with a colour and a list, edges to skip, and faces with a second list."""
     sign = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[order]
     kinds = {name: CODES[SIZED.get(name, name)] for name in (position, count, corner)}
     header = (
@@ -75,7 +75,7 @@ def test_windows_line_ends_and_points_alone(tmp_path):
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
 def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
     whole = ply(order)
-    # A text may lack its last line end, and what it lost of its last number cannot be known.
+    # A text may lack the last line end. A cut in the last number of a text cannot be detected.
     last = len(whole) - (len(whole.split()[-1]) + 1 if order == "ascii" else 0)
     for end in [*range(0, last, 7), last - 1]:
         (tmp_path / "a.ply").write_bytes(whole[:end])

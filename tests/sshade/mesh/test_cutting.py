@@ -15,7 +15,7 @@ def cut(mesh: Mesh):
     """Cut a mesh, and check the properties of every cut."""
     found = cut_to_manifold(mesh)
     assert found.mesh.is_manifold and found.mesh.is_oriented
-    assert np.array_equal(found.origin[: mesh.n], np.arange(mesh.n))  # first the vertices themselves
+    assert np.array_equal(found.origin[: mesh.n], np.arange(mesh.n))  # the original vertices come first
     assert np.array_equal(found.mesh.V, mesh.V[found.origin])
     F = found.origin[found.mesh.F]
     same, back = ((own[: mesh.m] == mesh.F).all(axis=1) for own in (F, F[:, ::-1]))
@@ -25,13 +25,13 @@ def cut(mesh: Mesh):
 
 
 def t_fin(height: int = 3) -> Mesh:
-    """A strip with another one standing on its middle line."""
+    """Return a strip with a second strip that stands on the middle line of the first strip."""
     base = strip(10, 4)
     return with_fin(base, 5 * np.arange(11) + 2, np.outer(np.arange(height) + 1, [0, 0, 1]))
 
 
 def with_fin(base: Mesh, row: np.ndarray, shifts: np.ndarray) -> Mesh:
-    """A mesh with copies of a row of its vertices, shifted, as the rows of a strip that stands on the row."""
+    """Return a mesh with a strip that stands on a row of vertices; shifted copies are the strip's rows."""
     rows = np.concatenate([row[None], base.n + np.arange(len(shifts) * len(row)).reshape(-1, len(row))])
     F = rows.ravel()[quads(len(rows), len(row))][:, ::-1]
     V = (base.V[row] + shifts[:, None]).reshape(-1, 3)
@@ -39,7 +39,7 @@ def with_fin(base: Mesh, row: np.ndarray, shifts: np.ndarray) -> Mesh:
 
 
 def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
-    """A band of three vertices across, which is one-sided after an odd number of half turns."""
+    """Return a closed band, three vertices wide; an odd number of half turns makes it one-sided."""
     a, x = np.repeat(2 * np.pi * np.arange(around) / around, 3), np.tile([-0.3, 0, 0.3], around)
     ring, tilt = 1 + x * np.cos(half_turns * a / 2), half_turns * a / 2
     V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(tilt)], axis=1)
@@ -49,7 +49,7 @@ def moebius(around: int = 24, *, half_turns: int = 1) -> Mesh:
 
 
 def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
-    """A closed one-sided surface that crosses itself: a figure eight that makes half a turn."""
+    """Return a closed one-sided surface that crosses itself: a figure eight makes half a turn."""
     u, v = (
         2 * np.pi * p.ravel() / count
         for p, count in zip(np.indices((around, across)), (around, across), strict=True)
@@ -62,7 +62,7 @@ def klein_bottle(around: int = 40, across: int = 20) -> Mesh:
 
 
 def projective_plane(level: int = 2) -> Mesh:
-    """The triangulation of six vertices, with every triangle cut into 4^level."""
+    """Return the triangulation with six vertices, and divide every triangle into 4^level triangles."""
     F = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [0, 5, 1], [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2]]
     mesh = Mesh(np.random.default_rng(0).normal(size=(6, 3)), np.array([*F, [5, 1, 3]]))
     for _ in range(level):
@@ -90,7 +90,7 @@ def test_a_fin_comes_off_and_what_it_stands_on_stays_whole():
     assert len(found.origin) == mesh.n + 11 and found.turned == 0
     assert found.mesh.topology == (2, 2, 2)  # two discs
     assert set(found.origin[mesh.n :]) == set(5 * np.arange(11) + 2)
-    # The strip keeps its own vertices: the straight continuation goes before the corner.
+    # The base strip stays whole, because a cut prefers straight continuations to corners.
     assert np.array_equal(found.mesh.F[: strip(10, 4).m], strip(10, 4).F)
 
 
@@ -103,7 +103,7 @@ def test_solids_that_touch_along_an_edge_or_at_a_corner_come_apart():
         found = cut(mesh)
         assert len(found.origin) == mesh.n + copies and found.turned == 0
         assert found.mesh.topology == (4, 2, 0)  # two closed surfaces
-        assert found.mesh.volume == pytest.approx(2.0)  # both inside out would be -2, one of them 0
+        assert found.mesh.volume == pytest.approx(2.0)  # -2 if both solids were inside out, 0 if one
 
 
 def test_a_face_that_is_there_twice_comes_off_alone():

@@ -1,4 +1,4 @@
-"""Kabsch against scipy, and points that leave the rotation open."""
+"""The Kabsch algorithm compared with scipy, and points that do not determine the rotation."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def proper(R: np.ndarray) -> bool:
 def test_kabsch_equals_scipys_alignment(seed, count):
     rng = np.random.default_rng(seed)
     source, target = rng.normal(size=(2, count, 3))
-    target = target if seed % 2 else source @ rotation(seed).T + target[0]  # a rigid motion, now and then
+    target = target if seed % 2 else source @ rotation(seed).T + target[0]  # a rigid motion for even seeds
     R, t = rigid_motion(source, target)
     assert proper(R)
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
@@ -32,7 +32,7 @@ def test_kabsch_answers_a_reflection_with_a_rotation():
     source = icosphere(0).V * [1.0, 2.0, 3.0]
     R, _ = rigid_motion(source, source * [-1, 1, 1])
     assert proper(R)
-    # The smallest direction is given up: the other two stay in place.
+    # The best rotation fits y and z and gives up x, the direction of the smallest extent.
     assert np.allclose(R, np.eye(3), atol=1e-12)
 
 

@@ -13,7 +13,7 @@ SPHERE = icosphere(2)
 
 
 def split(mesh: Mesh, first: np.ndarray) -> Mesh:
-    """The mesh with vertices of its own for the faces `first` (m,) bool."""
+    """Return the mesh cut along the border of the faces `first` (m,) bool, with separate vertices."""
     F = np.where(first[:, None], mesh.F, mesh.F + mesh.n)
     used, F = np.unique(F, return_inverse=True)
     return Mesh(np.concatenate([mesh.V, mesh.V])[used], F.reshape(-1, 3))
@@ -37,7 +37,7 @@ def test_a_surface_cut_anywhere_becomes_whole_again(parts):
 def test_without_a_seam_arrays_are_not_even_copied():
     strip = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [3, 4, 5]])
     twice = beside(SPHERE, SPHERE)
-    parallel = Mesh(np.concatenate([strip.V[:3]] * 2), [[0, 1, 2], [3, 4, 5]])  # both run the same way
+    parallel = Mesh(np.concatenate([strip.V[:3]] * 2), [[0, 1, 2], [3, 4, 5]])  # the same orientation twice
     for mesh in (SPHERE, strip, twice, parallel):
         joined, vertex, _ = surface(mesh.V, mesh.F)
         assert joined.V is mesh.V and joined.F is mesh.F and np.array_equal(vertex, np.arange(mesh.n))
@@ -54,7 +54,7 @@ def test_vertices_at_one_place_apart_from_a_seam_stay_apart():
 
 
 def test_a_pole_of_many_vertices_with_faces_without_area_closes():
-    """Rows of squares up to a pole, each square with vertices of its own, as exporters make a globe."""
+    """Exporters make a globe of rows of squares; each pole is a row of many vertices at one place."""
     k = 8
     angle = 2 * np.pi * (np.arange(k + 1) % k) / k
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(k + 1)])
@@ -101,14 +101,14 @@ def test_sheets_upon_each_other_stay_two_unless_repaired():
 
 
 def test_a_rim_that_is_finer_than_the_tolerance_is_no_seam():
-    """Heights in metres, far from the origin in single precision: neighbours are three steps apart."""
+    """The mesh is far from the origin: neighbours are only three steps of single precision apart."""
     land = strip(30, 20)
     V = (0.1 * land.V + [5e5, 4e5, 0]).astype(np.float32)
     assert surface(V, land.F).mesh.n == land.n
 
 
 def test_merging_takes_no_vertex_its_last_face():
-    """A sliver of no width: the two ends of its short side are one vertex, and the third is another."""
+    """A face has two corners at one place. If they were merged, its third corner would have no face."""
     V = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 2, 0], [1, 2, 0]])
     joined, vertex, facts = surface(V, np.array([[0, 1, 2], [3, 4, 5]]))
     assert joined.n == 6 and facts["doubled"] == 0 and (vertex >= 0).all()
@@ -132,7 +132,7 @@ def test_the_tolerance_decides_which_gaps_close():
 
 @pytest.mark.parametrize("place", [np.zeros((1, 3)), np.arange(9.0).reshape(3, 3).repeat(3, axis=0)])
 def test_faces_that_are_points_are_no_surface(place):
-    """As in STL files of zeros, whose vertices of a face are at one place, but are not one vertex."""
+    """The corners of each face are different vertices at one place, as in STL files of zeros."""
     V = np.zeros((9, 3)) + place
     with pytest.raises(InputError, match="all 3 faces are points; there is no surface to deform"):
         surface(V, np.arange(9).reshape(3, 3))

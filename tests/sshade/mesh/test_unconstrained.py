@@ -1,4 +1,4 @@
-"""Components without handles: what they touch, what to do about them, and how they follow."""
+"""Components without handles: contacts with other components, advice to the user, and rigid motions."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_contacts_are_places_of_several_components():
     assert np.array_equal(np.sort(found.vertex), np.arange(mesh.n))
     assert np.array_equal(mesh.V[found.vertex], mesh.V[found.first])
     assert len(np.unique(found.first)) == BODY.n
-    # Of components with handles, only the neighbours of free components count.
+    # If only component 7 has no handles, only the contacts of component 7 count.
     few = contacts(mesh, np.array([7]))
     assert few.components == 1
     assert set(few.first) == set(few.vertex[np.unique(few.first, return_index=True)[1]])
@@ -61,7 +61,7 @@ def test_what_the_advice_says_helps():
 
 
 def test_components_that_come_apart_are_named_before(caplog):
-    """Only the corners of the triangles touch, which are no seams."""
+    """The triangles touch at coincident corners, which the task does not merge."""
     mesh, b = unjoined(BODY), np.array([0, 1, 2])
     target = mesh.V[b] @ rotation(1).T
     seen = []

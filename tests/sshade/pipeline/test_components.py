@@ -1,4 +1,7 @@
-"""Component by component: each as it is alone, seams that stay closed, unconstrained ones, and shares."""
+"""Meshes of several components: each component deforms as if alone, and junctions stay closed.
+
+Other tests check components without handles and the division of the proxy vertices.
+"""
 
 import logging
 from dataclasses import replace
@@ -41,7 +44,7 @@ def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
 
 
 def of_all(*given: tuple[Handles, int]) -> Handles:
-    """Handles of several meshes, with what is to be added to their ids."""
+    """Combine handles of several meshes; each offset is added to the vertex ids of its handles."""
     return Handles(
         np.concatenate([handles.index + offset for handles, offset in given]),
         np.concatenate([handles.target for handles, _ in given]),
@@ -65,7 +68,10 @@ def test_a_component_beside_an_unconstrained_one_is_as_alone(method):
 
 @pytest.mark.parametrize(("asked", "shares"), [(150, (40, 40)), (50, (20, 30))])
 def test_two_spheres_are_each_as_alone(asked, shares):
-    """Shares go by area, from the handles and 4 to a quarter; the small one is first in the file."""
+    """Proxy vertices are divided by area; the small sphere comes first in the mesh.
+
+    Each sphere gets at least 4 proxy vertices more than handles, and at most a quarter of its vertices.
+    """
     small, large = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), Mesh(BODY.V, BODY.F[:, [1, 2, 0]])
     own_small, own_large = ends(small), ends(large, lift=(0, 0.4, 0))
     stages = set()
@@ -90,7 +96,7 @@ def test_two_spheres_are_each_as_alone(asked, shares):
 
 
 def test_what_a_ground_plane_cannot_use_goes_to_the_figure():
-    """A plane of four vertices, and a plane of many vertices that stays, each far larger than the figure."""
+    """Both planes are far larger than the figure. One has four vertices; the other has many and stays."""
     figure, own = bumpy(3), ends(bumpy(3))
     alone = METHOD(DeformationTask("alone", figure, own), vertices=150)
     corners = Mesh(strip(1, 1).V * 40 - [20, 20, 4], strip(1, 1).F)
@@ -149,7 +155,7 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
 
 
 def pages(*angles: float, width: int = 8) -> tuple[Mesh, np.ndarray]:
-    """Sheets that meet at a line under angles in degrees, and the numbers of each sheet's vertices."""
+    """Return sheets that meet at a line with angles in degrees, and the vertex ids of each sheet."""
     sheet = strip(width, 2 * width)
     line, n = 2 * width + 1, sheet.n
     number = np.arange(n) + (np.arange(n) >= line) * np.arange(len(angles))[:, None] * (n - line)
@@ -164,7 +170,7 @@ def pages(*angles: float, width: int = 8) -> tuple[Mesh, np.ndarray]:
 @pytest.mark.parametrize("angles", [(0, 180, 90), (0, 90, 180, 270)])
 @pytest.mark.parametrize("sheets", ["one", "two", "all"])
 def test_sheets_that_meet_at_an_edge_stretch_little_more_than_in_one_solve(angles, sheets):
-    """The reference is libigl's solve of all sheets at once, which needs no manifold. The gap is zero."""
+    """The reference is one solve of all sheets by libigl, which needs no manifold. The gap is zero."""
     mesh, number = pages(*angles)
     if sheets == "one":
         still, moved, shift = number[0, 5:, :2].ravel(), number[0, 5:, -2:].ravel(), [0, 2.8, 2.8]
@@ -193,7 +199,7 @@ def test_a_component_beside_joined_ones_is_as_alone():
 
 
 def test_junctions_are_placed_with_many_small_components_and_with_one_that_has_handles_alone():
-    """200 triangles on 60 vertices, all joined."""
+    """The mesh has 200 random triangles on 60 vertices, and all triangles are joined."""
     rng = np.random.default_rng(0)
     F = np.array([rng.permutation(60)[:3] for _ in range(200)])
     mesh = Mesh(rng.random((60, 3)), F)
@@ -205,7 +211,7 @@ def test_junctions_are_placed_with_many_small_components_and_with_one_that_has_h
 
 
 def test_soft_handles_on_a_seam_leave_no_gap():
-    """The base places them, and the fin follows."""
+    """The base determines the positions of these handles, and the fin follows."""
     mesh, row = t_fin(4), 5 * np.arange(11) + 2
     index = np.concatenate([[0, 4], row[4:8], [mesh.n - 1]])
     target = mesh.V[index] + np.outer([0, 0, 1, 1, 1, 1, 0], [0, 1, 2])
@@ -218,7 +224,7 @@ def test_rigid_handles_move_what_was_cut_rigidly():
     R, shift = rotation(4), np.array([0.3, -1, 2])
     edge = np.zeros((2, 2, 1))
     edge[0, 0] = edge[1, 1] = 1
-    # The tolerance of the solver, where it has to iterate.
+    # The bound is larger where the solver iterates, because its tolerance limits the accuracy.
     for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
         result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
@@ -235,7 +241,7 @@ def bowtie() -> Mesh:
 def with_copies(
     mesh: Mesh, results: list, index=(2, 7), **soft
 ) -> tuple[DeformationResult, list[DeformationTask]]:
-    """The result of a method that moves the vertices of a component along x, as given for each call."""
+    """Run a method that moves vertices along x, by `results[k]` in call k; return result and tasks."""
     tasks: list[DeformationTask] = []
 
     def moved(task, *, vertices, progress, volume=None):
@@ -262,7 +268,7 @@ def test_copies_within_a_component_are_fixed_at_one_place(weight):
 
 
 def rolled(length: int = 48, width: int = 8) -> Mesh:
-    """A sheet rolled to a tube with a slit, which is closed in one vertex."""
+    """Return a sheet rolled to a tube with a slit; a single vertex closes the slit at one end."""
     sheet = strip(length, width)
     a, z = 0.97 * 2 * np.pi * sheet.V[:, 0] / length, 2 * np.pi * sheet.V[:, 1] / length
     V = np.stack([np.cos(a), np.sin(a), z], axis=1)
@@ -279,7 +285,7 @@ def test_a_vertex_in_which_a_sheet_touches_itself_leaves_no_spike(method):
     target = np.concatenate([mesh.V[still], mesh.V[pulled] + [0.6, 0.5, 0]])
     result = deformed(mesh, Handles(np.concatenate([still, pulled]), target), method)
     assert result.extra["components"] == result.extra["copies"] == 1
-    assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 where the vertex alone goes to the mean
+    assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 if only the vertex moves to the mean
 
 
 def test_sides_in_different_minima_meet_from_their_mean():
@@ -312,7 +318,7 @@ def test_a_one_sided_surface_is_refused_where_it_cannot_be_covered():
 
 @pytest.mark.parametrize("method", [fast, METHOD])
 def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
-    """The solver finds the motion too, where handles are soft, or belong to a fin as well."""
+    """Hard handles move the mesh directly. With soft handles, the solver finds the same motion."""
     mesh, R = moebius(60), rotation(4)
     rigid = mesh.V @ R.T + [1, 0, 2]
     hard = Handles(np.arange(0, mesh.n, 9), rigid[::9])
@@ -324,7 +330,7 @@ def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
 
 
 def test_soft_handles_pull_a_one_sided_surface_as_strongly_as_its_elastic_energy_resists():
-    """A band that makes one half turn, and a band of the same shape and size that makes two."""
+    """Compare a band with one half turn and a band of the same shape and size with two half turns."""
     yields = []
     for mesh in (moebius(60), band_of_two_half_turns(60)):
         own = end_handles(mesh.V, axis=0, count=9, shift=(0.4, 0, 0))
@@ -345,13 +351,13 @@ def band_of_two_half_turns(around: int) -> Mesh:
 
 
 def stretch(mesh: Mesh, V: np.ndarray) -> np.ndarray:
-    """Length of every edge, as a multiple of its length at rest."""
+    """Return the length of every edge as a multiple of its length at rest."""
     now, rest = (np.linalg.norm(X[mesh.edges[:, 0]] - X[mesh.edges[:, 1]], axis=1) for X in (V, mesh.V))
     return now / rest
 
 
 def three() -> tuple[Mesh, Handles]:
-    """Two bodies with handles, and a ball in the moved end of the first."""
+    """Return two bodies with handles, and a ball in the moved end of the first body."""
     other = shifted(BODY, [9, 0, 0])
     eye = icosphere(1)
     top = BODY.V[np.argmax(BODY.V[:, 2])]
@@ -374,7 +380,7 @@ def test_or_it_follows_the_nearest_component_rigidly():
     assert result.extra["unconstrained"] == 1 and result.extra["components"] == 2
     rest, moved = mesh.V[2 * BODY.n :], result.vertices[2 * BODY.n :]
     assert np.allclose(pdist(moved), pdist(rest), atol=1e-12)
-    # With the end that it is in, whose handles go by (0.3, 0, 0.2); the other body stays.
+    # The ball follows the end around it, whose handles move by (0.3, 0, 0.2). The second body stays.
     assert np.abs((moved - rest).mean(axis=0) - [0.3, 0, 0.2]).max() < 0.05
     without = deformed(Mesh(mesh.V[: 2 * BODY.n], mesh.F[: 2 * BODY.m]), own, METHOD, vertices=80)
     assert np.array_equal(result.vertices[: 2 * BODY.n], without.vertices)
@@ -403,7 +409,7 @@ def test_a_component_that_fails_is_named():
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_face_that_is_there_twice_changes_nothing(turned):
-    """Also where the copy turns the other way, and where there are several."""
+    """The copies may have reversed orientation, and a face may have several copies."""
     copies = BODY.F[[3, 3, 77]][:, ::-1] if turned else BODY.F[[3, 3, 77]]
     twice = Mesh(BODY.V, np.concatenate([BODY.F[:50], copies, BODY.F[50:]]))
     one, other = (deformed(mesh, ends(mesh), METHOD, vertices=60) for mesh in (BODY, twice))

@@ -1,4 +1,4 @@
-"""The one call: its forms give the same, keep what they are given, and take meshes as they come."""
+"""`deform`: all forms of the call give the same result, keep their input, and accept unclean meshes."""
 
 from functools import partial
 
@@ -115,7 +115,7 @@ def test_a_polydata_of_triangles_keeps_its_arrays_without_old_normals(tmp_path):
 
 
 def unclean() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """BODY with a vertex of no face first, a doubled seam, a face that repeats a vertex and one twice."""
+    """Return BODY with an unused first vertex, a doubled seam, a duplicate face and a degenerate face."""
     V, F, seam = torn(BODY)
     return V, np.concatenate([F, F[:1], [[1, 1, 2]]]), seam
 
@@ -125,7 +125,7 @@ def test_what_is_no_part_of_the_surface_stays_and_seams_move_as_one():
     U = deform(V, F, B + 1, BC, vertices=60)
     assert np.array_equal(U[0], V[0])
     assert np.array_equal(U[1 + BODY.n :], U[seam])
-    # To the rounding of another order of the faces: the copy may stand for the original.
+    # The faces may have another order, because a copy may replace the original. Only rounding differs.
     assert np.abs(U[1 : BODY.n + 1] - deform(BODY, B, BC, vertices=60).V).max() < 1e-9 * BODY.diagonal
 
 

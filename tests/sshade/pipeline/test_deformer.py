@@ -50,7 +50,7 @@ def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
 
 
 def bound_and_task(name: str, **options):
-    """Handles of a shape, at rest and at their targets: single patches, soft ones, whole regions."""
+    """Return a Deformer and a task with the same handles: patches, soft handles or regions of a shape."""
     mesh = {"bumpy": bumpy(4), "soft": bumpy(4), "regions": bumpy(4), "bar": tube(30, 80, length=7.0)}[name]
     order = np.argsort(mesh.V[:, 2])
     count = {"bumpy": 12, "soft": 12, "regions": mesh.n // 4, "bar": 20}[name]
@@ -90,7 +90,7 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
         return np.linalg.norm(V - W, axis=1).max() / mesh.diagonal
 
     first, once = drag(handles.target).vertices, fast(task, vertices=300).vertices
-    # Only where the proxy has to make up for the volume inside of regions, the ways are not the same.
+    # The results differ only where the proxy has to correct the volume deficit of regions.
     assert apart(first, once) <= (1e-4 if name == "regions" else 0.0)
     minimum = drag.settle().vertices
     drag.reset()
@@ -98,9 +98,9 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
     last = along(np.linspace(0, 1, 13)[1:])
     settled = drag.settle()
     assert settled.converged and apart(settled.vertices, minimum) < 3e-4
-    # That of regions is of another volume goal.
+    # With regions, the two energies belong to different volume goals.
     assert settled.extra["energy"][0] <= last.extra["energy"][0] or name == "regions"
-    # There, the method's own solver does not move it any more.
+    # Further steps of the drag do not move the converged shape.
     for _ in range(3):
         there = drag(handles.target, tolerance=1e-8)
     assert there.converged and apart(there.vertices, settled.vertices) < 1e-4
@@ -115,7 +115,7 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
 
 
 def test_rotations_may_come_and_go_in_a_drag():
-    """A single turned handle is a part of its own: the system with its pull is made when it is turned."""
+    """A single handle has an attachment once it is turned; the system with this pull is then made."""
     mesh = tube(30, 80, length=7.0)
     z = mesh.V[:, 2]
     parts = (np.argsort(z)[:20], 0), ([np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))], 0)
@@ -163,7 +163,7 @@ def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
         shape = other(lifted(mesh, held, height), tolerance=1e-4)
         assert seen.vertices.shape == one.bindings[0].proxy.V.shape and "carry" not in seen.seconds
         samples = one.bindings[0].sampling.samples
-        # A mesh goes through its samples.
+        # The samples of the mesh lie on the vertices of the proxy.
         assert np.abs(seen.vertices - shape.vertices[samples]).max() < 1e-12 * mesh.diagonal
         assert seen.iterations == shape.iterations
     np.testing.assert_array_equal(one.settle().vertices, other.settle().vertices)
@@ -200,7 +200,7 @@ def test_an_energy_that_is_none_is_refused_and_changes_nothing(drag, mesh, held)
 
 
 def test_a_single_handle_that_is_no_sample_is_met():
-    """Sharply turned, where the nearest sample's target alone would leave it off."""
+    """The surface turns sharply, so a target at the nearest sample alone would not bring the handle there."""
     mesh = tube(40, 120, length=7.0)
     order = np.argsort(mesh.V[:, 2])
     drag = Deformer(mesh, order[:20], vertices=600)
@@ -245,7 +245,7 @@ def test_other_handles_are_taken_without_binding_anew(weight):
 def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, wrong, monkeypatch):
     drag = Deformer(mesh, held, vertices=150, samplings=2)
     before = drag(lifted(mesh, held, 0.3)).vertices
-    if wrong == "far":  # only from the vertices of the second proxy
+    if wrong == "far":  # the handles are too far from the second proxy only
         second, place = drag._proxies[1].proxy, deformer_module.NearestPlacement
 
         def placed(mesh, proxy, rest):

@@ -1,4 +1,4 @@
-"""Faces without area: deformed as if they were not there, by every method."""
+"""Every method deforms a mesh with faces without area as if these faces were not there."""
 
 from functools import partial
 
@@ -23,10 +23,10 @@ METHODS = {
 
 
 def split(mesh: Mesh, faces: np.ndarray, share: np.ndarray) -> Mesh:
-    """Vertices put on an edge of each of some faces: as many faces without area, in a copy of the face.
+    """Return a mesh with a new vertex on an edge of each given face, and thus a face without area.
 
-    Of a face abc a vertex d on the edge ab, at a share of it, makes abd, which has no area, adb in its
-    place at the neighbour, and the faces dbc and adc, whose union is the face.
+    The new vertex d lies on the edge ab of a face abc, at the fraction `share`. The faces dbc and adc replace
+    the face abc. The new face abd has no area and connects them to the neighbour, which keeps the edge ab.
     """
     a, b, c = mesh.F[faces].T
     d = mesh.n + np.arange(len(faces))
@@ -38,7 +38,7 @@ def split(mesh: Mesh, faces: np.ndarray, share: np.ndarray) -> Mesh:
 
 @st.composite
 def collapsed(draw) -> tuple[Mesh, Mesh]:
-    """A mesh, and the same with vertices on edges: in an end, near it, or between."""
+    """Draw a mesh and a copy with new vertices on edges: at an end, near an end, or between the ends."""
     mesh = SMALL
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     faces = rng.choice(mesh.m, draw(st.integers(1, mesh.m // 4)), replace=False)
@@ -47,12 +47,12 @@ def collapsed(draw) -> tuple[Mesh, Mesh]:
 
 
 def posed(mesh: Mesh, n: int) -> DeformationTask:
-    """Handles at the ends along z of the first n vertices."""
+    """Return a task with handles at both ends along z, chosen from the first n vertices."""
     return DeformationTask("ends", mesh, end_handles(mesh.V[:n], turn=QUARTER, shift=[0, 0, 0.2]))
 
 
 def check_as_without(mesh: Mesh, flat: Mesh) -> None:
-    """At full resolution the shape is that of the mesh without them, but for what new corners change."""
+    """Assert that both meshes have nearly the same shape at full resolution; new corners change little."""
     assert flat.without_area.any() and not mesh.without_area.any()
     one, other = (local_global(posed(m, mesh.n), stiffness=0.1, tolerance=1e-6) for m in (mesh, flat))
     assert other.converged
@@ -66,7 +66,7 @@ def test_faces_without_area_change_next_to_nothing(shapes):
 
 
 def check_collapsed(method):
-    """Vertices that were in one place end in one, and those farther away where they end without."""
+    """Assert that coincident vertices stay together, and that distant vertices move as in a sound mesh."""
     rng = np.random.default_rng(3)
     V = np.array(BODY.V)
     picked = BODY.F[rng.choice(np.flatnonzero((np.abs(V[BODY.F][:, :, 2]) < 1).all(axis=1)), 12)]
@@ -108,7 +108,7 @@ def test_half_cotangents_are_bounded_and_those_of_sound_faces_stay(shapes):
     used, F = np.unique(flat.F[sound], return_inverse=True)
     alone = Mesh(flat.V[used], F.reshape(-1, 3))
     assert np.array_equal(h[sound], half_cotangents(alone))
-    # sum h e e^T is positive for any edges that close, as those of a real triangle.
+    # The sum of h e e^T over a face is not negative for any edges e that close, as in a real triangle.
     u = np.random.default_rng(0).normal(size=(50, 3))
     squared = (u - np.roll(u, -1, axis=1)) ** 2
     assert (squared @ h.T).min() > -1e-9 * np.abs(h).max()

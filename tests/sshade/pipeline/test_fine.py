@@ -20,7 +20,7 @@ def task() -> DeformationTask:
 
 @pytest.mark.parametrize(("method", "area"), [(fast, 8e-3), (fine, 1e-6)])
 def test_volume_area_and_handles_are_kept(task, method, area):
-    """With fast the area is that of the proxy, which does not know all of the mesh's."""
+    """`fast` constrains the area of the proxy only, so the area of the mesh is less exact."""
     result = method(task, vertices=600, area=np.inf)
     after, extra = Mesh(result.vertices, task.mesh.F), result.extra
     assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
@@ -35,9 +35,9 @@ def test_volume_area_and_handles_are_kept(task, method, area):
 
 @pytest.mark.parametrize("volume", [0.0, np.inf])
 def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
-    """Polished to the end, it is what the solver finds from the rest shape, in fewer iterations.
+    """A converged polish ends in the minimum that the solver finds from the rest shape.
 
-    The surface beside a region is turned after that: here only the regions' edges are handles.
+    `fine` turns the surface beside regions after the polish. Here only the edges of regions are handles.
     """
     edge = np.isin(task.handles.index, edge_vertices(task.mesh, task.handles.index))
     handles = Handles(task.handles.index[edge], task.handles.target[edge])
@@ -56,7 +56,7 @@ def test_no_seconds_no_iterations(task):
 
 
 def test_the_area_has_a_weight(task):
-    """By default the volume is exact, and the area is between what it is with and without a constraint."""
+    """By default the volume is exact. The area error falls with the weight and is 0 for an exact area."""
     gap = {}
     for area in (0.0, 1.0, np.inf):
         after = Mesh(fine(task, vertices=600, area=area).vertices, task.mesh.F)

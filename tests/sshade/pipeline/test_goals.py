@@ -22,14 +22,14 @@ WHOLE, PART = 1e-3, 1e-2
 
 
 def side(mesh: Mesh, axis: int = 2) -> np.ndarray:
-    """Faces in the middle of the mesh along an axis."""
+    """Return the faces in the middle of the mesh along an axis."""
     x = mesh.V[mesh.F].mean(axis=1)[:, axis]
     low, high = x.min(), x.max()
     return np.flatnonzero(np.abs((x - low) / (high - low) - 0.5) < 0.2)
 
 
 def task_of(mesh: Mesh, *goals: VolumeGoal, count: int = 12) -> DeformationTask:
-    """The ends of each component along z, one of them moved."""
+    """Return a task with handles at both ends along z; the upper end is moved."""
     handles = end_handles(mesh.V, count=count, shift=[0.3, 0, 0.3])
     return DeformationTask("t", mesh, handles, volumes=goals)
 

@@ -96,7 +96,7 @@ def test_fast_begins_with_it(task, always):
 @pytest.mark.parametrize("levels", [1, 2])
 @pytest.mark.parametrize("ratio", [0.5, 0.89, 0.91, 2.0])
 def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, task, levels, ratio):
-    """A solver whose energy depends on where it begins: at the guide's result, or at its own start."""
+    """The solver has the energy 1 from the result of the guide, and the energy `ratio` without a guess."""
     monkeypatch.setattr("sshade.pipeline.initialise.SMALLEST", 100 if levels == 2 else 10_000)
     far = np.array([3.0, 0.0, 0.0])
     begun = []

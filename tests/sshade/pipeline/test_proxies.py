@@ -1,4 +1,4 @@
-"""How many vertices a proxy has: the same rule whoever asks."""
+"""The number of vertices of a proxy follows the same rule in all methods and commands."""
 
 import numpy as np
 import pytest
@@ -21,9 +21,9 @@ TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0
         (6000, 23_999, 300, 5999),
         (6000, 4802, 300, 1200),
         (6000, 1000, 300, 304),  # room for the handles
-        (6000, 302, 300, 302),  # as far as there are vertices
+        (6000, 302, 300, 302),  # no more than the mesh has
         (6000, 4, 0, 4),
-        (10, 5000, 300, 10),  # which the sampling refuses
+        (10, 5000, 300, 10),  # the sampling refuses so few
     ],
 )
 def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handles, count):
@@ -34,7 +34,7 @@ def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handle
     ("asked", "area", "shares"),
     [
         (100, [1, 3, 6], [10, 30, 60]),
-        (300, [1, 3, 6], [33, 70, 197]),  # what the second cannot use goes to the others
+        (300, [1, 3, 6], [33, 70, 197]),  # the second gets its maximum, the others the rest
         (60, [1, 1, 4], [10, 10, 40]),
         (60, [1, 0.2, 4], [10, 10, 40]),  # the second needs more than its portion
         (1000, [1, 3, 6], [40, 70, 250]),

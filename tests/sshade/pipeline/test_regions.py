@@ -26,7 +26,7 @@ METHODS = {
 
 @pytest.fixture(scope="module")
 def task() -> DeformationTask:
-    """The lowest 30 % of the vertices held, the highest 5 % moved and turned by 20 degrees."""
+    """Fix the lowest 30 % of the vertices, and move and turn the highest 5 % by 20 degrees."""
     mesh = bumpy(5)
     order, turn = np.argsort(mesh.V[:, 2], kind="stable"), Rotation.from_euler("z", 20, degrees=True)
     moved = order[-int(0.05 * mesh.n) :], lambda V: turn.apply(V) + [0.2, 0.1, 0.2]
@@ -52,7 +52,7 @@ def test_the_volume_of_the_whole_is_held(task, results, name):
 
 
 def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
-    """The proxy has few samples inside of the region; the mesh holds its volume all the same."""
+    """The proxy has few samples inside the region, but the volume of the mesh is still constrained."""
     z = task.mesh.V[:, 2]
     own = moved_parts(task.mesh.V, (z < -1.0, lambda V: V * [1.05, 1.05, 1]), (z > 1.6, 0))
     grown = DeformationTask("grown", task.mesh, own)
@@ -79,14 +79,14 @@ def test_the_surface_beside_an_edge_bends_no_more_than_elsewhere(task, results, 
 
 
 def half_a_plane(degrees: float) -> tuple[Mesh, np.ndarray, np.ndarray]:
-    """A plane, the vertices of its half, and a turn about the edge's direction."""
+    """Return a plane, the vertices of one half, and a rotation about the direction of the edge."""
     mesh = jittered(strip(80, 40), 0.1)
     turned = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
     return mesh, np.flatnonzero(mesh.V[:, 0] < 39.5), turned
 
 
 def beside_the_half(mesh: Mesh, handles: Handles) -> tuple[np.ndarray, float]:
-    """All positions, and the slope in degrees of the surface beside the edge of the half."""
+    """Return all positions, and the slope in degrees of the surface beside the edge of the half."""
     regions = HandleRegions(mesh, handles, vertices=600, graph=vertex_graph(mesh))
     V = regions.on_targets(mesh.V, handles)
     beside = (np.abs(mesh.V[:, 0] - 40) < 0.2) & (mesh.V[:, 1] > 8) & (mesh.V[:, 1] < 32)
@@ -116,7 +116,7 @@ def test_a_prescribed_turn_is_that_of_the_surface_beside_an_edge_however_large(d
 
 
 def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
-    """Which basin, and the coarser proxy's iterations, are known of the solve without a guess alone."""
+    """Only the solve without a guess knows its initialisation and the iterations of the coarser proxy."""
     index, target = task.handles.index, np.array(task.handles.target)
     target[: int(0.3 * task.mesh.n)] *= 1.15
     grown = DeformationTask("grown", task.mesh, Handles(index, target))
@@ -129,7 +129,7 @@ def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
 
 
 def cylinder_bent_by_its_ends(vertices: int, **options) -> tuple[float, float]:
-    """99.9th percentile of changes of dihedral angles, in degrees, and distance to an arc (x diagonal)."""
+    """Return the 99.9th percentile of the bend in degrees, and the distance to an arc in diagonals."""
     mesh = jittered(tube(80, 150, length=12.0), 0.01)
     bend, z = Bend(1.5, 10.5, 100.0), mesh.V[:, 2]
     held = np.flatnonzero((z < 1.5) | (z > 10.5))
@@ -142,14 +142,14 @@ def cylinder_bent_by_its_ends(vertices: int, **options) -> tuple[float, float]:
 
 @pytest.mark.parametrize("vertices", [1500, 2500])
 def test_what_is_between_two_regions_does_not_fold(vertices):
-    """A tube's ends bend it: without an energy of bending it kinks, the more samples the sharper."""
+    """The ends bend a tube. Without bending energy the tube kinks, and more samples sharpen the kink."""
     folded, further = cylinder_bent_by_its_ends(vertices, bending=0.0, stiffness=0.06)
     smooth, away = cylinder_bent_by_its_ends(vertices)
     assert smooth < 0.7 * folded and away < 0.8 * further, (smooth, folded, away, further)
 
 
 def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
-    """A comb of held and free stripes, with more vertices at edges than there are samples."""
+    """A comb of handle regions and free stripes has more vertices at edges than samples."""
     mesh = jittered(strip(120, 30), 0.1)
     held = np.flatnonzero(mesh.V[:, 0] % 6 < 3)
     moved = mesh.V[held] @ rotation().T
@@ -162,7 +162,7 @@ def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
 
 
 def test_a_ring_divides_the_mesh():
-    """What is between two regions follows them alone."""
+    """The surface between two regions depends only on these two regions."""
     mesh = tube(32, 60, length=12.0)
     z = mesh.V[:, 2]
     own = moved_parts(mesh.V, (z < 1.5, 0), ((z > 5.5) & (z < 7.5), 0), (z > 10.5, [1, 0, 0.5]))

@@ -40,7 +40,7 @@ def test_a_rigid_motion_of_the_source_moves_the_target_rigidly_at_its_own_size(s
 
 
 def test_marks_on_a_stretched_copy_follow_its_proportions():
-    """A bar twice as long bends at the same angle: its end goes where its own length brings it."""
+    """A bar of twice the length bends by the same angle, so its end moves farther than the source's end."""
     source = tube(24, 60, length=6.0)
     target = Mesh(source.V * [1.0, 1.0, 2.0], source.F)
 
@@ -63,7 +63,7 @@ def test_marks_on_a_stretched_copy_follow_its_proportions():
 
 
 def test_a_body_takes_the_poses_of_another_body():
-    """The bodies have one skeleton, so the truth is known; the target is a coarse mesh of its own."""
+    """The bodies share a skeleton, so the ground truth is known. The target has a separate coarse mesh."""
     bodies = load_bodies()
     source = Mesh(bodies.rest[0], bodies.faces)
     whole = Mesh(bodies.rest[4], bodies.faces)

@@ -1,4 +1,4 @@
-"""Prescribed rotations of handles: an oracle, what follows, resolution, invariance, levels, files."""
+"""Prescribed rotations of handles: exact solutions, effect, resolution, invariance, levels, and files."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ def turn(degrees: float, axis: str = "z") -> np.ndarray:
 
 
 def sheet(cells: int, *, degrees: float, axis: str = "z") -> DeformationTask:
-    """A unit square, its border held, its middle turned in place."""
+    """Return a unit square with a fixed border and a middle that is turned in place."""
     given = strip(cells, cells)
     mesh = Mesh(given.V / cells, given.F)
     away = np.abs(mesh.V[:, :2] - 0.5).max(axis=1)
@@ -36,7 +36,7 @@ def sheet(cells: int, *, degrees: float, axis: str = "z") -> DeformationTask:
 
 
 def turned_about(mesh: Mesh, V: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """The rotation that fits how the vertices within a radius moved about the one there."""
+    """Return the rotation that best fits the motion of the vertices within a radius of `centre`."""
     near = np.linalg.norm(mesh.V - centre, axis=1) < radius
     return rigid_motion(mesh.V[near], V[near])[0]
 
@@ -56,7 +56,7 @@ def test_with_all_rotations_known_positions_are_those_of_least_squares():
     assert np.abs(solution.positions - naive.positions(R)).max() < 1e-10
     assert np.array_equal(solution.rotations, R)
     assert solution.energy == pytest.approx(naive.energy(solution.positions, R), rel=1e-10)
-    # Softened too: at the minimum the energy does not change with the positions.
+    # With softening, the solve also keeps the prescribed rotations and converges.
     soft = LocalGlobal(mesh, held).solve(target, prescribed=(order, R[order]), tolerance=1e-9, stiffness=0.2)
     assert np.array_equal(soft.rotations, R) and soft.converged
 
@@ -74,7 +74,10 @@ def test_rotations_of_a_rigid_motion_change_nothing(name):
 @pytest.mark.parametrize("axis", ["z", "x"])
 @pytest.mark.parametrize("name", ["fast", "fine"])
 def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
-    """In its plane and out of it; alike at four times the vertices, for a proxy of as many."""
+    """The axis is normal to the sheet or lies in the sheet.
+
+    A mesh with four times the vertices turns by the same angle if the proxy has the same size.
+    """
     angles = []
     for cells in (40, 80):
         task = sheet(cells, degrees=60, axis=axis)
@@ -91,12 +94,12 @@ def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
 
 
 def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
-    """Small turns, of a disc of radius a in a round sheet that is held at radius b.
+    """A disc of radius a turns by a small angle in a round sheet that is fixed at radius b.
 
-    The energy is the elastic one with Lame's constants 0 and 1 where rotations are fitted; in the disc
-    it is ``2 (c - t)^2`` beside, of the angle c of the disc and the angle t that is prescribed. Around it the
-    displacement is ``B (1 / r - r / b^2)`` along circles, so that c = t / (1 + k), k = 1 / (1 - a^2 / b^2): a
-    half in a large sheet.
+    Where rotations are fitted, the energy is the elastic energy with Lame's constants 0 and 1. In the disc,
+    the energy has the additional term ``2 (c - t)^2``. Here c is the angle of the disc, and t is the
+    prescribed angle. Around the disc, the displacement is ``B (1 / r - r / b^2)`` along circles. Therefore
+    c = t / (1 + k) with k = 1 / (1 - a^2 / b^2). In a large sheet, c is half of t.
     """
     given, a, b, t = strip(96, 96), 0.2, 0.48, 0.02
     mesh, middle = Mesh(given.V / 96, given.F), np.array([0.5, 0.5, 0])
@@ -111,10 +114,10 @@ def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
 
 
 def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
-    """One vertex a side: their rotations alone bend the tube, whose other end is free."""
+    """Only rotations bend the tube: the upper end is turned, but almost no weight pulls at its position."""
     even = tube(24, 60)
     z = even.V[:, 2]
-    # On a tube with equal distances a motion's rounding chooses other samples.
+    # On a tube with equal distances, the rounding of a motion would change the samples.
     mesh = jittered(even, 2e-3)
     ends = {"weights": [np.inf, 1e-6], "rotations": [np.eye(3), turn(40, "x")]}
     own = moved_parts(mesh.V, (z == z.min(), 0), (z == z.max(), 0), **ends)
@@ -130,7 +133,7 @@ def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
 
 
 def test_levels_take_rotations_along():
-    """The coarser proxy is turned too; the minimum is that without it."""
+    """The solve on the coarser proxy has the same prescribed rotation as the solve on the proxy."""
     task = sheet(64, degrees=45)
     seen = []
 
@@ -179,7 +182,7 @@ def test_files_hold_matrices_and_quaternions(tmp_path):
     assert own.index.tolist() == [3, 4, 9, 20, 30]
     assert np.allclose(own.rotation[[0, 1, 2, 4]], R, atol=1e-12) and np.isnan(own.rotation[3]).all()
     assert np.array_equal(own.target[:2], BODY.V[[3, 4]]) and not own.dynamic[:2].any()
-    # Snapped by (-0.01, -0.01, -0.01), turned.
+    # The source is snapped by (-0.01, -0.01, -0.01), and the target moves by the turned vector.
     assert np.allclose(own.target[4], 1 + R @ np.full(3, -0.01))
     for bad in ([1, 1, 1, 1], [0, 0, 0], np.diag([1, 1, -1]).tolist(), "up", [[1, 0, 0]]):
         path.write_text(json.dumps({"handles": [{"vertices": [3], "rotation": bad}]}))

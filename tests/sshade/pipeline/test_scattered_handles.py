@@ -1,4 +1,4 @@
-"""Many single vertices as handles: more than a proxy's samples can hold, and no rotation at any."""
+"""Many single vertices as handles: more handles than samples of a proxy, and no rotations."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,10 @@ VERTICES = 150
 
 
 def scattered(share: float, target, *, noise: float = 0.0) -> DeformationTask:
-    """A share of all vertices, at random, with targets ``target(V)`` and noise over the diagonal."""
+    """Return a task with a random fraction of all vertices as handles.
+
+    The targets are ``target(V)`` plus noise, which is given as a fraction of the diagonal.
+    """
     mesh, rng = bumpy(4), np.random.default_rng(3)
     index = rng.permutation(mesh.n)[: int(share * mesh.n)]
     goal = target(mesh.V)[index] + noise * mesh.diagonal * rng.normal(size=(len(index), 3))
@@ -50,7 +53,7 @@ def test_handles_that_move_as_one_move_everything(method):
 
 
 def test_what_handles_lack_is_spread_harmonically():
-    """Against a dense solution of the same equations; nothing exceeds what is lacking."""
+    """The moves equal a dense solution of the same equations, and no vertex moves farther than a handle."""
     task = scattered(0.2, lambda V: V + np.sin(9 * V))
     mesh, index = task.mesh, task.handles.index
     graph = vertex_graph(mesh)
@@ -70,7 +73,7 @@ def test_what_handles_lack_is_spread_harmonically():
 
 
 def test_handles_in_a_line_need_no_rotation():
-    """A closed line around the body moves outwards: the surface beside it follows, without a fold."""
+    """A closed line around the body moves outwards, and the surface beside it follows without a fold."""
     mesh = bumpy(4)
     height = np.abs(mesh.V[:, 2])
     own = moved_parts(mesh.V, (height < 0.6 * mesh.mean_edge, lambda V: V * [1.1, 1.1, 1]), (height > 1.2, 0))

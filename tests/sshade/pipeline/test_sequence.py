@@ -18,19 +18,19 @@ def bar() -> DeformationTask:
 
 
 def bends(task: DeformationTask, angles: np.ndarray) -> list[np.ndarray]:
-    """Targets of the handles as the upper end turns about an axis across the bar; the lower end stays."""
+    """Return targets for each angle: the upper end turns about an axis across the bar, the lower stays."""
     rest = task.mesh.V[task.handles.index]
     turns = [Rotation.from_rotvec([angle, 0, 0]) for angle in angles]
     return [np.where(task.handles.dynamic[:, None], turn.apply(rest), rest) for turn in turns]
 
 
 def second_difference(poses: np.ndarray) -> float:
-    """The largest second difference in time of a point of poses (k, n, 3)."""
+    """Return the largest second difference in time of a point of poses (k, n, 3)."""
     return float(np.linalg.norm(poses[2:] - 2 * poses[1:-1] + poses[:-2], axis=2).max())
 
 
 def count_samplings(monkeypatch) -> list[int]:
-    """A list that grows with each sampling of a proxy."""
+    """Return a list that grows with each sampling of a proxy."""
     found, bind = [], engine.Engine.bind
 
     def counted(self, number, *arguments):
@@ -97,9 +97,10 @@ def test_converged_poses_do_not_depend_on_the_way_to_them():
 
 
 def test_poses_that_follow_each_other_do_not_flicker():
-    """The second difference in time is bounded by that of the handles, and falls with the square of the step.
+    """The second difference of the shape in time is bounded by the second difference of the handles.
 
-    Noise from pose to pose would not fall: single runs from other proxies show what a flicker looks like.
+    It falls with the square of the time step. Noise from pose to pose would not fall. Single runs with
+    different proxies have such noise and flicker.
     """
     task = bar()
     found = {}

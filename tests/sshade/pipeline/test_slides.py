@@ -31,14 +31,14 @@ def ends(mesh: Mesh, slide, *, shift=(0.6, 0.3, 0.8), weight=np.inf, turned=Fals
 
 
 def off(task: DeformationTask, V: np.ndarray) -> float:
-    """Largest distance of a handle from its target or its set, in diagonals."""
+    """Return the largest distance of a handle from its target or its slide, in diagonals."""
     return np.linalg.norm(V[task.handles.index] - task.handles.goals(V), axis=1).max() / task.mesh.diagonal
 
 
 def minimum(
     task: DeformationTask, basis: np.ndarray, *, across=None, bounds=None
 ) -> tuple[float, np.ndarray]:
-    """Energy and positions at the minimum where moved handles are ``target + basis x``, by L-BFGS-B."""
+    """Minimise by L-BFGS-B, with moved handles at ``target + x @ basis``; return energy and positions."""
     naive, handles = Naive(task, "spokes_and_rims"), task.handles
     free = np.setdiff1d(np.arange(task.mesh.n), handles.index)
     moved, stiff = handles.group == 1, handles.weight * (1 if handles.portion is None else handles.portion)
@@ -100,7 +100,7 @@ def test_minima_are_those_of_another_minimiser(kind):
 
 
 def test_a_surface_holds_handles_at_its_faces_and_at_its_edges():
-    """A large triangle is its plane. A box holds handles that are pulled out of it as bounds hold them."""
+    """A large triangle acts like its plane. A box acts on handles outside like bounds on coordinates."""
     handles, plane = ends(BAR, Slide.plane(TILTED)).handles, Slide.plane(TILTED)
     corners = handles.target[-1] + 20 * np.array([PLANE[0], PLANE[1], -PLANE[0] - PLANE[1]])
     flat = ends(BAR, Slide.on(Mesh(corners, np.array([[0, 1, 2]]))))
@@ -114,7 +114,7 @@ def test_a_surface_holds_handles_at_its_faces_and_at_its_edges():
     low = block(np.ones((1, 1, 1)))
     box = Mesh(2.0 * low.V - 3.0, low.F)  # from -1 to 1
     top = BALL.V[:, 2].argmax()
-    # Targets have no effect on a surface; the coordinates of the other minimiser begin there.
+    # A target has no effect on a surface. Here it is the origin of the coordinates of `minimum`.
     parts = (BALL.V[:, 2] < -0.5, [-1.5, 0.2, 0.3]), ([top], np.zeros_like)
     task = DeformationTask("box", BALL, moved_parts(BALL.V, *parts, slides=[None, Slide.on(box)]))
     result = local_global(task, **EXACT)
@@ -125,7 +125,7 @@ def test_a_surface_holds_handles_at_its_faces_and_at_its_edges():
 
 
 def top_and_sides(slide, *, method=fast):
-    """A ball pushed at its side; all vertices near its top slide."""
+    """Push a ball at its side, and let all vertices near its top slide; return task and result."""
     x, _, z = SPHERE.V.T
     parts = (z < -0.9, 0), (x > 0.95, [0.5, 0.0, 0.4]), (z > 0.9, 0)
     task = DeformationTask("ball", SPHERE, moved_parts(SPHERE.V, *parts, slides=[None, None, slide]))
@@ -159,7 +159,7 @@ def test_the_scene_may_be_turned_and_a_stiff_spring_is_a_hard_slide():
 
 
 def test_motions_that_nothing_determines_stay_and_the_others_are_found():
-    """Three planes turn a ball; where it slides along them, it stays."""
+    """Five handles on horizontal planes turn a ball. No handle determines a shift along the planes."""
     at = [SPHERE.V[:, c].argmax() for c in range(3)] + [SPHERE.V[:, 0].argmin(), SPHERE.V[:, 1].argmin()]
     R, normal = Rotation.from_euler("xy", [20, 10], degrees=True).as_matrix(), [0.0, 0.0, 1.0]
     task = DeformationTask(

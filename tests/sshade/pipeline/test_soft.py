@@ -14,12 +14,12 @@ from tests.sshade.pipeline.calls import METHODS
 BODY = bumpy(4)
 ORDER = np.argsort(BODY.V[:, 2], kind="stable")
 LOW, HIGH = ORDER[:20], ORDER[-20:]
-#: Half the vertices: regions, which proxies thin.
+#: Half of the vertices, in two handle regions. A proxy has only some of them as samples.
 REGIONS = np.r_[ORDER[: BODY.n // 4], ORDER[-BODY.n // 4 :]]
 
 
 def task_of(weight, *, index=None, lift=(0.3, 0.0, 0.2), mesh=BODY) -> DeformationTask:
-    """The lower handles held, the upper ones pulled by `weight`."""
+    """Return a task that fixes the lower handles and pulls the upper handles with `weight`."""
     index = np.r_[LOW, HIGH] if index is None else index
     upper = mesh.V[index, 2] > 0
     target = mesh.V[index] + np.where(upper[:, None], lift, 0)
@@ -28,7 +28,7 @@ def task_of(weight, *, index=None, lift=(0.3, 0.0, 0.2), mesh=BODY) -> Deformati
 
 
 def followed(task: DeformationTask, V: np.ndarray) -> float:
-    """How far the soft handles went of their way, in the mean."""
+    """Return the mean fraction of the way to their targets that the soft handles moved."""
     own, soft = task.handles, ~task.handles.hard
     way = own.target[soft] - task.mesh.V[own.index[soft]]
     gone = V[own.index[soft]] - task.mesh.V[own.index[soft]]
@@ -38,7 +38,7 @@ def followed(task: DeformationTask, V: np.ndarray) -> float:
 @pytest.mark.parametrize("index", [None, REGIONS], ids=["landmarks", "regions"])
 @pytest.mark.parametrize("name", METHODS)
 def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does(name, index):
-    """Unconstrained and without softening, where the minimum of all of them is one."""
+    """Without constraints, softening and attachment, all methods have the same minimum."""
     same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
     if name == "fine":
         same["polish_iterations"] = 300
@@ -56,9 +56,9 @@ def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does
 
 
 def test_heavy_handles_are_hard_ones():
-    """All of them soft: no vertex is held, and none is put on its target in the end."""
+    """All handles are soft: no vertex is fixed, and none is put on its target in the end."""
     for name in ("fast", "fine"):
-        # Beside regions that are hard the surface turns with them in the end.
+        # The methods turn the surface beside hard regions in the end.
         for index, close in ((np.r_[LOW, HIGH], 1e-4), (REGIONS, 3e-3)):
             target = BODY.V[index] + np.where(BODY.V[index, 2:] > 0, [0.3, 0, 0.2], 0)
             ends = [deform(BODY, index, target, method=name, vertices=600, weight=w).V for w in (1e7, np.inf)]
@@ -68,7 +68,7 @@ def test_heavy_handles_are_hard_ones():
 
 
 def test_a_fit_to_targets_at_every_vertex_is_taken():
-    """Registration: the more weight, the nearer; with more handles than proxy vertices."""
+    """Registration with more handles than proxy vertices: a larger weight brings the mesh nearer."""
     target = BODY.V * [1.1, 1.0, 0.95] + 0.05 * np.sin(3 * BODY.V[:, [1, 2, 0]])
     free = {"volume": 0.0, "area": 0.0, "vertices": 500}
     gaps = []
@@ -79,7 +79,7 @@ def test_a_fit_to_targets_at_every_vertex_is_taken():
 
 
 def test_a_small_group_beside_large_regions_keeps_its_pull():
-    """One vertex of 320 that are sampled thinly: its group has a vertex of the proxy all the same."""
+    """Regions are sampled thinly, but a group of a single vertex still has a vertex of the proxy."""
     tip = np.argmax(BODY.V[:, 0])
     index = np.r_[np.setdiff1d(REGIONS, tip), tip]
     target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0.4, 0, 0]])
@@ -91,7 +91,7 @@ def test_a_small_group_beside_large_regions_keeps_its_pull():
 
 
 def test_a_hard_handle_among_soft_ones_takes_them_along():
-    """All vertices are handles: beside one that is hard the others follow, as at full resolution."""
+    """All vertices are handles. Soft handles beside a hard handle follow it as at full resolution."""
     tip, other = np.argmax(BODY.V[:, 0]), np.argmin(BODY.V[:, 0])
     weight, target = np.ones(BODY.n), np.array(BODY.V)
     weight[[tip, other]] = np.inf
@@ -108,7 +108,7 @@ def test_a_hard_handle_among_soft_ones_takes_them_along():
 
 
 def test_components_share_a_group_and_keep_its_stiffness():
-    """Two bodies far apart, of which each has half of each group: as one with the weight halved."""
+    """Two distant bodies each have half of each group. Each moves like a single body with half the weight."""
     own = task_of(1.0).handles
     both = beside(BODY, shifted(BODY, 50))
     pair = Handles(

@@ -1,4 +1,4 @@
-"""What sshade.plot draws, what it refuses, and how meshes, tasks and results show themselves."""
+"""`sshade.plot`: drawn shapes, refused arguments, and the display of meshes, tasks and results."""
 
 import json
 import re
@@ -22,7 +22,7 @@ RESULT = DeformationResult(REST.V * [1, 1, 1.2], 0, None)
 
 
 def view(figure: Figure) -> dict:
-    """The facts of a figure."""
+    """Return the facts of a figure."""
     (case,) = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', figure.page, re.S)[1])["cases"]
     return case
 
@@ -99,7 +99,7 @@ def test_values_colour_all_shapes_from_the_least_to_the_greatest():
     facts = view(plot(REST, RESULT, values=REST.V[:, 2], label="z (m)"))
     assert all(shape["error"] for shape in facts["shapes"]) and facts["label"] == "z (m)"
     assert (facts["bottom"], facts["top"]) == (REST.V[:, 2].min(), REST.V[:, 2].max())
-    for one in (2.0, 1e30, -1e30):  # the range is no point
+    for one in (2.0, 1e30, -1e30):  # the range is not empty
         assert view(plot(REST, values=np.full(REST.n, one)))["top"] > one
 
 

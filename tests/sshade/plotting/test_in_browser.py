@@ -18,7 +18,10 @@ RESULT = DeformationResult(REST.V * [1, 1, 1.3], 0, None).of(TASK)
 
 @pytest.fixture
 def notebook(browser, tmp_path):
-    """Open cells that show objects; the page says what was printed and asked for."""
+    """Return a function that opens a page with a cell for each object.
+
+    The page lists its messages as `said` and its requests as `asked`.
+    """
     with ExitStack() as pages:
 
         def show(*objects):
@@ -30,7 +33,7 @@ def notebook(browser, tmp_path):
 
 
 def stage(page, number=0):
-    """The frame of a cell, and its view."""
+    """Return the frame of a cell and the view in the frame."""
     frame = page.frame_locator("iframe").nth(number)
     frame.locator("#turn-stage[data-shape]").wait_for(timeout=20_000)
     return frame, frame.locator("#turn-stage")

@@ -1,4 +1,4 @@
-"""What a 3D view shows of a mesh, and how it is packed."""
+"""The reduced mesh that a 3D view shows, and its packed form."""
 
 import base64
 import gzip

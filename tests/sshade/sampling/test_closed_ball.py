@@ -22,7 +22,7 @@ MESHES = {
 
 
 def cells_of(mesh: Mesh, samples: np.ndarray, cell: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
-    """Any labelling of the vertices, in the place of fronts."""
+    """Return an arbitrary labelling of the vertices that can replace fronts."""
     return SimpleNamespace(
         graph=vertex_graph(mesh), samples=samples, cell=cell.astype(np.int32), distance=distance
     )
@@ -38,7 +38,7 @@ def random_cells(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamespac
 
 
 def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
-    """Single cells, pairs at an edge, triples at a triangle."""
+    """Return all single cells, pairs at an edge, and triples at a triangle."""
     unions = {(i,) for i in label}
     unions |= {tuple(sorted((label[u], label[v]))) for u, v in mesh.edges.tolist() if label[u] != label[v]}
     return unions | {
@@ -47,7 +47,7 @@ def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
 
 
 def euler_counts(mesh: Mesh, cell: np.ndarray) -> dict[tuple[int, ...], int]:
-    """The count of each union, straight from its definition."""
+    """Return the Euler count of each union, directly from its definition."""
     border = {tuple(edge) for edge in mesh.boundary_edges.tolist()}
     on_border = set(mesh.boundary_edges.ravel().tolist())
     edges = [edge for edge in map(tuple, mesh.edges.tolist()) if edge not in border]
@@ -61,7 +61,7 @@ def euler_counts(mesh: Mesh, cell: np.ndarray) -> dict[tuple[int, ...], int]:
 
 
 def boundary_counts(mesh: Mesh, cell: np.ndarray) -> tuple[dict[int, int], dict[tuple[int, int], int]]:
-    """Boundary vertices less boundary edges of each cell on the boundary; boundary edges between pairs."""
+    """Return boundary vertices minus boundary edges of each cell, and boundary edges between pairs."""
     label = cell.tolist()
     border = mesh.boundary_edges.tolist()
     trace = dict.fromkeys((label[v] for v in set(mesh.boundary_edges.ravel().tolist())), 0)
@@ -78,7 +78,7 @@ def boundary_counts(mesh: Mesh, cell: np.ndarray) -> tuple[dict[int, int], dict[
 
 
 def failing_unions(mesh: Mesh, cell: np.ndarray) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
-    """Unions whose Euler count is not 1, and cells and pairs whose trace is no single arc."""
+    """Return unions with an Euler count other than 1, and cells and pairs whose trace is not one arc."""
     no_disc = {union for union, count in euler_counts(mesh, cell).items() if count != 1}
     trace, crossings = boundary_counts(mesh, cell)
     no_arc = {(i,) for i, count in trace.items() if count != 1}

@@ -55,7 +55,8 @@ def test_cells_are_exact_and_the_second_half_is_farthest(name, count):
     again = Fronts(graph, samples[: count // 2])
     again.insert_farthest(count - count // 2)
     assert np.array_equal(again.samples, samples)
-    # About as dense as farthest points, whose density varies as much with the first vertex.
+    # The samples are about as dense as farthest points. The density of farthest points varies equally with
+    # the first vertex.
     exact = farthest_point_sampling(graph, count, first=first)
     assert found.distance.max() <= 1.25 * exact.distance.max()
     assert found.distance.mean() <= 1.08 * exact.distance.mean()
@@ -72,7 +73,7 @@ def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
 
 
 def test_crumpled_surfaces_get_a_finer_net(monkeypatch):
-    """Their distances are short for their area, so that the first radius leaves too few vertices."""
+    """Distances on them are short for their area, so the first radius leaves too few vertices."""
     mesh = SURFACES["bumpy"]
     monkeypatch.setattr(coarse, "_NET_AREA", 1e4)
     found = coarse.sample_coarsely(mesh, vertex_graph(mesh), 60, first=np.array([0]))

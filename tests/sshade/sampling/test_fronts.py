@@ -79,7 +79,7 @@ def test_unusable_samples_are_refused(count, first, words):
 
 
 def test_coincident_vertices_are_sampled_apart():
-    """Each has a cell of its own, though none is farther from the other than rounding."""
+    """Two coincident vertices have separate cells, although their distance is at most a rounding error."""
     V = strip(2, 1).V.copy()
     V[1] = V[0]
     graph = vertex_graph(Mesh(V, strip(2, 1).F))

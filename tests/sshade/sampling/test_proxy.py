@@ -27,7 +27,7 @@ SURFACES = {
 
 
 def assert_valid_proxy(mesh: Mesh, result: Sampling) -> None:
-    """A manifold, oriented proxy of the mesh's topology that uses every sample."""
+    """Assert that the proxy is manifold and oriented, keeps the topology, and uses every sample."""
     proxy = proxy_mesh(mesh, result)  # the constructor refuses unreferenced samples
     proxy.require_manifold()
     assert proxy.topology == mesh.topology
@@ -37,19 +37,19 @@ def assert_valid_proxy(mesh: Mesh, result: Sampling) -> None:
     assert np.array_equal(proxy.V, mesh.V[result.samples])
     assert np.array_equal(result.faces.min(axis=1), result.faces[:, 0])
     assert len(np.unique(result.faces, axis=0)) == len(result.faces)
-    # A sample lies in its own cell, at distance zero.
+    # Cell k contains sample k. Only samples have the distance zero.
     assert np.array_equal(result.cell[result.samples], np.arange(k))
     assert np.array_equal(result.distance == 0, np.isin(np.arange(mesh.n), result.samples))
 
 
 def assert_dual(mesh: Mesh, result: Sampling) -> None:
-    """The faces are the triples of cells around triangles of M, with M's orientation."""
+    """Assert that the faces are the triples of cells at triangles of M, with the orientation of M."""
     triples = [face for face in result.cell[mesh.F].tolist() if len(set(face)) == 3]
     assert turned(triples) == turned(result.faces.tolist())
 
 
 def turned(faces: list[list[int]]) -> set[tuple[int, ...]]:
-    """Each face from its smallest id on."""
+    """Return each face with its smallest id first."""
     return {min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in faces}
 
 

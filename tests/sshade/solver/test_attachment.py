@@ -20,12 +20,12 @@ TURN = rotation(3)
 
 
 def patch(mesh: Mesh, point, count: int) -> np.ndarray:
-    """The vertices nearest to a point."""
+    """Return the vertices nearest to a point."""
     return np.argsort(np.linalg.norm(mesh.V - np.asarray(point), axis=1), kind="stable")[:count]
 
 
 def two_patches(mesh: Mesh, *, turn=TURN, shift=(0.4, 0.1, 0.2), count=7) -> Handles:
-    """One end stays, the other is turned and shifted."""
+    """Return handles at both ends: the lower patch stays, and the upper patch is turned and shifted."""
     low, high = patch(mesh, [0, 1, mesh.V[:, 2].min()], count), patch(mesh, [0, 1, mesh.V[:, 2].max()], count)
     return moved_parts(mesh.V, (low, 0), (high, lambda V: V @ turn.T + shift))
 
@@ -37,7 +37,7 @@ class Pulled(NamedTuple):
 
 
 def attached(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
-    """The attachment of a single solve."""
+    """Return the attachment of a single solve."""
     attachment = Attachment(mesh, handles, weight, fold=True)
     target, fraction = attachment.pulls(handles.target, handles.rotation)
     assert (fraction == 1).all()
@@ -78,7 +78,7 @@ def test_the_unit_of_length_does_not_matter_and_hardly_the_resolution():
     scaled = attached(large, Handles(handles.index, 1000 * handles.target, group=handles.group), 0.1)
     assert np.array_equal(scaled.vertex, pulled.vertex)
     assert np.allclose(scaled.stiffness[k:], pulled.stiffness[k:], rtol=1e-9)
-    finer = subdivided(BAR)  # its first vertices are those of the bar
+    finer = subdivided(BAR)  # the vertices of the bar come first
     again = attached(finer, handles, 0.1)
     assert again.stiffness[k:].sum() == pytest.approx(pulled.stiffness[k:].sum(), rel=0.05)
 
@@ -137,7 +137,7 @@ def test_groups_that_touch_move_apart():
 
 
 def test_what_is_near_a_turned_patch_turns_with_it():
-    """A patch at the end of a bar nods: the end nods along, where without attachment only the patch does."""
+    """A patch at the end of a bar nods, and the end nods along. Without attachment, only the patch nods."""
     turn = Rotation.from_rotvec([0.7, 0.0, 0.0]).as_matrix()
     top = np.array([0.0, 0.0, BAR.V[:, 2].max()])
     task = DeformationTask("nod", BAR, two_patches(BAR, turn=turn, shift=top - turn @ top))
@@ -156,7 +156,7 @@ def test_a_pull_fades_on_the_way_and_never_jumps(way):
     attachment, high = Attachment(BAR, handles, 0.1), handles.group == 1
     rest = BAR.V[handles.index[high]]
     centre = rest.mean(axis=0)
-    if way == "flattened":  # into a line and out of it again, mirrored
+    if way == "flattened":  # to the mirror image; halfway the patch is a line
         u, _, vt = np.linalg.svd(rest - centre, full_matrices=False)
         turned = centre + (rest - centre) @ (np.eye(3) - 2 * np.outer(vt[1], vt[1]))
     else:

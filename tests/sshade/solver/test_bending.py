@@ -1,4 +1,4 @@
-"""The energy of bending: against its definition, a clamped plate, and what it must not depend on."""
+"""The bending energy compared with its definition and a clamped plate, and independent of solvers."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ LENGTH = 0.05
 
 
 class NaiveBending(Naive):
-    """With bending, in dense matrices."""
+    """Plain local/global iterations with bending energy, from dense matrices."""
 
     def __init__(self, task: DeformationTask, energy: str, bending: float) -> None:
         super().__init__(task, energy)
@@ -62,7 +62,10 @@ def test_plain_iterations_equal_the_definition(name, energy):
 
 
 def test_a_sheet_between_two_circles_bends_as_a_clamped_plate_does():
-    """Its middle lifted a little, without a turn: Kirchhoff's a + b r^2 + c log r + d r^2 log r."""
+    """The middle is lifted a little without a turn.
+
+    Kirchhoff's solution for the height at radius r is a + b r^2 + c log r + d r^2 log r.
+    """
     mesh = Mesh(jittered(strip(60, 60), 0.05, seed=1).V * [1, 1, 0] - [30, 30, 0], strip(60, 60).F)
     r, inner, outer, lift = np.linalg.norm(mesh.V, axis=1), 6.0, 28.0, 0.01
     own = moved_parts(mesh.V, (r < inner, [0, 0, lift]), (r > outer, 0))
@@ -96,7 +99,7 @@ def test_faces_without_area_change_the_shape_little():
 
 @pytest.mark.parametrize("stiffness", [1.0, 0.1])
 def test_v_cycles_reach_the_minimum_of_the_factorisation(monkeypatch, stiffness):
-    """The coarsest level is small, so that the bending goes through several levels."""
+    """The coarsest level is small, so that the multigrid has several levels."""
     monkeypatch.setitem(Multigrid.__init__.__kwdefaults__, "coarsest", 20)
     task = held_ends(bumpy(3))
     energy = {"bending": 0.03, "stiffness": stiffness, "tolerance": 1e-9, "max_iterations": 3000}

@@ -29,7 +29,7 @@ from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphe
 from tests.sshade.naive import TASKS, Naive
 
 BAR, STRIP = TASKS["bar"], TASKS["strip"]
-#: (volume, area) weights with something exact in them.
+#: Weights (volume, area) with at least one exact constraint.
 EXACT = {"volume": (inf, 0.0), "area": (0.0, inf), "both": (inf, inf)}
 
 
@@ -44,7 +44,7 @@ def measured(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 
 def pulled(task: DeformationTask, factor: float) -> DeformationTask:
-    """The task's mesh with its last handles pulled away along z to `factor` times the length."""
+    """Return a task whose upper handles are pulled along z, to `factor` times the length of the mesh."""
     V, index = task.mesh.V, task.handles.index
     target = V[index].copy()
     far = target[:, 2] > target[:, 2].mean()
@@ -67,14 +67,14 @@ def surface_of(mesh: Mesh) -> Surface:
 
 
 def gradients_of(mesh: Mesh, V: np.ndarray) -> np.ndarray:
-    """(2, n, 3) gradients of volume and area."""
+    """Return the gradients (2, n, 3) of volume and area."""
     surface, G = surface_of(mesh), np.empty((2, mesh.n, 3))
     Constraints(surface, inf, inf, corners=3, team=ThreadTeam(1)).write_gradients(V, G)
     return G * surface.rest[:, None, None]
 
 
 def slenderness(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """(m,) double area of each face over the sum of the squared edges at its first corner."""
+    """Return (m,) the double area of each face over the sum of squared edges at its first corner."""
     a, b = V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]]
     return np.linalg.norm(np.cross(a, b), axis=1) / ((a**2).sum(axis=1) + (b**2).sum(axis=1))
 
@@ -129,9 +129,10 @@ def test_the_gradient_of_the_area_is_continuous_where_a_triangle_collapses():
 
 
 def constrained_iterations(task: DeformationTask, U: np.ndarray, energy: str, weights):
-    """The iterates from U on: free steps under the last multipliers, then to where a general solver ends.
+    """Yield the iterates from U on.
 
-    That moves along L^-1 of the constraints' gradients, which are renewed every few steps.
+    Each iterate is a free step under the last multipliers and a projection onto the constraints. A general
+    solver finds the projection along L^-1 times the gradients. These directions are renewed every few steps.
     """
     mesh, naive = task.mesh, Naive(task, energy)
     rest = measured(mesh.V, mesh.F)
@@ -178,7 +179,10 @@ def test_iterations_are_those_of_the_definition(energy, weights):
 @pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
 @pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0.5, 0), (0.3, 0.2)])
 def test_the_solution_balances_forces_and_pressure(energy, weights):
-    """L u - b, the force on free vertices, is a combination of the gradients: the penalty's if weighted."""
+    """The force L u - b on free vertices is a linear combination of the gradients.
+
+    The factor of a weighted constraint is the derivative of its penalty.
+    """
     solution = solve(BAR, weights, energy=energy, tolerance=1e-11, max_iterations=20000)
     mesh, naive, U = BAR.mesh, Naive(BAR, energy), solution.positions
     assert solution.converged
@@ -269,7 +273,7 @@ def test_the_energy_has_the_penalty_in_it():
     assert penalty > 1e-3 * solution.energy
 
 
-# --- what cannot be held
+# --- constraints that cannot be satisfied
 
 
 def test_targets_at_rest_leave_a_sphere_at_rest_although_its_gradients_are_parallel():

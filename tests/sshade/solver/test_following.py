@@ -1,4 +1,4 @@
-"""Solves that follow moving targets: the same minimum as anew, nothing from a wrong past."""
+"""Solves that follow moving targets find the minimum of a new solve, without effects of earlier targets."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ ENERGY = {"volume": np.inf, "area": np.inf, "stiffness": 0.1, "strain": 0.02}
 
 
 def handles_at(angle: float) -> Handles:
-    """Both ends of the bar, one of them turned and moved."""
+    """Return handles at both ends of the bar; the upper end is turned and moved."""
     turn = Rotation.from_euler("x", angle).as_matrix()
     return two_patches(BAR, turn=turn, shift=[0.1 * angle, 0, 0], count=9)
 
@@ -70,7 +70,7 @@ def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solv
 
 
 def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solver, attachment):
-    """A shift is the harmonic move of held vertices, and that of vertices pulled with all their stiffness."""
+    """The harmonic extension of a shift is the shift, for hard handles and for vertices with full pull."""
     following, shift = begun(solver, attachment), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
     start = at(attachment, 0.0)
     before = following.solve(**start, tolerance=1e-9)
@@ -84,14 +84,14 @@ def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(s
     for angle in (0.1, 0.2):
         following.solve(**at(attachment, angle), tolerance=1e-7)
     stopped = following.solve(**at(attachment, 0.2), tolerance=1e-7)
-    assert stopped.iterations <= 3  # of those of which the last needed more
+    assert stopped.iterations <= 3  # the last moving step needs more
     for angle in (0.1, 0.0):
         back = following.solve(**at(attachment, angle), tolerance=1e-8)
     assert np.abs(back.positions - BAR.V).max() < 1e-5 * BAR.diagonal
 
 
 def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attachment):
-    """The minimum is that of a system with the weaker pull itself."""
+    """The minimum equals the minimum of a system that is built with the weaker pull."""
     target, fraction = attachment.pulls(handles_at(0.5).target)
     fraction = np.where(np.isinf(attachment.stiffness), 1.0, 0.3)
     weaker_pull = solver.solve(target, fraction=fraction, tolerance=1e-10, max_iterations=3000)

@@ -15,7 +15,7 @@ from tests.sshade.solver.test_multigrid import CASES, matrix
 #: A turn by 30 degrees about x.
 TILT = Rotation.from_rotvec([np.pi / 6, 0.0, 0.0]).as_matrix()
 BALL = held_ends(bumpy(3))
-#: Of several topologies; held by regions and by single vertices; one has faces without area.
+#: Tasks of several topologies, with regions, single vertices or soft handles, and with faces without area.
 TASKS = {
     "region": BALL,
     "genus two": held_ends(double_torus(cells=3), axis=0, share=0.1, turn=np.eye(3)),
@@ -27,7 +27,7 @@ EXACT = {"volume": np.inf, "area": np.inf}
 
 @pytest.fixture(autouse=True)
 def _several_levels(monkeypatch):
-    """These meshes have about a thousand vertices."""
+    """Make the coarsest level small, because these meshes have only about a thousand vertices."""
     monkeypatch.setattr(
         "sshade.solver.system.Multigrid",
         lambda A, held, **options: Multigrid(A, held, coarsest=50, **options),
@@ -35,14 +35,14 @@ def _several_levels(monkeypatch):
 
 
 def pinned(task: DeformationTask, count: int = 9) -> DeformationTask:
-    """Held by single vertices only."""
+    """Return the task with only `count` of its handles."""
     chosen = np.linspace(0, len(task.handles) - 1, count).astype(int)
     own = Handles(task.handles.index[chosen], task.handles.target[chosen])
     return DeformationTask("pinned", task.mesh, own)
 
 
 def flattened(task: DeformationTask, faces: int = 40) -> DeformationTask:
-    """Some faces' corners moved into one place, away from the handles."""
+    """Return the task with two corners of some faces moved to one place, away from the handles."""
     F = task.mesh.F[~np.isin(task.mesh.F, task.handles.index).any(axis=1)]
     chosen, V = F[np.random.default_rng(0).choice(len(F), faces, replace=False)], task.mesh.V.copy()
     V[chosen[:, 0]] = V[chosen[:, 1]]
@@ -50,7 +50,7 @@ def flattened(task: DeformationTask, faces: int = 40) -> DeformationTask:
 
 
 def pulled(task: DeformationTask) -> DeformationTask:
-    """One end pulled softly, each vertex with a weight of its own."""
+    """Return the task with soft handles at the moved end, each with a different weight."""
     own = task.handles
     weight = np.where(own.dynamic, np.linspace(1.0, 10.0, len(own)), np.inf)
     return DeformationTask("pulled", task.mesh, Handles(own.index, own.target, weight=weight))
@@ -104,7 +104,7 @@ def test_as_many_steps_reach_as_low_where_triangles_soften():
 
 
 @pytest.mark.parametrize(
-    ("name", "energy"),  # that of spokes is far below 0 where faces have no area
+    ("name", "energy"),  # the spokes energy is far below 0 if faces have no area
     [(name, "spokes_and_rims") for name in TASKS] + [("region", "spokes"), ("pulled", "spokes")],
 )
 def test_without_a_factorisation_the_minimum_and_the_test_that_ends_are_the_same(name, energy):
@@ -116,7 +116,7 @@ def test_without_a_factorisation_the_minimum_and_the_test_that_ends_are_the_same
     exact, cycles = found
     assert cycles.extra["energy"] == pytest.approx(exact.extra["energy"], rel=1e-4)
     assert np.abs(cycles.vertices - exact.vertices).max() < 3e-3 * task.mesh.diagonal
-    # One exact step from there is as short as the last residual says, to what conjugate gradients leave.
+    # An exact step from the result is as short as the last residual, up to the error of conjugate gradients.
     own = task.handles
     solver = LocalGlobal(task.mesh, own.index, energy=energy, stiffness=own.stiffness)
     options = {"tolerance": 0, "max_iterations": 1, "accelerate": False}
@@ -165,8 +165,8 @@ def test_each_column_is_as_near_as_asked_for(name, tolerance):
     exact = spsolve(A.tocsc(), B[:, :2])
     error = X[:, :2] - exact
     left = np.sqrt((error * (A @ error)).sum(axis=0) / (exact * (A @ exact)).sum(axis=0))
-    # Cycles estimate energies up to the fraction of an error that they leave. In single precision,
-    # cotangents of 1e5 beside those of 1 leave three digits.
+    # Cycles leave a fraction of an error, and their estimates of energies are off by the same fraction. In
+    # single precision, cotangents of 1e5 beside cotangents of 1 leave three digits.
     single = 0.1 if name == "faces without area" else 1e-5
     assert (left < max(tolerance / np.sqrt(1 - CASES[name][2]), single)).all()
 

@@ -15,8 +15,8 @@ from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedro
 from tests.sshade.naive import TASKS, Naive, svd_rotations
 
 ENERGIES = ("spokes", "spokes_and_rims")
-EXACT = 1e-12  # x diagonal
-#: The energies, and what may be added to them.
+EXACT = 1e-12  # as a fraction of the diagonal
+#: Options of the solver: both energies, bending, softening and constraints.
 EXTRAS = (
     {"energy": "spokes"},
     {},
@@ -56,7 +56,7 @@ def test_plain_iterations_equal_the_definition(task, energy):
 
 @with_extras
 def test_acceleration_reaches_the_same_minimum_in_fewer_steps(task, extra):
-    # With both held exactly the bar has two minima: begin where it is clear which is near.
+    # With exact volume and area, the bar has two minima. Begin where the nearest minimum is clear.
     begin = local_global(task, accelerate=False, tolerance=0, max_iterations=30, **extra).vertices
     near = replace(task, guess=begin)
     options = {"tolerance": 1e-8, "max_iterations": 20_000, **extra}
@@ -82,7 +82,7 @@ def test_converged_means_one_plain_iteration_moves_less_than_the_tolerance(task,
 
 @with_extras
 def test_plain_iterations_lower_the_energy(task, extra):
-    """From where exact constraints are fulfilled on."""
+    """With exact constraints, the energy falls only after the first iteration satisfies them."""
     first = 1 if np.inf in extra.values() else 0
     options = {"tolerance": 0, "accelerate": False, **extra}
     runs = [local_global(task, max_iterations=k, **options) for k in range(first, 25)]

@@ -11,7 +11,7 @@ from tests.shapes import bumpy, double_torus, jittered, strip, tube
 
 
 def without_area(mesh: Mesh, faces: int) -> Mesh:
-    """Some faces' first corners moved onto their second ones, or to within 1e-7 of them."""
+    """Return the mesh with the first corner of some faces moved onto or near (1e-7) the second corner."""
     V = mesh.V.copy()
     chosen = mesh.F[np.random.default_rng(0).choice(mesh.m, faces, replace=False)]
     V[chosen[:, 0]] = V[chosen[:, 1]] + np.where(np.arange(faces) % 2, 1e-7, 0.0)[:, None]
@@ -24,7 +24,7 @@ def every(mesh: Mesh, step: int) -> np.ndarray:
 
 BALL, SHEET, TUBE = bumpy(4), jittered(strip(60, 40), 0.2), jittered(tube(60, 60), 0.02)
 SQUASHED = Mesh(SHEET.V * [1.0, 5.0, 1.0], SHEET.F)
-#: Meshes, what is held of each, and how much of an error a V-cycle may leave.
+#: For each case: the mesh, its fixed vertices, and the largest fraction of an error after a V-cycle.
 CASES = {
     "closed, few handles": (BALL, every(BALL, 500), 0.7),
     "closed, one handle": (BALL, np.arange(BALL.n) == 7, 0.7),
@@ -44,7 +44,7 @@ def matrix(name: str) -> tuple[csr_array, np.ndarray]:
 
 
 def cycle(multigrid: Multigrid, held: np.ndarray, x: np.ndarray, *, workers: int = 1) -> np.ndarray:
-    """M x for x (f, 3) of free rows."""
+    """Return M x for x (f, 3) of free rows."""
     B = np.zeros((len(held), 3))
     B[~held] = x
     with ThreadTeam(workers) as team:
@@ -71,7 +71,7 @@ def test_a_cycle_is_linear_symmetric_and_positive(name):
 
 @pytest.mark.parametrize("name", CASES)
 def test_what_a_cycle_leaves_of_an_error(name):
-    """The largest eigenvalue of I - M A by power iteration, in the energy norm, in which it is symmetric."""
+    """Power iteration finds the largest eigenvalue of I - M A, which is symmetric in the energy norm."""
     A, held = matrix(name)
     multigrid, A = Multigrid(A, held, coarsest=100), A[~held][:, ~held]
     x = np.random.default_rng(0).normal(size=(A.shape[0], 3))

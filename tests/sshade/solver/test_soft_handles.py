@@ -1,4 +1,4 @@
-"""Soft handles: the minimum against an energy of its own, limits, invariance, and what a weight means."""
+"""Soft handles: the minimum of an independent energy, limits, invariance, and the meaning of a weight."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from tests.shapes import bumpy, moved_parts, rotation, strip
 from tests.sshade.naive import Naive, vertex_areas
 
 BODY = bumpy(2)
-#: Far below what is measured here.
+#: Options that make errors of the solver far smaller than the differences that the tests measure.
 EXACT = {"tolerance": 1e-11, "max_iterations": 20_000}
 
 
 def task_of(mesh: Mesh, *, weight=5.0, held=()) -> DeformationTask:
-    """Two soft groups pulled apart and turned, and some hard handles in a third."""
+    """Return a task with two soft groups, of which the upper is turned and moved, and hard handles."""
     order, R = np.argsort(mesh.V[:, 2], kind="stable"), rotation()
     turned = order[-6:], lambda V: V @ R.T + [0.3, 0, 0.1]
     own = moved_parts(mesh.V, (order[:6], 0), turned, (list(held), 0), weights=[weight, weight, np.inf])
@@ -22,7 +22,7 @@ def task_of(mesh: Mesh, *, weight=5.0, held=()) -> DeformationTask:
 
 
 def energy(task: DeformationTask, P: np.ndarray, *, kind: str) -> float:
-    """The energy of the definition, each edge counted once, and the pulls of soft handles."""
+    """Return the energy of the definition, with each edge counted once, plus the pulls of soft handles."""
     naive, handles = Naive(task, kind), task.handles
     total = naive.energy(P, naive.rotations(P)) / (2 if kind == "spokes" else 3)
     area = vertex_areas(task.mesh)
@@ -51,7 +51,7 @@ def test_the_minimum_is_stationary_in_an_energy_of_its_own(kind, held):
         slope = (energy(task, P + step, kind=kind) - energy(task, P - step, kind=kind)) / 2e-4
         assert abs(slope) < 2e-6
         assert energy(task, P + 10 * step, kind=kind) > at
-    # Without the pull it is no minimum: the slope at a soft handle is that of its spring.
+    # Without the pull, the shape is no minimum: the spring of a soft handle has a force.
     k, target = task.handles.stiffness[8], task.handles.target[8]
     assert np.linalg.norm(2 * k * (P[task.handles.index[8]] - target)) > 0.01
 
@@ -72,7 +72,7 @@ def test_light_handles_leave_the_rest_shape_moved_rigidly_as_fits_them_best():
     P = local_global(task, start="rigid", **EXACT).vertices
     rest, after = (np.linalg.norm(V[:, None] - V[None], axis=2) for V in (BODY.V, P))
     assert np.abs(after - rest).max() < 1e-6
-    # Of rigid motions it is the one of the least weighted squares: forces and moments are in balance.
+    # The rigid motion minimises the weighted squares, so forces and moments are in balance.
     own = task.handles
     force = own.stiffness[:, None] * (P[own.index] - own.target) / 1e-7
     assert np.abs(force.sum(0)).max() < 1e-5
@@ -80,7 +80,7 @@ def test_light_handles_leave_the_rest_shape_moved_rigidly_as_fits_them_best():
 
 
 def test_a_spring_at_the_end_of_a_strip_shares_its_stretch():
-    """A strip of n edges in a row is a bar: pulled along, it and the spring are two springs in series."""
+    """A strip that is pulled along its length is a bar. The bar and the spring are springs in series."""
     mesh = strip(20, 1)
     left, right = mesh.V[:, 0] == 0, mesh.V[:, 0] == mesh.V[:, 0].max()
     length, width = np.ptp(mesh.V[:, 0]), np.ptp(mesh.V[:, 1])
@@ -89,14 +89,14 @@ def test_a_spring_at_the_end_of_a_strip_shares_its_stretch():
         P = local_global(DeformationTask("bar", mesh, own), **EXACT).vertices
         # Integral of |u_x - 1|^2 is width / length x stretch^2, and the spring is w x (2 - stretch)^2.
         stiffness = width / length
-        # Both ends of the edge on the right, of which one has two triangles.
+        # Average both ends of the edge on the right, because only one end has two triangles.
         moved = (P[right] - mesh.V[right])[:, 0].mean()
         assert moved == pytest.approx(2 * weight / (weight + stiffness), rel=5e-3)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.2])
 def test_a_weight_means_the_same_at_any_resolution(radius):
-    """How far a point, or a disc, of a square sheet follows that is held on its left."""
+    """A point or a disc is pulled in a square sheet with a fixed left side; measure how far it follows."""
     followed = []
     for cells in (12, 24, 48, 96):
         sheet = strip(cells, cells)
@@ -110,8 +110,9 @@ def test_a_weight_means_the_same_at_any_resolution(radius):
     if radius:
         assert np.ptp(f) < 0.011
     else:
-        # The sheet gives way at a point as the logarithm of the resolution, by 3 ln 2 / (8 pi) a doubling
-        # (Kelvin's solution in the plane, Lame's constants 0 and 1); the spring stays what it is.
+        # The compliance of the sheet at a point grows with the logarithm of the resolution. Each doubling
+        # adds 3 ln 2 / (8 pi) (Kelvin's solution in the plane, Lame's constants 0 and 1). The spring is
+        # constant.
         assert np.diff(f / (1 - f)) == pytest.approx(3 * np.log(2) / (4 * np.pi), rel=0.02)
 
 

@@ -21,7 +21,10 @@ def task(request) -> DeformationTask:
 
 
 def triangle_energies(mesh: Mesh, U: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Spokes-and-rims energy of each triangle: its edges against those turned by each corner's rotation."""
+    """Return the spokes-and-rims energy of each triangle.
+
+    The energy compares the edges with the rest edges, turned by the rotation of each corner.
+    """
     h, total = half_cotangents(mesh), np.zeros(mesh.m)
     for edge, (a, b) in enumerate(((0, 1), (1, 2), (2, 0))):
         rest = mesh.V[mesh.F[:, a]] - mesh.V[mesh.F[:, b]]
@@ -53,7 +56,7 @@ def test_the_energy_is_that_of_the_definition(task, soft):
 
 
 def test_it_ends_where_the_energy_is_stationary(task, soft):
-    """With the best rotations for each shape, no direction of the free vertices lowers the energy."""
+    """With the final rotations, no random direction of the free vertices lowers the energy."""
     solver = solver_of(task)
     ended = solver.solve(task.handles.target, tolerance=1e-10, max_iterations=20_000, **soft)
     assert ended.converged
@@ -70,7 +73,7 @@ def test_it_ends_where_the_energy_is_stationary(task, soft):
 
 
 def test_fine_strains_cost_what_they_do_without(task):
-    """Far under the strain at which it softens, a triangle does not."""
+    """A triangle does not soften at strains far below the strain of softening."""
     plain = solver_of(task).solve(task.handles.target, tolerance=1e-7)
     stiff = solver_of(task).solve(task.handles.target, tolerance=1e-7, stiffness=0.2, strain=1e4)
     assert np.abs(plain.positions - stiff.positions).max() < 1e-4 * task.mesh.diagonal
@@ -78,7 +81,7 @@ def test_fine_strains_cost_what_they_do_without(task):
 
 
 def test_limited_triangles_are_stiff_again_and_a_far_limit_is_none(task):
-    """The largest strain is between that of triangles that stay soft and that of those that never are."""
+    """A strain limit gives neither the soft nor the plain shape. A far limit gives the soft shape."""
     solver, names = solver_of(task), ("soft", "limited", "far", "plain")
     ways = dict(zip(names, (SOFT, LIMITED, {**SOFT, "strain_limit": 1e3}, {}), strict=True))
     shape = {
