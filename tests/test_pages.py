@@ -1,6 +1,7 @@
 """Tables of pages agree with the committed results, links work, and each picture is shown once."""
 
 import re
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from docs import artefacts, beyond, blender, blocks, measures, scaling, tracks
 from docs.pages import PAGES, ROOT, filled, filled_page
 from eval.metrics import METRICS
+from tests.shapes import icosphere
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -31,6 +33,14 @@ def test_tables_that_a_script_writes_are_those_of_its_rows(script):
     assert blocks.filled(page, tables) == page, f"run: python -m {script.__name__}"
     with pytest.raises(ValueError, match="0 blocks 'absent'"):
         blocks.filled(page, {"absent": ""})
+
+
+def test_a_run_of_the_cost_model_goes_through_all_stages(monkeypatch):
+    monkeypatch.setattr(scaling, "load_task", lambda *_, **__: SimpleNamespace(mesh=icosphere(3)))
+    monkeypatch.setattr(scaling.os, "sched_setaffinity", lambda *_: None)  # other tests use all cores
+    row = scaling.measured(scaling.Run(1, samples=300, handles=60, threads=1), repeats=1)
+    assert (row["vertices"], row["samples"], row["handles"], row["threads"]) == (2562, 300, 60, 1)
+    assert all(row[stage] > 0 for stage in scaling.STAGES)
 
 
 def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
