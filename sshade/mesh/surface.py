@@ -41,7 +41,10 @@ class Surface(NamedTuple):
     facts: dict[str, float]
 
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3)."""
+        """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3).
+
+        The result is `moved` itself where the mesh has all original vertices.
+        """
         if len(moved) == len(V):  # then each vertex of the mesh is the original vertex of its number
             return moved
         return np.where((self.vertex >= 0)[:, None], moved[self.vertex], V)

@@ -250,6 +250,7 @@ def deform(
         "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
     )
     moved = whole.placed(V, run(task, **options).vertices)
+    moved = np.array(moved, dtype=np.float64)  # a method may return the rest shape itself
     return moved if mesh is None else mesh.moved(moved)
 
 

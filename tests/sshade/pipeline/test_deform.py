@@ -34,6 +34,12 @@ def test_all_forms_give_what_the_method_gives(name):
         assert np.array_equal(V, expected.vertices)
 
 
+def test_the_result_is_a_new_array_although_a_function_returns_the_rest_shape():
+    V = np.array(BODY.V)
+    U = deform(V, BODY.F, B, BC, method=lambda task: DeformationResult(task.mesh.V, 0, True, {}, {}))
+    assert U.flags.writeable and not np.may_share_memory(U, V) and np.array_equal(U, V)
+
+
 def test_the_default_is_fast_and_a_function_is_taken():
     assert np.array_equal(deform(BODY, B, BC).V, fast(TASK).vertices)
     method = partial(local_global, stiffness=0.5)
