@@ -25,7 +25,7 @@ from defaust.tasks import load_task
 from docs.blocks import circumstances, fill, markdown
 from eval.rows.store import Row
 from eval.run.code import code_version
-from eval.run.provenance import environment, process_memory
+from eval.run.provenance import environment, process_memory, reset_peak_memory
 from eval.run.warmup import warm_up
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh, deform
@@ -89,7 +89,7 @@ def measured(run: Run, repeats: int) -> Row:
     rows = []
     for _ in range(repeats):
         if before is not None:
-            Path("/proc/self/clear_refs").write_text("5")  # resets the peak of memory
+            reset_peak_memory()
         machine, begin, cpu = read_machine(), perf_counter(), process_time()
         result = deform(task, vertices=run.samples, warp="never")  # handles alone determine this shape
         row = {"seconds": perf_counter() - begin, "cpu": process_time() - cpu}

@@ -19,6 +19,7 @@ import psutil
 from eval.run.code import digest, imported_libraries
 from eval.run.targets import code_of, flat, settings
 from sshade.cli.configuration import PACKAGES
+from sshade.memory import give_back
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
 
@@ -100,6 +101,12 @@ def process_memory(key: str) -> int | None:
     """Return a figure of this process's memory in bytes, such as ``VmRSS``; None except on Linux."""
     entry = _entry("self/status", key)
     return 1024 * int(entry.split()[0]) if entry else None
+
+
+def reset_peak_memory() -> None:
+    """Return freed memory, and let the peak ``VmHWM`` start again at the memory in use; only on Linux."""
+    give_back()
+    Path("/proc/self/clear_refs").write_text("5")
 
 
 def _entry(name: str, key: str) -> str:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from eval.rows.store import Row
-from eval.run.provenance import process_memory
+from eval.run.provenance import process_memory, reset_peak_memory
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.speed import job_of
 from eval.timing.turns import Job, take_turns
@@ -62,9 +60,7 @@ def _with_peak(job: Job, before: int | None) -> Callable[[], Row]:
     def call() -> Row:
         if before is None:
             return job.call() | {"peak_mib": None}
-        if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
-            trim(0)
-        Path("/proc/self/clear_refs").write_text("5")  # resets the peak to the memory in use
+        reset_peak_memory()
         row = job.call()
         return row | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
 

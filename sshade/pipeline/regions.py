@@ -351,6 +351,7 @@ def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     handle = np.zeros(mesh.n, dtype=bool)
     handle[index] = True
     near = mesh.connectivity.neighbours
+    # The values of the matrix have no meaning; an array of ones would only take memory.
     beside = csr_array((near.indices, near.indices, near.indptr), shape=(mesh.n, mesh.n))[index]
     return index[np.logical_or.reduceat(~handle[beside.indices], beside.indptr[:-1])]
 
