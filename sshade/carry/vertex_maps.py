@@ -17,6 +17,7 @@ import numpy as np
 
 from sshade.carry.frames import ZERO_AREA
 from sshade.carry.neighbours import fill_from_neighbours, sums_by_index
+from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 
 #: Least length of an edge in its weight, as a fraction of the mean: coincident vertices have a finite weight.
@@ -74,12 +75,8 @@ class VertexMaps:
             False where the rest or the deformed edges lie on a line or in a point. There A is the mean of
             the neighbours (:func:`sshade.carry.neighbours.fill_from_neighbours`).
         """
-        e = V[self.edges[:, 1]] - V[self.edges[:, 0]]
-        of_edges = np.stack([e, -e], axis=1)[:, :, :, None] * self.c[:, :, None, :]
-        of_normals = _normals(V, self.F)[:, :, None] * self.d[:, None, :]
-        index = np.concatenate([np.arange(len(V)), self.edges.ravel()])
-        terms = np.concatenate([of_normals.reshape(-1, 9), of_edges.reshape(-1, 9)])
-        A = sums_by_index(index, terms, len(V)).reshape(-1, 3, 3)
+        A = _normals(V, self.F)[:, :, None] * self.d[:, None, :]
+        _add_edges(V, self.edges, self.c, A)
         # The cofactors of a map are the areas that it makes. A map of one dimension leaves only rounding.
         cofactors = np.cross(A[:, [1, 2, 0]], A[:, [2, 0, 1]])
         known = np.sqrt((cofactors**2).sum(axis=(1, 2))) > RANK_ONE * (A**2).sum(axis=(1, 2))
@@ -88,15 +85,39 @@ class VertexMaps:
 
 def _normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     """Return the unit normals (k, 3) at vertices, averaged by area; zero where they cancel."""
-    a, b, c = (V[F[:, corner]] for corner in range(3))
-    e1, e2 = b - a, c - a
-    size = (e1**2).sum(axis=1) + (e2**2).sum(axis=1)
-    faces = np.column_stack([np.cross(e1, e2), size])
-    total = sums_by_index(F.ravel(), np.repeat(faces, 3, axis=0), len(V))
-    normals = total[:, :3]
+    normals, size = np.zeros((len(V), 3)), np.zeros(len(V))
+    _add_normals(V, F, normals, size)
     length = np.linalg.norm(normals, axis=1)
-    known = length > ZERO_AREA * total[:, 3]
+    known = length > ZERO_AREA * size
     return normals * np.divide(1.0, length, out=np.zeros(len(V)), where=known)[:, None]
+
+
+@kernel
+def _add_edges(V, edges, c, A):
+    """Add e_ij' c_ij^T to A_i (k, 3, 3), and the same for j."""
+    for t in range(len(edges)):
+        i, j = edges[t, 0], edges[t, 1]
+        for r in range(3):
+            e = V[j, r] - V[i, r]
+            for s in range(3):
+                A[i, r, s] += e * c[t, 0, s]
+                A[j, r, s] -= e * c[t, 1, s]
+
+
+@kernel
+def _add_normals(V, F, normals, size):
+    """Add the vector areas of faces to the normals of their corners, and two squared edges to their sizes."""
+    for t in range(len(F)):
+        a, b, c = F[t, 0], F[t, 1], F[t, 2]
+        ux, uy, uz = V[b, 0] - V[a, 0], V[b, 1] - V[a, 1], V[b, 2] - V[a, 2]
+        vx, vy, vz = V[c, 0] - V[a, 0], V[c, 1] - V[a, 1], V[c, 2] - V[a, 2]
+        squares = (ux * ux + uy * uy + uz * uz) + (vx * vx + vy * vy + vz * vz)
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for i in (a, b, c):
+            normals[i, 0] += x
+            normals[i, 1] += y
+            normals[i, 2] += z
+            size[i] += squares
 
 
 def _dual(

@@ -16,12 +16,14 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import matrix_power
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.vertex_maps import VertexMaps
 from sshade.handles import Handles
+from sshade.kernels import kernel
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
@@ -174,15 +176,13 @@ class HandleRegions:
         moved[self._hard_index] = handles.goals(V)[self._hard]
         (vertex, nearest, phi), edge = self._margin, self._edge
         R, prescribed = self._rotations(moved, handles)
-        rotated = np.isfinite(R[:, 0, 0])
-        turns = rotated[nearest]
-        v, e = (vertex, nearest) if turns.all() else (vertex[turns], nearest[turns])
-        arm = self._mesh.V[v] - self._mesh.V[edge[e]]
-        offset = np.einsum("ijk,ik->ij", R[e], arm) + moved[edge[e]] - V[v]
-        weight = self._crease_weights(e, np.linalg.norm(offset, axis=1), np.linalg.norm(arm, axis=1))
-        weight[prescribed[e]] = 1.0
-        moved[v] += (phi[turns] * weight)[:, None] * offset
-        movable, free = vertex[~turns], edge[~rotated]
+        rotated, (arm, arms) = np.isfinite(R[:, 0, 0]), self._arms
+        offset, offsets = np.zeros_like(arm), np.zeros(len(edge))
+        _add_offsets(vertex, nearest, arm, edge, R, moved, V, offset, offsets)
+        weight = self._crease_weights(offsets, np.where(rotated, arms, 0.0))
+        weight[prescribed] = 1.0
+        moved[vertex] += (phi * weight[nearest])[:, None] * offset
+        movable, free = vertex[~rotated[nearest]], edge[~rotated]
         missed = moved[free] - V[free]
         if len(movable) and missed.any():
             known = np.zeros_like(V)
@@ -190,29 +190,35 @@ class HandleRegions:
             moved[movable] += harmonic(self.graph, movable, known)
         return moved
 
-    def _crease_weights(self, e: np.ndarray, offset: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """(b,) weights of the offsets, from 1 up to an angle of :data:`CREASE` to 0 from :data:`BEND` on.
+    def _crease_weights(self, offsets: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        """(k,) weights at edge vertices: from 1 up to an angle of :data:`CREASE` to 0 from :data:`BEND` on.
 
-        At an edge vertex e (b,), the angle is the sum of `offset` (b,) divided by the sum of `arm` (b,). Both
-        sums run over the vertices near to e and near to its neighbours along the edge.
+        `offsets` and `arms` (k,) have sums of lengths over the vertices nearest to each edge vertex. The
+        angle is the ratio of their sums over an edge vertex and its neighbours along the edge.
         """
-        sums = np.stack([np.bincount(e, length, len(self._edge)) for length in (offset, arm)])
-        for _ in range(RINGS):
-            sums = sums + sums @ self._along
-        angle = sums[0] / np.where(sums[1] > 0, sums[1], 1.0)
-        return _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))[e]
+        offsets, arms = (self._along @ np.column_stack([offsets, arms])).T
+        angle = offsets / np.where(arms > 0, arms, 1.0)
+        return _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))
 
     @cached_property
     def _along(self) -> csr_array:
-        """(k, k) neighbours of the edge vertices along the edges: entries of 1."""
+        """(k, k) numbers of walks of :data:`RINGS` steps between edge vertices; a step may stay in place."""
         along = self.graph.matrix[self._edge][:, self._edge]
         along.data[:] = 1.0
-        return along
+        step = along + eye_array(len(self._edge), format="csr")
+        return matrix_power(step, RINGS)
+
+    @cached_property
+    def _arms(self) -> tuple[np.ndarray, np.ndarray]:
+        """(b, 3) margin vertices at rest minus their edge vertices, and (k,) sums of the lengths."""
+        vertex, nearest, _ = self._margin
+        arm = self._mesh.V[vertex] - self._mesh.V[self._edge[nearest]]
+        return arm, np.bincount(nearest, np.linalg.norm(arm, axis=1), len(self._edge))
 
     def prepare(self) -> None:
         """Compute the rest-shape data of :meth:`on_targets`, in a thread that has time."""
         if self.regional and len(self._hard_index):
-            self._margin, self._maps, self._along  # noqa: B018 - cached
+            self._arms, self._maps, self._along  # noqa: B018 - cached
 
     @property
     def volume(self) -> float:
@@ -380,3 +386,22 @@ def all_on_targets(task: DeformationTask) -> DeformationResult:
     facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
     facts["faces_without_area"] = int(task.mesh.without_area.sum())
     return DeformationResult(V, 0, True, {}, facts)
+
+
+@kernel
+def _add_offsets(vertex, nearest, arm, edge, R, moved, V, offset, offsets):
+    """Write the offsets (b, 3) of margin vertices, and add their lengths to the sums (k,) of edge vertices.
+
+    Where the rotation is NaN, both stay.
+    """
+    for i in range(len(vertex)):
+        v, e = vertex[i], nearest[i]
+        if np.isnan(R[e, 0, 0]):
+            continue
+        square = 0.0
+        for r in range(3):
+            turned = R[e, r, 0] * arm[i, 0] + R[e, r, 1] * arm[i, 1] + R[e, r, 2] * arm[i, 2]
+            x = turned + moved[edge[e], r] - V[v, r]
+            offset[i, r] = x
+            square += x * x
+        offsets[e] += np.sqrt(square)

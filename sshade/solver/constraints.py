@@ -9,6 +9,9 @@ method then changes the multipliers and moves the shape along the directions ``z
 constant at convergence, so the directions may belong to an earlier shape. They are renewed every few steps
 only, because each direction takes a linear solve.
 
+Iterates before the last one may miss the exact constraints by :data:`NEAR`. The safeguard of the iteration
+compares Lagrangians instead of energies, because they do not depend on such errors to first order.
+
 The volume's derivative with respect to vertex i is a third of the vector area of the triangles at i. This
 form depends on edges alone, unlike the one with cross products of positions, and loses no digits far from
 the origin. The derivative of the area jumps where a triangle collapses. It is therefore made continuous for
@@ -46,10 +49,15 @@ REACHED = 1e-6
 RELAXED, GIVE_UP = 1.0, 30
 #: Least volume of a body, as a multiple of area^1.5. A flat body has less, and no volume constraint.
 FLAT = 1e-9
-#: Error of an equation at which Newton's method stops.
-CLOSE = 1e-9
-#: Predicted error below which a step is not measured again.
+#: Error of an equation at which Newton's method stops at the end of a solve, and largest one for iterates
+#: before. The second one is also at most the tolerance of the solve.
+CLOSE, NEAR = 1e-9, 1e-5
+#: The same for the multipliers of a global step, as a fraction of the error for iterates.
+OF_STEP = 0.1
+#: Predicted error below which a step is not measured again, where the values are needed.
 CERTAIN = 1e-10
+#: Most of an error that a first step leaves; a hundredth of it is usual.
+LEFT = 0.01
 #: Error that counts as rounding if a step does not halve it.
 ROUNDING = 1e-9
 #: Condition number beyond which two gradients count as parallel.
@@ -233,7 +241,7 @@ class Constraints:
         self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
         #: Derivatives of each quantity along each direction, the multipliers, and their last change.
         self._slope, self._multiplier, self._grown = np.empty((count, count)), *np.zeros((2, count))
-        self._violation, self._steps = 0.0, 0
+        self._violation, self._steps, self._error, self._near = 0.0, 0, np.zeros(count), 0.0
         #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
         self.aim(1.0)
@@ -254,19 +262,29 @@ class Constraints:
         self._lasting = self._weight = self._asked
         self._failures = 0
 
+    def begin(self, tolerance: float) -> None:
+        """Begin a solve with a tolerance, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
+        self._near = min(NEAR, tolerance)
+
     def penalty(self, P: np.ndarray, *, restored: bool = False) -> float:
-        """Return the energy of the weighted constraints.
+        """Return the energy of the weighted constraints, and note the errors of the exact ones.
 
         If `restored`, P is the result of the last :meth:`restore`, which may have measured it.
         """
-        weight = np.where(np.isinf(self._weight), 0.0, self._weight)
-        if not weight.any():
+        if not self._kinds:
             return 0.0
         known = self._reached if restored else None
         value = self._surface.measure(P, self._team)[self._kinds] if known is None else known
-        error = self._scale * value - 1.0
+        self._error, exact = self._scale * value - 1.0, np.isinf(self._weight)
         # The rest energy is 2 corners x area; with the penalty's 1/2 a factor of 1 remains.
-        return float((weight * self._corners * self._area * error**2).sum())
+        weighted = np.where(exact, 0.0, self._weight) * self._error**2
+        self._error[~exact] = 0.0
+        return float((self._corners * self._area * weighted).sum())
+
+    @property
+    def correction(self) -> float:
+        """Lagrangian with the present multipliers, minus the energy, where :meth:`penalty` measured last."""
+        return -2.0 * self._corners * float(self._multiplier @ self._error)
 
     def add_forces(self, P: np.ndarray, B: np.ndarray) -> None:
         """Add ``sum_q lambda_q grad C_q(P)`` to B."""
@@ -319,48 +337,76 @@ class Constraints:
         self._weight, multiplier = self._lasting, self._multiplier
         may_fail = self._kinds[-1] == AREA and math.isinf(self._weight[-1])
         saved = P.copy() if may_fail else P, multiplier.copy()
-        self._violation = self._newton(P, multiplier)
+        rough: dict[str, Any] = {"left": LEFT}
+        rough |= {"close": max(CLOSE, OF_STEP * self._near), "certain": max(CERTAIN, OF_STEP * self._near)}
+        self._violation = self._newton(P, multiplier, **rough)
         failed = may_fail and self._violation > REACHED
         self._failures = self._failures + 1 if failed else 0
         if failed:
             P[:], multiplier[:] = saved
             self._weight = np.append(self._weight[:-1], RELAXED)
-            self._violation = self._newton(P, multiplier)
+            self._violation = self._newton(P, multiplier, **rough)
         if self._failures >= GIVE_UP:
             self._lasting = self._weight
         self._grown = multiplier - saved[1]
         if self._violation > REACHED:  # the multipliers would add up from step to step: start again from 0
             multiplier[:], self._steps = 0.0, 0
 
-    def restore(self, P: np.ndarray) -> bool:
-        """Move P until the exact constraints hold; False if their error is larger than after `project`."""
+    def restore(self, P: np.ndarray, *, exactly: bool = False) -> bool:
+        """Move P until the exact constraints hold; False if their error is larger than after `project`.
+
+        Without `exactly`, errors up to :data:`NEAR` and the tolerance count as none.
+        """
         exact, self._reached = np.isinf(self._weight), None
+        close = CLOSE if exactly else max(CLOSE, self._near)
         if not exact.any():
             return True
-        violation = self._newton(P, np.zeros_like(self._multiplier), active=exact)
-        return violation <= max(self._violation, ROUNDING)
+        violation = self._newton(P, np.zeros_like(self._multiplier), active=exact, close=close)
+        return violation <= max(self._violation, close)
 
-    def _newton(self, P: np.ndarray, multiplier: np.ndarray, *, active: np.ndarray | None = None) -> float:
+    def _newton(
+        self,
+        P: np.ndarray,
+        multiplier: np.ndarray,
+        *,
+        active: np.ndarray | None = None,
+        close: float,
+        certain: float = CERTAIN,
+        left: float = math.inf,
+    ) -> float:
         """Move P along the directions until the active equations hold; return their largest error.
 
         Each multiplier grows by the move along its direction. Steps use the stored slopes as long as
         they shrink the worst equation tenfold; later steps use the slopes at P. A step that increases the
-        error is halved, and undone if halving does not help. The last step is not measured if the gain of
-        the step before predicts an error of at most :data:`CERTAIN`; the prediction is returned.
+        error is halved, and undone if halving does not help.
+
+        Parameters
+        ----------
+        P : (n, 3) float64
+        multiplier : (q,) float64
+        active : (q,) bool, optional
+        close : float
+            Error at which it stops.
+        certain : float
+            Predicted error up to which the last step is not measured. The prediction is returned. It comes
+            from the gain of the step before.
+        left : float
+            Fraction of its error that a first step leaves at most.
         """
         active = np.ones(len(self._kinds), dtype=bool) if active is None else active
         compliance, best = 1.0 / (self._weight * self._area), math.inf
+        goals = close, certain, left
         step, full_step, G = *np.zeros((2, len(active))), np.empty(0)
-        for left in range(MOST_EVALUATIONS - 1, -1, -1):
+        for remaining in range(MOST_EVALUATIONS - 1, -1, -1):
             value = self._surface.measure(P, self._team)[self._kinds]
             residual = np.where(active, self._scale * value - 1.0 + compliance * multiplier, 0.0)
             equations = residual, active, compliance, self._slope, full_step, step
-            action, error = _plan(*equations, best, left == 0, False)
+            action, error = _plan(*equations, best, *goals, remaining == 0, False)
             if action == RENEW:
                 G = G if len(G) else np.empty_like(self._Z)
                 self.write_gradients(P, G)
                 self._slope[:] = self._along(G)
-                action, error = _plan(*equations, best, left == 0, True)
+                action, error = _plan(*equations, best, *goals, remaining == 0, True)
             if action == SOLVE:
                 A = self._slope[np.ix_(active, active)] + np.diag(compliance[active])
                 step[active] = np.linalg.lstsq(A, -residual[active], rcond=1.0 / PARALLEL)[0]
@@ -452,7 +498,7 @@ def add_gradients(F, slender, P, volume, area, to_volume, to_area, first, end):
 
 
 @kernel
-def _plan(residual, active, compliance, slope, full_step, step, best, final, fresh):
+def _plan(residual, active, compliance, slope, full_step, step, best, close, certain, left, final, fresh):
     """Plan the next Newton step for residuals (q,) of the equations.
 
     Parameters
@@ -464,6 +510,8 @@ def _plan(residual, active, compliance, slope, full_step, step, best, final, fre
         The last step from the best positions, and the step planned now; both are written.
     best : float
         Least error so far.
+    close, certain, left : float
+        See :meth:`Constraints._newton`.
     final : bool
         No evaluation follows.
     fresh : bool
@@ -496,7 +544,7 @@ def _plan(residual, active, compliance, slope, full_step, step, best, final, fre
             for q in range(len(residual)):
                 for p in range(len(residual)):
                     slope[q, p] += residual[q] * full_step[p] / square
-    if not error > CLOSE or final:
+    if not error > close or final:
         return STAY, error
     if len(residual) > 2:
         return SOLVE, error
@@ -517,8 +565,8 @@ def _plan(residual, active, compliance, slope, full_step, step, best, final, fre
     full_step[:] = step
     if not step.any():
         return STAY, error
-    predicted = error * error / best if best < math.inf else math.inf
-    return (MOVE_LAST, predicted) if predicted <= CERTAIN else (MOVE, error)
+    predicted = error * (error / best if best < math.inf else left)
+    return (MOVE_LAST, predicted) if predicted <= certain else (MOVE, error)
 
 
 @kernel

@@ -24,9 +24,9 @@ class Descent:
     One object may serve several solves in a row, as targets move. Each solve begins with the positions,
     rotations, strain weights, multipliers of constraints and quasi-Newton pairs of the end of the last solve.
 
-    The safeguard compares energies after local steps. If an accelerated iterate has a higher energy than
-    the iterate before, or cannot be projected onto the exact constraints, half of its step is tried. The last
-    resort is the plain iterate.
+    The safeguard compares energies after local steps, corrected for the errors of exact constraints. If an
+    accelerated iterate has a higher energy than the iterate before, or cannot be projected onto the exact
+    constraints, half of its step is tried. The last resort is the plain iterate.
 
     Parameters
     ----------
@@ -50,6 +50,8 @@ class Descent:
     ----------
     u : (n, 3) float64
         The present iterate.
+    energy : Energy
+    constraints : Constraints
     value, initial_value : float
         Energy at the present iterate and at the beginning of the solve, minus the rest energy.
     rejected : int
@@ -73,7 +75,7 @@ class Descent:
         softened: bool = False,
     ) -> None:
         self._system, self.energy, self._team = system, Energy(system, options, team=team), team
-        self._constraints = Constraints(
+        self.constraints = Constraints(
             system.surface,
             options.volume,
             options.area,
@@ -108,8 +110,9 @@ class Descent:
             self.slides.aim(targets)
         self.aim_volumes(volume_goal, part_goals)
 
-    def begin(self) -> None:
-        """Fit the rotations to the present iterate, where a solve begins."""
+    def begin(self, tolerance: float) -> None:
+        """Fit the rotations to the present iterate, where a solve with a tolerance begins."""
+        self.constraints.begin(tolerance)
         if self._quasi_newton:
             self._quasi_newton.cut()
         if self.slides:
@@ -119,7 +122,7 @@ class Descent:
 
     def _local_step(self, *, restored: bool = False) -> float:
         """Fit the rotations; return the energy. If `restored`, :meth:`restore` has just been called."""
-        value = self.energy.local_step(self.u) + self._constraints.penalty(self.u, restored=restored)
+        value = self.energy.local_step(self.u) + self.constraints.penalty(self.u, restored=restored)
         return value + self.slides.penalty(self.u) if self.slides else value
 
     @property
@@ -131,7 +134,7 @@ class Descent:
         return self._made
 
     def step(self) -> float:
-        u, g, B, constraints = self.u, self._g, self.energy.forces, self._constraints
+        u, g, B, constraints = self.u, self._g, self.energy.forces, self.constraints
         if constraints:
             constraints.add_forces(u, B)
         self._apply(B, g)
@@ -165,45 +168,53 @@ class Descent:
         return self._linear.end_step(short)
 
     def move(self, *, last: bool) -> None:
-        before, accelerated = self.value + self._slack, self._advance(last)
-        restores = accelerated or self.slides is not None
-        fits = self.restore() if restores else True
+        before, accelerated = self._corrected + self._slack, self._advance(last)
+        restores = accelerated or last or self.slides is not None
+        fits = self.restore(exactly=last) if restores else True
         self.value = self._local_step(restored=restores)
-        if accelerated and self._quasi_newton and not (self.value <= before and fits):
+        if accelerated and self._quasi_newton and not (self._corrected <= before and fits):
             self.rejected += 1
             self._quasi_newton.move(self.u, 0.5)
-            fits = self.restore()
+            fits = self.restore(exactly=last)
             self.value = self._local_step(restored=True)
-            if not (self.value <= before and fits):
+            if not (self._corrected <= before and fits):
                 self._quasi_newton.fall_back(self.u)
-                if self.slides:
-                    self.restore()
+                if last or self.slides:
+                    self.restore(exactly=last)
                 self.value = self._local_step()
+
+    @property
+    def _corrected(self) -> float:
+        """The energy, corrected to first order for the errors of exact constraints."""
+        return self.value + self.constraints.correction
 
     def _advance(self, last: bool) -> bool:
         """Replace u by the next iterate; return whether it is accelerated."""
         if not self._quasi_newton or (last and not self._accelerate_last):
             self.u[:] = self._g
             return False
-        if self._constraints:
-            self._constraints.add_moves(self.energy.forces)
+        if self.constraints:
+            self.constraints.add_moves(self.energy.forces)
         return self._quasi_newton.advance(self.u, self._g, self.energy.forces)
 
-    def restore(self) -> bool:
-        """Project the iterate onto slides and exact constraints, along known directions; False if missed."""
+    def restore(self, *, exactly: bool = False) -> bool:
+        """Project the iterate onto slides and constraints, along known directions; False if missed.
+
+        Errors of the constraints as of :meth:`sshade.solver.constraints.Constraints.restore`.
+        """
         if self.slides:
             self.slides.restore(self.u, self._apply)
-        return self._constraints.restore(self.u)
+        return self.constraints.restore(self.u, exactly=exactly)
 
     def aim_volumes(self, volume_goal: float, part_goals: np.ndarray | None) -> None:
         """Set the goals of volumes alone."""
         self.volume_goal, self.part_goals = volume_goal, part_goals
-        self._constraints.aim(volume_goal, part_goals)
+        self.constraints.aim(volume_goal, part_goals)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""
         if self.slides:
             self.slides.restore(self.u, self._apply)
-        if self._constraints:
-            self._constraints.renew_directions(self.u, self._solve)
-            self.restore()
+        if self.constraints:
+            self.constraints.renew_directions(self.u, self._solve)
+            self.restore(exactly=True)

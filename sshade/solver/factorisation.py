@@ -82,26 +82,14 @@ class Factorisation:
             lower, pivots, position = lu.L, lu.U.diagonal(), lu.perm_c
             if not (np.array_equal(lu.perm_r, lu.perm_c) and (pivots > 0).all()):
                 raise _not_positive_definite()
-        lower.sort_indices()
-        below = np.ones(lower.nnz, dtype=bool)
-        below[lower.indptr[:-1]] = False  # the unit diagonal is the first entry of each column
-        start = lower.indptr - np.arange(n + 1)
-        row, inverse = lower.indices[below], 1.0 / pivots
-        value = lower.data[below].astype(np.float64, copy=False)
-        half = _halves(start, row)
-        new, count = np.argsort(half, kind="stable"), np.diff(start)
+        lower.sort_indices()  # the unit diagonal is then the first entry of each column
+        rows = lower.indptr, lower.indices
+        half = _halves(*rows)
+        new = np.argsort(half, kind="stable")
         self.halves = int((half == 0).sum()), int((half < 2).sum())
-        if self.halves[1]:
-            moved = np.zeros(n + 1, dtype=np.int64)
-            np.cumsum(count[new], out=moved[1:])
-            entry = np.repeat(start[new] - moved[:-1], count[new]) + np.arange(len(row))
-            place = np.argsort(new)
-            start, row, value, inverse = moved, place[row[entry]], value[entry], inverse[new]
         self.order = np.argsort(position)[new].astype(np.int64)
-        self.factors = start.astype(np.uint32), row.astype(np.uint32), value, inverse
-        #: Number of the first entry of each column in a row of the top.
-        in_top = np.append(0, np.cumsum(row >= self.halves[1]))
-        self._top = (start[1:] - in_top[start[1:]] + in_top[start[:-1]]).astype(np.uint32)
+        *columns, self._top = _in_order(*rows, lower.data, new, np.argsort(new), self.halves[1])
+        self.factors = *columns, 1.0 / pivots[new]
 
     def solve_ordered(self, X: np.ndarray, team: ThreadTeam | None = None) -> None:
         """Replace X (n, 3) float64, C-contiguous, by the solutions, both with their rows in `order`.
@@ -140,12 +128,15 @@ def _not_positive_definite() -> FloatingPointError:
 
 
 def _halves(start: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """(n,) half of each column, or 2 for the top. All are 2 if the work is small or cannot be divided."""
+    """(n,) half of each column, or 2 for the top. All are 2 if the work is small or cannot be divided.
+
+    The columns have their diagonal entries first.
+    """
     n = len(start) - 1
-    half, parent, inner = np.full(n, 2), np.full(n, -1), np.flatnonzero(np.diff(start))
-    parent[inner] = row[start[inner]]
+    half, parent, inner = np.full(n, 2), np.full(n, -1), np.flatnonzero(np.diff(start) > 1)
+    parent[inner] = row[start[inner] + 1]
     work = _subtree_work(start, parent)
-    if len(row) >= SHARED:
+    if len(row) - n >= SHARED:
         for column, number in _roots_of_halves(parent, work):
             half[column] = number
     _spread(parent, half)
@@ -182,10 +173,10 @@ def _roots_of_halves(parent: np.ndarray, work: np.ndarray) -> list[tuple[int, in
 
 @kernel
 def _subtree_work(start, parent):
-    """(n,) number of entries, with the diagonal, in the columns of the subtree of each column."""
+    """(n,) number of entries in the columns of the subtree of each column."""
     work = np.zeros(len(parent))
     for j in range(len(parent)):
-        work[j] += start[j + 1] - start[j] + 1
+        work[j] += start[j + 1] - start[j]
         if parent[j] >= 0:
             work[parent[j]] += work[j]
     return work
@@ -197,6 +188,29 @@ def _spread(parent, half):
     for j in range(len(parent) - 1, -1, -1):
         if half[j] == 2 and parent[j] >= 0:
             half[j] = half[parent[j]]
+
+
+@kernel
+def _in_order(start, row, value, new, place, top):
+    """Copy the columns `new` (n,) of a factor without their diagonal entries; row i becomes ``place[i]``.
+
+    Returns starts, rows and values, and the number of the first entry of each column in a row from `top` on.
+    """
+    n, count = len(new), 0
+    size = len(row) - n
+    starts, tops = np.zeros(n + 1, dtype=np.uint32), np.empty(n, dtype=np.uint32)
+    rows, values = np.empty(size, dtype=np.uint32), np.empty(size)
+    for c in range(n):
+        j = new[c]
+        tops[c] = count
+        for k in range(start[j] + 1, start[j + 1]):
+            i = place[row[k]]
+            rows[count], values[count] = i, value[k]
+            count += 1
+            if i < top:
+                tops[c] = count
+        starts[c + 1] = count
+    return starts, rows, values, tops
 
 
 @kernel(fastmath={"contract"})

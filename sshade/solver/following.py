@@ -85,7 +85,7 @@ class Following:
         )
         self._state.aim(targets, prescribed, fraction, volume_goal, part_goals)
         self._state.energy.begin_with(rotations)
-        self._state.begin()
+        self._state.begin(0.0)
         self._last_u = self._state.u.copy()
         self._targets = self._last_targets = targets
         #: Whether the constraints have directions from an earlier solve.
@@ -108,7 +108,7 @@ class Following:
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
             self._predict(targets, fraction)
-        state.begin()
+        state.begin(tolerance)
         stop = Stop(tolerance, max_iterations, least_iterations=LEAST if moved else 1)
         return self.solver.solution(state, run(state, stop), targets, self._options)
 

@@ -133,7 +133,7 @@ class LocalGlobal(System):
             state.aim(targets, prescribed, fraction, volume_goal, part_goals)
             if rotations is not None:
                 state.energy.begin_with(rotations)
-            state.begin()
+            state.begin(tolerance)
             if state.softens:
                 tolerance *= SOFTENED
             done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)

@@ -102,15 +102,17 @@ def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: 
     """
     residuals: list[float] = []
     deadline, residual, converged = perf_counter() + stop.max_seconds, inf, False
+    last = min(stop.max_iterations, stop.max_seconds) <= 0
     progress("iterations", 0, stop.max_iterations)
-    while not converged and len(residuals) < stop.max_iterations and perf_counter() < deadline:
+    while not last:
         residual = state.step()
         residuals.append(residual)
         iterations = len(residuals)
         if not np.isfinite(residual):
             raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
         converged = state.end_step(residual < stop.tolerance) and iterations >= stop.least_iterations
-        state.move(last=converged or iterations == stop.max_iterations)
+        last = converged or iterations == stop.max_iterations or perf_counter() >= deadline
+        state.move(last=last)
         if iterations % report_every == 0:
             progress("iterations", iterations, stop.max_iterations, f"residual {residual:.1e}")
     progress("iterations", len(residuals), len(residuals), f"residual {residual:.1e}")

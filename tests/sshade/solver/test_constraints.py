@@ -11,6 +11,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.options import Options
 from sshade.solver.constraints import (
     AREA,
     CLOSE,
@@ -21,7 +22,9 @@ from sshade.solver.constraints import (
     Constraints,
     Surface,
 )
+from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
 from sshade.threads import ThreadTeam
 from tests.full import few
@@ -237,13 +240,38 @@ def test_another_volume_than_that_at_rest_can_be_the_one_to_hold(name, goal):
     assert pressed.volume_constraint == "weighted" and pressed.volume_error < 0.01
 
 
+@pytest.mark.parametrize("tolerance", [0, 1e-5])
 @pytest.mark.parametrize("weights", [(inf, 0), (inf, inf), (0, inf), (inf, 0.5)])
-def test_every_iterate_is_led_back_accelerated_or_not(weights):
+def test_a_solve_that_ends_early_is_led_back(weights, tolerance):
     for iterations in range(1, 12):
-        solution = solve(BAR, weights, max_iterations=iterations, tolerance=0)
+        solution = solve(BAR, weights, max_iterations=iterations, tolerance=tolerance)
         assert not weights[0] or solution.volume_error <= CLOSE
         assert weights[1] < inf or solution.area_error <= CLOSE
     assert solution.volume_constraint == ("exact" if weights[0] else "free")
+
+
+@pytest.mark.parametrize("weights", [(inf, 0), (0, inf), (inf, 0.5), (inf, inf)])
+def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
+    solver = LocalGlobal(BAR.mesh, BAR.handles.index)
+    u, options = solver.to_system(BAR.mesh.V, BAR.handles.target), Options(volume=weights[0], area=weights[1])
+    state = Descent(solver, options, u, team=ThreadTeam(1), window=5)
+    state.aim(BAR.handles.target, None, None, 1.0)
+    state.begin(1e-11)
+    assert run(state, Stop(1e-11)).converged
+    constraints, G = state.constraints, np.zeros((sum(weight > 0 for weight in weights), *u.shape))
+    constraints.write_gradients(u, G)
+    G[:, solver.fixed] = 0.0
+
+    def changes(step: float) -> np.ndarray:
+        found = []
+        for P in (u, u + step * G[-1 if weights[1] == inf else 0]):
+            value = state.energy.local_step(P) + constraints.penalty(P)
+            found.append([value, value + constraints.correction])
+        return np.abs(found[1] - np.array(found[0]))
+
+    (energy, corrected), (half_energy, half) = changes(1e-4), changes(5e-5)
+    assert energy == pytest.approx(2 * half_energy, rel=0.02) and energy > 50 * corrected
+    assert corrected == pytest.approx(4 * half, rel=0.05)
 
 
 # --- weights
