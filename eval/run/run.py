@@ -13,7 +13,7 @@ from eval.metrics import Task, measure
 from eval.rows.csv_rows import published_row
 from eval.rows.files import copy_file
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
-from eval.run.attempt import attempt, attempt_fresh, is_scalar
+from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
 from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
 from eval.run.targets import code_of, instantiate, require_kind, settings
@@ -128,16 +128,27 @@ def run(
     if fresh and can_run:
         done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
     else:
-        done = attempt(method, task, seed=seed, progress=progress)
-    row |= done.facts
+        done = _attempt_here(method, task, seed=seed, progress=progress)
     if done.vertices is not None:
         progress("metrics", 0, 1)
-        row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
+        try:
+            row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
+        except InputError as error:  # the method's mistake, not the user's
+            done = Attempt(NOTHING | {"reason": str(error)})
         progress("metrics", 1, 1)
+    row |= done.facts
     _check_clock(time() - clock, perf_counter() - steady, row)
     require_unchanged(functions)  # methods import modules while they run
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder)
+
+
+def _attempt_here(method: Mapping[str, Any], task: Task, *, seed: int, progress: Progress) -> Attempt:
+    """Run a method in this process, which goes on if the method exits."""
+    try:
+        return attempt(method, task, seed=seed, progress=progress)
+    except SystemExit as error:
+        return Attempt(NOTHING | {"reason": f"SystemExit: {error}"})
 
 
 def _copy_run(run: Path, folder: Path) -> None:

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from time import sleep, time
 
@@ -92,14 +93,23 @@ def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_agai
         assert done.failed == (status == "failed") and not (done.folder / "vertices.npy").exists()
 
 
-def test_vertices_of_another_shape_are_a_failure(task, tmp_path, monkeypatch):
-    def short(task, *, seed, progress=silent):
-        return DeformationResult(vertices=task.mesh.V[:-1], iterations=0, converged=None)
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda V: V[:-1], "shape"),
+        (lambda V: 1e200 * V, "coordinates up to"),
+        (lambda V: sys.exit(3), "SystemExit: 3"),
+    ],
+)
+def test_a_method_without_usable_vertices_leaves_a_failed_row(task, tmp_path, monkeypatch, change, reason):
+    def wrong(task, *, seed, progress=silent):
+        return DeformationResult(vertices=change(task.mesh.V), iterations=0, converged=None)
 
-    monkeypatch.setattr("eval_cases.stretching", short)
-    row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
-    assert row["status"] == "failed" and "shape" in row["reason"]
-    assert row["env.warmed_up"] is False
+    monkeypatch.setattr("eval_cases.stretching", wrong)
+    done = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)
+    assert done.row["status"] == "failed" and reason in done.row["reason"]
+    assert not any(name.startswith("metric.") for name in done.row) and not done.row.get("env.warmed_up")
+    assert not (done.folder / "vertices.npy").exists()
 
 
 def test_an_equal_run_is_not_repeated_unless_forced(task, tmp_path):
