@@ -45,6 +45,8 @@ def one_sentence(complaint: str) -> str:
 
 def unreadable_override(text: str, *, example: str) -> str:
     """Say in one sentence how to correct an argument ``key=value`` that Hydra cannot read."""
+    if "=" not in text:
+        return f"{text} is not understood; write settings as key=value"
     return (
         f"{text} is not understood; close its brackets, and put names with spaces or letters "
         f"outside of a-z in quotes twice, as in \"{example}='données'\""

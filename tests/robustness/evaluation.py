@@ -133,7 +133,8 @@ METHODS = {
     "run.jobs=0": ("run.jobs=0",),
     "method._target_=baselines.arap.magic run.allow_targets=[baselines.]": ("no function 'magic'",),
     "method._target_=magic.magic run.allow_targets=[magic.]": ("no module 'magic'",),
-    "'proxy.vertices=[1'": ("proxy.vertices=[1 is not understood",),
+    "'proxy.vertices=[1'": ("proxy.vertices=[1 is not understood; close its brackets",),
+    "arap": ("arap is not understood; write settings as key=value",),
     "dataset=moon": ("there is no dataset 'moon'",),
     "paths.runs=body.ply/x": ("body.ply/x",),
 }
