@@ -128,8 +128,8 @@ def _checked(arguments: list[str]) -> list[str]:
     Raises
     ------
     InputError
-        On a flag that replaces the configuration, an old name of a method or option, or a folder of
-        configurations that names a function without permission.
+        On a flag that replaces the configuration, an old name of a method or option, a deleted setting that
+        every run needs, or a folder of configurations that names a function without permission.
     """
     known, _ = get_args_parser().parse_known_intermixed_args(arguments)
     for flag in ("config_path", "experimental_rerun"):
@@ -142,6 +142,8 @@ def _checked(arguments: list[str]) -> list[str]:
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         refuse_old_names(key, re.split(r"[=,]", text)[1:])
+        if text.startswith("~") and (key in ("method", "dataset", "seed") or key.startswith("run.")):
+            raise InputError(f"{text} deletes a setting that every run needs")
     settings = [text for text in known.overrides if keys[text] not in (OVERRIDE, ALLOWING)]
     if known.multirun:
         settings = [_as_sweep(text) if keys[text].startswith("method.") else text for text in settings]
