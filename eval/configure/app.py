@@ -27,7 +27,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
-from eval.configure.sweep import check_root, label_of, plain_config, runs_folder, source_of
+from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, runs_folder, source_of
 from eval.configure.typed import allow_programs
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
@@ -186,6 +186,8 @@ def _job(config: DictConfig) -> None:
 
 def _single_job(config: DictConfig) -> None:
     """Do a single run; raise RunFailed if it failed or left its band."""
+    if several := [name for name in CASE if config[name] == ALL]:
+        raise InputError(f"{several[0]}={ALL} takes several runs; add -m")
     with progress_bar() as progress:
         outcome, problems = _outcome(config, progress)
     if outcome.failed and outcome.row["reason"].startswith("InputError: "):

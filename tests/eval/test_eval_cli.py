@@ -155,6 +155,7 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
         (["-m", "dataset=bumpy", "method=arap,sshade"], "the method sshade is now named paper; write paper"),
         (["dataset=bumpy", "method=fine", "method.limit=1"], "now named method.strain_limit; write"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
+        (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
         (
