@@ -140,13 +140,15 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When a setting is missing, or a function is named that is not allowed.
+        When a setting is missing or unusable, or a function is named that is not allowed.
     """
     missing = OmegaConf.missing_keys(config)
     if missing:
         raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
     plain = OmegaConf.to_container(config, resolve=True)
     check_settings(plain)
+    if plain["label"] is None or not label_of(plain):
+        raise InputError("label is empty; it is the name of the method in tables")
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
         require_programs(plain[part], where=f"the configuration of the {part}")

@@ -128,6 +128,7 @@ METHODS = {
     "method=arap method.start=middle": ("start must be rest or rigid, not 'middle'",),
     "run.speed=1": ("speed",),
     "seed=-1": ("seed=-1",),
+    "label=": ("label is empty",),
     "~seed": ("~seed deletes a setting that every run needs",),
     "run.time_limit=0": ("run.time_limit=0",),
     "run.split=half": ("it takes tuning, held_out, both or null",),
