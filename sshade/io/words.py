@@ -190,6 +190,8 @@ def key_of(word: bytes) -> int:
 
 def edited(data: bytes, edits: list[Edits]) -> bytes:
     """Return a text with edits. Of edits at the same byte, the first is written first."""
+    if not edits:
+        return data
     begin, end = (np.concatenate([edit[i] for edit in edits]) for i in range(2))
     replacements = [text for edit in edits for text in edit.replacements]
     if (begin[1:] < begin[:-1]).any():

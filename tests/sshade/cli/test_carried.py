@@ -59,3 +59,11 @@ def test_splats_and_points_follow_the_map(tmp_path):
     columns = new.ply.elements["vertex"].columns(list(range(3, 6)))
     assert columns == pytest.approx(np.einsum("nij,nj->ni", found.rotations, old[:, 3:6]), abs=1e-5)
     assert (tmp_path / "scene.ply").stat().st_size == (tmp_path / "posed_scene.ply").stat().st_size
+
+
+@pytest.mark.parametrize("text", [True, False])
+def test_a_file_without_points_stays_as_it_is(tmp_path, text):
+    write_splats(tmp_path / "none.ply", np.empty((0, 3)), properties=["x", "y", "z"], text=text)
+    code, _, said = run(CALL.format("none.ply"))
+    assert code == 0 and "0 points of none.ply" in said
+    assert (tmp_path / "posed_none.ply").read_bytes() == (tmp_path / "none.ply").read_bytes()
