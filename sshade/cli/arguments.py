@@ -148,8 +148,8 @@ def with_option_file(
         return options
     from sshade.io.option_files import read_option_file
 
+    given = read_option_file(path)
     with naming(path):
-        given = read_option_file(path)
         for name in set(given) & set(OLD_NAMES):
             raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")
         require_known(given, options.names_in_file)

@@ -7,6 +7,7 @@ from typing import Any
 
 from sshade.errors import InputError
 from sshade.io.document import check_input
+from sshade.io.files import naming
 from sshade.io.keys import parsed_json, unique_keys
 from sshade.io.text import decoded
 
@@ -26,14 +27,17 @@ def read_option_file(path: Path) -> dict[Any, Any]:
     """
     check_input(path, FORMATS)
     content = path.read_bytes()
-    data = parsed_json(content) if path.suffix.lower() == ".json" else _parsed_yaml(decoded(content))
-    if isinstance(data, dict) and "handles" in data:
-        if not isinstance(data.get("made"), dict):
-            raise InputError('it has handles and no options; the editor saves options under the key "made"')
-        data = data["made"]
-    if not isinstance(data, dict):
-        raise InputError("expected names and values of options, such as `volume: 0`")
-    return data
+    with naming(path):
+        data = parsed_json(content) if path.suffix.lower() == ".json" else _parsed_yaml(decoded(content))
+        if isinstance(data, dict) and "handles" in data:
+            if not isinstance(data.get("made"), dict):
+                raise InputError(
+                    'it has handles and no options; the editor saves options under the key "made"'
+                )
+            data = data["made"]
+        if not isinstance(data, dict):
+            raise InputError("expected names and values of options, such as `volume: 0`")
+        return data
 
 
 def _parsed_yaml(text: str) -> Any:
