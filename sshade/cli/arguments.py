@@ -90,11 +90,12 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
 
 
 def _weld(text: str) -> float:
+    weld = _argument(text)
     try:
-        check_weld(float(text))
-    except ValueError as error:
+        check_weld(weld)
+    except InputError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-    return float(text)
+    return weld
 
 
 def add_options(
@@ -121,7 +122,7 @@ def add_options(
         elif option.choices:
             about["choices"] = option.choices
         else:
-            about |= {"type": _number, "metavar": name[0].upper()}
+            about |= {"type": _argument, "metavar": name[0].upper()}
         parser.add_argument(f"--{name.replace('_', '-')}", **about)
 
 
@@ -188,6 +189,14 @@ def _checked(name: str, value: Any) -> Any:
 def _number(text: str) -> float:
     """Convert a text to a number, and keep whole numbers that a float can hold as int for later checks."""
     return int(text) if text.lstrip("-").isdigit() and len(text) < 300 else float(text)
+
+
+def _argument(text: str) -> float:
+    """Convert an argument to a number; see :func:`_number`."""
+    try:
+        return _number(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from error
 
 
 def read(path: Path, output: Path | None = None) -> MeshFile:

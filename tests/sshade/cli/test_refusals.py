@@ -69,6 +69,8 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --seed -1": "seed must be a whole number of at least 0",
     "deform body.ply pose.json -o a.ply --method quick": "there is no method 'quick'",
     "deform body.ply pose.json -o a.ply --vertices 0": "vertices must be",
+    "deform body.ply pose.json -o a.ply --coarser few": "--coarser: 'few' is no number; see",
+    "deform body.ply pose.json -o a.ply --weld near": "--weld: 'near' is no number; see",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply pose.json -o a.ply --options gone.yaml": "error: gone.yaml: no such file",
     "deform body.ply pose.json -o a.ply --options pose.txt": "error: pose.txt: unknown format",
