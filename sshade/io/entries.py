@@ -216,7 +216,10 @@ def _motion(entry: dict[str, Any]) -> RigidMotion:
     if "translation" in entry:
         translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
     if "center" in entry and center != "centroid":
-        center = as_array(center, '"center"', (3,), 'three numbers or "centroid"')
+        form = 'three numbers or "centroid"'
+        if isinstance(center, str):
+            raise InputError(f'"center" must be {form}, not {json.dumps(center[:LONGEST])}')
+        center = as_array(center, '"center"', (3,), form)
     return RigidMotion(rotation, translation, center)
 
 

@@ -102,7 +102,7 @@ def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
         ({"vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
         ({"target": [[0, 0, 0]]}, '"boxes" have no "target"'),
         ({"center": [0, 0]}, '"center" must be three numbers or "centroid"'),
-        ({"center": "middle"}, '"center" has a text in place of a number'),
+        ({"center": "middle"}, '"center" must be three numbers or "centroid", not "middle"'),
         ({"rotation": ..., "center": "centroid"}, '"center" needs a "rotation"'),
         ({"rotation": ..., "translation": ..., "kind": "dynamic"}, 'it is dynamic and has no "rotation" or'),
         (
