@@ -19,6 +19,7 @@ from sshade.cli.arguments import (
     require_finite,
 )
 from sshade.cli.console import announced_compilation, say
+from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 
 
@@ -51,6 +52,9 @@ def _carry(options: argparse.Namespace) -> int:
     file, whole = read_surface(options, options.output)
     cut = cut_surface(whole.mesh)
     binding = load_binding(options.map, cut.mesh, frames=options.frames)
+    if len(edited) != binding.proxy.n:
+        count = f"{options.edited} has {len(edited)} vertices and the proxy of {options.map} has"
+        raise InputError(f"{count} {binding.proxy.n}; they must correspond")
     V, degenerate = binding.carry(edited)
     write_file(options.output, file, whole.placed(file.V, mean_of_copies(cut, V)))
     say(f"{options.output}: {len(file.V)} vertices carried by {binding.proxy.n}")

@@ -81,6 +81,7 @@ def test_remesh_and_carry_bring_an_edit_back(folder, capsys):
     assert np.array_equal(F, BODY.F)
     assert np.allclose(V, BODY.V @ TURN.T + SHIFT, rtol=0, atol=1e-12 * BODY.diagonal)
     assert f"{BODY.n} vertices carried by {proxy.n}" in capsys.readouterr().err
+    assert_refused("sshade", ["carry", "body.ply", "map.npz", "body.ply", "-o", "a.ply"], "body.ply has 162")
     collapsed = proxy.V.copy()
     collapsed[proxy.F[0, 1]] = collapsed[proxy.F[0, 0]]
     write_mesh("edited.ply", collapsed, proxy.F)
