@@ -265,8 +265,8 @@ class Commands:
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
         quaternion = _numbers(arguments, "quaternion", (4,))
-        if not quaternion.any():
-            raise InputError("a quaternion of length 0 is no rotation")
+        if not 1e-100 < (largest := np.abs(quaternion).max()) < 1e100:
+            raise InputError(f"a quaternion of length {largest:g} is no rotation")
         return Motion.about(self._centre + self._scale * pivot, quaternion, self._scale * move)
 
     def _positions(self, V: np.ndarray) -> np.ndarray:

@@ -292,7 +292,9 @@ class Document:
         """
         if not state.keys:
             raise InputError("there is no key; store a pose first")
-        if not 0 <= rate * (state.keys[-1].time - state.keys[0].time) < MOST - len(state.keys):
+        if rate < 0:
+            raise InputError("the frames a second are a number from 0")
+        if not rate * (state.keys[-1].time - state.keys[0].time) < MOST - len(state.keys):
             raise InputError(f"an animation has at most {MOST:,} frames; lower the frames a second")
         names = unique([group.name for group in state.groups])
         frames = frames_of(self.mesh, state.groups, state.keys, names=names, rate=rate)

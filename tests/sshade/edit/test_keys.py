@@ -88,6 +88,8 @@ def test_keys_are_replaced_removed_and_undone_and_mistakes_are_told():
     assert len(session.state.keys) == 2 and session.is_unsaved
     with pytest.raises(InputError, match="at most 10,000 frames"):
         session.save("animation", "a.json", rate=1e5)
+    with pytest.raises(InputError, match="a number from 0"):
+        session.save("animation", "a.json", rate=-1.0)
     assert not Path("a.json").exists()
 
 

@@ -159,6 +159,8 @@ def test_a_request_says_how_long_it_is_and_is_not_too_long(server, monkeypatch):
         ("drag", {"group": 1, **STILL, "pivot": [0, 0]}, '"pivot"'),
         ("drag", {"group": 1, **STILL, "move": "far"}, '"move"'),
         ("drag", {"group": 1, **STILL, "quaternion": [0, 0, 0, 0]}, "quaternion"),
+        ("drag", {"group": 1, **STILL, "quaternion": [1e-200, 0, 0, 0]}, "quaternion of length 1e-200"),
+        ("drag", {"group": 1, **STILL, "quaternion": [1e200, 0, 0, 0]}, "quaternion of length 1e+200"),
         ("set_up", {"method": "os.system"}, "no method"),
         ("save", {"what": "handles", "name": "../x.json"}, "without a folder"),
         ("save", {"what": "handles", "name": "x.json"}, "no handles"),
