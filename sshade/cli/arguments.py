@@ -13,7 +13,7 @@ import numpy as np
 from sshade.cli.console import say
 from sshade.cli.limits import require_memory
 from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, MeshFile
+from sshade.io.document import SUFFIXES, MeshFile, listed
 from sshade.io.files import check_output, naming
 from sshade.io.keys import require_known
 from sshade.options import NEAR, OLD_NAMES, check_weld, described, help_text, require_method
@@ -208,7 +208,7 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     for note in file.notes:
         say(f"note: {path}: {note}")
     if output is not None and (lost := file.lost(output)):
-        say(f"note: {output} loses the {' and '.join(lost)} of {path}, because it has another format")
+        say(f"note: {output} loses the {listed(lost)} of {path}, because it has another format")
     return file
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile
+from sshade.io.document import MeshFile, listed
 from sshade.io.meshes import read_file, write_file, write_mesh
 from sshade.io.objects import opened
 
@@ -109,6 +109,6 @@ def write(
         raise InputError(
             f"the file of `like` has vertices {file.V.shape}, not {V.shape}; they must correspond"
         )
-    if lost := " and ".join(file.lost(path)):
+    if lost := listed(file.lost(path)):
         raise InputError(f"{path} would lose the {lost}: use the format of `like`, or pass F instead")
     write_file(path, file, V)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -93,6 +93,11 @@ class MeshFile:
 def present(**found: object) -> tuple[str, ...]:
     """Return the names of the true arguments, with spaces for underscores."""
     return tuple(name.replace("_", " ") for name, there in found.items() if there)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names as a sentence does: "normals, colours and comments"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def moved_reference(name: str, source: Path, path: Path) -> str:

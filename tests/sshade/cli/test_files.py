@@ -47,7 +47,7 @@ def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
     assert main(["deform", "seam.obj", "seam.json", "-o", "out.stl", "--vertices", "60"]) == 0
     first = capsys.readouterr().err.splitlines()[0]
     assert first == (
-        "note: out.stl loses the texture coordinates and vertex colours and materials and comments of "
+        "note: out.stl loses the texture coordinates, vertex colours, materials and comments of "
         "seam.obj, because it has another format"
     )
     assert main(["deform", "whole.ply", "whole.json", "-o", "out.stl", "--vertices", "60"]) == 0
