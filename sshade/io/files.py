@@ -154,11 +154,20 @@ def expecting(
 
 def read_npz(path: str | os.PathLike[str], *names: str, what: str) -> dict[str, Any]:
     """Return the named arrays of a .npz file, or all arrays; raise InputError if the file is not `what`."""
-    import numpy as np  # here, so that commands print their help without it
+    # here, so that commands print their help without them
+    from zipfile import is_zipfile
+
+    import numpy as np
 
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            return {name: data[name] for name in names or data.files}
+        with open(path, "rb") as file:
+            if not is_zipfile(file):  # NumPy would advise to load it as a pickle
+                raise ValueError("it is no .npz file, or ends too early")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as data:
+                return {name: data[name] for name in names or data.files}
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
     # Also a MemoryError, because the header of a damaged array may announce any size.
     except Exception as error:
         raise _not_expected(what, path, error) from error

@@ -127,7 +127,7 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     [
         (["body.ply", "--port", "70000"], "port"),
         (["body.ply", "--recover", "pose.json"], "not a recovery file"),
-        (["body.ply", "--recover", "no.npz"], "No such file"),
+        (["body.ply", "--recover", "no.npz"], "no such file"),
         (["body.ply", "--port", "{taken}"], "cannot be used"),
     ],
 )

@@ -8,7 +8,7 @@ from threading import Barrier
 import pytest
 
 from sshade.errors import InputError
-from sshade.io.files import check_output, replacing
+from sshade.io.files import check_output, read_npz, replacing
 
 
 def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
@@ -185,3 +185,14 @@ def test_what_a_killed_process_left_is_removed_and_that_of_a_living_one_is_not(t
     left = {name.replace(mine, str(os.getppid())), name.replace(mine, "x"), "a.txt"}
     left.add(name.replace("a.", "b.").replace(mine, str(dead.pid)))
     assert {p.name for p in tmp_path.iterdir()} == left and path.read_text() == "newer"
+
+
+def test_a_file_that_is_no_npz_is_refused_without_advice_to_load_a_pickle(tmp_path):
+    with pytest.raises(InputError, match=r"gone\.npz: no such file$"):
+        read_npz(tmp_path / "gone.npz", what="a map")
+    for content in (b"", b"random bytes", b"PK\x03\x04"):
+        (tmp_path / "map.npz").write_bytes(content)
+        with pytest.raises(
+            InputError, match=r"map\.npz: not a map \(it is no \.npz file, or ends too early\)$"
+        ):
+            read_npz(tmp_path / "map.npz", what="a map")
