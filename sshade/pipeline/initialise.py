@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from threading import Event
 from typing import Any
 
 from sshade.errors import InputError
+from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
 
 log = logging.getLogger(__name__)
@@ -93,11 +95,26 @@ def initialised(
 def _better(
     task: DeformationTask, *, solve: Solve, guide: Solve, facts: dict[str, str], **options: Any
 ) -> DeformationResult:
-    """Solve from the minimum of the guide energy and from the plain start, and return the better result."""
+    """Solve from the minimum of the guide energy and from the plain start, and return the better result.
+
+    An error of one solve, such as an interrupt, ends the other at its next report of progress.
+    """
+    progress: Progress = options.get("progress", silent)
+    failed = Event()
+
+    def report(stage: str, done: int, total: int, note: str = "") -> None:
+        if failed.is_set():
+            raise CancelledError
+        progress(stage, done, total, note)
+
     with ThreadPoolExecutor(max_workers=1) as pool:
-        started = pool.submit(solve, task, **options)
-        guided = solve(replace(task, guess=guide(task, **options).vertices), **options)
-        plain = started.result()
+        started = pool.submit(solve, task, **{**options, "progress": report})
+        try:
+            guided = solve(replace(task, guess=guide(task, **options).vertices), **options)
+            plain = started.result()
+        except BaseException:
+            failed.set()
+            raise
     lower = plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"]
     facts["initialisation"] = "handles" if lower else "guide"
     return plain if lower else guided

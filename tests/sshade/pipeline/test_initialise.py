@@ -1,5 +1,7 @@
 from dataclasses import replace
 from functools import partial
+from threading import Event
+from time import sleep
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.pipeline.engine import deform_coarsely
 from sshade.pipeline.initialise import RATIO, ROOM, initialised
+from sshade.progress import silent
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy
 from tests.sshade.pipeline.calls import fast
@@ -121,3 +124,21 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
         assert np.median(moved) < 0.1 if own_wins else np.median(moved) > 2.9
         assert sorted(own for _, own in begun[:2]) == [False, True]
         assert not begun[2][1] and begun[2][0] == task.mesh.n > begun[0][0]
+
+
+def test_an_interrupt_of_one_start_ends_the_other(task):
+    begun, reports = Event(), []
+
+    def solve(given, *, progress, **_):
+        begun.set()
+        while len(reports) < 1000:
+            reports.append(progress("iterations", len(reports), 1000))
+            sleep(0.005)
+
+    def interrupted(given, **_):
+        begun.wait()
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        initialise(task, solve, guide=interrupted, progress=silent)
+    assert len(reports) < 1000
