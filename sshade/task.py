@@ -156,7 +156,7 @@ class DeformationResult(Shown):
         if not np.isfinite(self.vertices).all():
             count = int((~np.isfinite(self.vertices).all(axis=1)).sum())
             raise FloatingPointError(
-                f"{count} deformed vertices are not finite; zero-area triangles in the rest mesh do this"
+                f"{count} deformed vertices are not finite; zero-area triangles at rest may cause this"
             )
 
     def of(self, task: DeformationTask | TransferTask) -> DeformationResult:

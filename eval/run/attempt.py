@@ -84,7 +84,7 @@ def attempt(
     progress: Progress = silent,
     before_clock: Callable[[], None] = lambda: None,
 ) -> Attempt:
-    """Run a method. An exception of the method becomes the status and reason of the row.
+    """Run a method. An exception or exit of the method becomes the status and reason of the row.
 
     Parameters
     ----------
@@ -111,11 +111,13 @@ def attempt(
             begin, cpu = perf_counter(), _cpu_seconds()
             result = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
+        if not isinstance(result, DeformationResult):
+            raise TypeError(f"it returned {type(result).__name__}, not a DeformationResult")
         if np.shape(result.vertices) != task.mesh.V.shape:
             raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
-    except Exception as error:  # a method may raise anything; the sweep continues
+    except (Exception, SystemExit) as error:  # a method may raise anything; the sweep continues
         if isinstance(error, TimeoutError) and time_limit is not None:
             return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)

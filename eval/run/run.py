@@ -128,7 +128,7 @@ def run(
     if fresh and can_run:
         done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
     else:
-        done = _attempt_here(method, task, seed=seed, progress=progress)
+        done = attempt(method, task, seed=seed, progress=progress)
     if done.vertices is not None:
         progress("metrics", 0, 1)
         try:
@@ -141,14 +141,6 @@ def run(
     require_unchanged(functions)  # methods import modules while they run
     write_run(folder, row, vertices=done.vertices, curves=done.curves)
     return Outcome(row, folder)
-
-
-def _attempt_here(method: Mapping[str, Any], task: Task, *, seed: int, progress: Progress) -> Attempt:
-    """Run a method in this process, which goes on if the method exits."""
-    try:
-        return attempt(method, task, seed=seed, progress=progress)
-    except SystemExit as error:
-        return Attempt(NOTHING | {"reason": f"SystemExit: {error}"})
 
 
 def _copy_run(run: Path, folder: Path) -> None:

@@ -156,16 +156,17 @@ def how_to_install(extra: str) -> str:
     return f"install the extra {extra}, for example with pip install '.[{extra}]' in a clone"
 
 
-def run_command(main: Callable[[], int]) -> int:
+def run_command(main: Callable[[], int], *, hurries: bool = False) -> int:
     """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
     zero-area triangles; an OSError; a lack of memory; and a library of :data:`EXTRAS` that is not installed.
     If the reader of standard output has ended, as after ``| head``, the command ends silently. Meanwhile,
-    SIGTERM and SIGHUP end the program with exit code 143 and 129, and leave no temporary file.
+    SIGTERM and SIGHUP end the program with exit code 143 and 129, and leave no temporary file. If it
+    `hurries`, SIGINT does so too, with exit code 130, where `main` goes on.
     """
     received: list[int] = []
-    with _signals_into(received):
+    with _signals_into(received, hurries=hurries):
         try:
             code = _run(main)
         except BaseException:  # SystemExit, or the error of code that the exception interrupted
@@ -208,11 +209,13 @@ def _run(main: Callable[[], int]) -> int:
 
 
 @contextmanager
-def _signals_into(received: list[int]) -> Iterator[None]:
+def _signals_into(received: list[int], *, hurries: bool) -> Iterator[None]:
     """Have :data:`ENDING` end a ``with`` block by SystemExit, unless they are ignored, as by ``nohup``.
 
-    The number of the signal is appended to `received`. A compiled function delays the exception. A thread
-    therefore ends the process after :data:`PATIENCE`, and removes its temporary files.
+    The number of the signal is appended to `received`. A compiled function delays the exception, and threads
+    that compute delay the end of the block. A thread therefore ends the process after :data:`PATIENCE`, and
+    removes its temporary files. If it `hurries`, the thread does so at SIGINT, too, unless the block ends
+    before.
     """
     # Windows ends programs without a signal, and only the main thread may set handlers.
     if os.name == "nt" or threading.current_thread() is not threading.main_thread():
@@ -229,10 +232,16 @@ def _signals_into(received: list[int]) -> Iterator[None]:
         while byte := os.read(reading, 1):
             if byte[0] in numbers:
                 sleep(PATIENCE)
-                remove_temporaries()
-                os._exit(128 + byte[0])
+            elif not (hurries and byte[0] == signal.SIGINT) or ended.wait(PATIENCE):
+                continue
+            else:
+                # Progress bars hide the cursor.
+                say("\x1b[?25h\rinterrupted" if sys.stderr.isatty() else "interrupted")
+            remove_temporaries()
+            os._exit(128 + byte[0])
         os.close(reading)
 
+    ended = threading.Event()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     earlier = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
@@ -242,6 +251,7 @@ def _signals_into(received: list[int]) -> Iterator[None]:
     try:
         yield
     finally:
+        ended.set()
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)
         signal.set_wakeup_fd(earlier)

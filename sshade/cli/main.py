@@ -29,5 +29,6 @@ PROGRAM = Program(
         "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
     },
     text=__doc__ or "",
+    patient=["edit"],
 )
 main = PROGRAM.main

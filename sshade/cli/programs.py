@@ -63,11 +63,14 @@ class Program(NamedTuple):
         Module and one-line summary of each sub-command.
     text : str
         Help text, with ``{commands}`` for the list of sub-commands.
+    patient : sequence of str or None
+        Sub-commands that end in their own time after Ctrl-C. All do by default.
     """
 
     name: str
     commands: Mapping[str, tuple[str, str]]
     text: str
+    patient: Sequence[str] | None = None
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
@@ -80,7 +83,8 @@ class Program(NamedTuple):
 
             if name == "--print-completion":
                 return run_command(lambda: self.complete(arguments))
-            return run_command(lambda: self.call(name, arguments))
+            hurries = self.patient is not None and name not in self.patient
+            return run_command(lambda: self.call(name, arguments), hurries=hurries)
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

@@ -103,12 +103,16 @@ class Drag:
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)
-        if self._following is None:
-            result = self._first(handles, targets, pulls, replace(self._options, **stop), goals)
-            R = result.extra["rotations"]
-            self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
-        else:
-            result = self._following.solve(targets, **pulls, **goals, **stop).result()
+        try:
+            if self._following is None:
+                result = self._first(handles, targets, pulls, replace(self._options, **stop), goals)
+                R = result.extra["rotations"]
+                self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
+            else:
+                result = self._following.solve(targets, **pulls, **goals, **stop).result()
+        except FloatingPointError:  # the positions are of no use to the next solve
+            self.reset()
+            raise
         self._last = result.vertices, result.extra["rotations"]
         return result
 

@@ -99,11 +99,13 @@ def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_agai
         (lambda V: V[:-1], "shape"),
         (lambda V: 1e200 * V, "coordinates up to"),
         (lambda V: sys.exit(3), "SystemExit: 3"),
+        (lambda V: None, "returned NoneType"),
     ],
 )
 def test_a_method_without_usable_vertices_leaves_a_failed_row(task, tmp_path, monkeypatch, change, reason):
     def wrong(task, *, seed, progress=silent):
-        return DeformationResult(vertices=change(task.mesh.V), iterations=0, converged=None)
+        V = change(task.mesh.V)
+        return None if V is None else DeformationResult(vertices=V, iterations=0, converged=None)
 
     monkeypatch.setattr("eval_cases.stretching", wrong)
     done = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)

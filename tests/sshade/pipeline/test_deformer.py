@@ -49,6 +49,15 @@ def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
     assert drag(targets, max_iterations=200).extra["residual"] < first.extra["residual"]
 
 
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
+def test_a_call_that_fails_leaves_no_trace(mesh, held, drag):
+    first = drag(lifted(mesh, held, 0.2)).vertices
+    for _ in range(2):
+        with pytest.raises(FloatingPointError):
+            drag(1e160 * lifted(mesh, held, 0.2))
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.2)).vertices, first)
+
+
 def bound_and_task(name: str, **options):
     """Return a Deformer and a task with the same handles: patches, soft handles or regions of a shape."""
     mesh = {"bumpy": bumpy(4), "soft": bumpy(4), "regions": bumpy(4), "bar": tube(30, 80, length=7.0)}[name]
