@@ -232,11 +232,11 @@ def _signals_into(received: list[int], *, hurries: bool) -> Iterator[None]:
         while byte := os.read(reading, 1):
             if byte[0] in numbers:
                 sleep(PATIENCE)
-            elif not (hurries and byte[0] == signal.SIGINT) or ended.wait(PATIENCE):
-                continue
-            else:
+            elif hurries and byte[0] == signal.SIGINT and not ended.wait(PATIENCE):
                 # Progress bars hide the cursor.
                 say("\x1b[?25h\rinterrupted" if sys.stderr.isatty() else "interrupted")
+            else:
+                continue
             remove_temporaries()
             os._exit(128 + byte[0])
         os.close(reading)

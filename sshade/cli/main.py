@@ -16,19 +16,20 @@ from __future__ import annotations
 
 from sshade.cli.programs import Program
 
+COMMANDS = {
+    "deform": ("sshade.cli.deform", "deform a mesh so that its handles reach their targets"),
+    "edit": ("sshade.cli.edit", "pick and drag regions of a mesh in a browser"),
+    "show": ("sshade.cli.show", "show a mesh, its handles and a result"),
+    "remesh": ("sshade.cli.remesh", "write a proxy of a mesh, and the map back to the mesh"),
+    "carry": ("sshade.cli.carry", "carry an edited proxy back to the mesh"),
+    "reconstruct": ("sshade.cli.reconstruct", "rebuild a known pose from its samples"),
+    "blender": ("sshade.cli.blender", "build an extension for Blender"),
+    "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
+}
 PROGRAM = Program(
     name="sshade",
-    commands={
-        "deform": ("sshade.cli.deform", "deform a mesh so that its handles reach their targets"),
-        "edit": ("sshade.cli.edit", "pick and drag regions of a mesh in a browser"),
-        "show": ("sshade.cli.show", "show a mesh, its handles and a result"),
-        "remesh": ("sshade.cli.remesh", "write a proxy of a mesh, and the map back to the mesh"),
-        "carry": ("sshade.cli.carry", "carry an edited proxy back to the mesh"),
-        "reconstruct": ("sshade.cli.reconstruct", "rebuild a known pose from its samples"),
-        "blender": ("sshade.cli.blender", "build an extension for Blender"),
-        "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
-    },
+    commands=COMMANDS,
     text=__doc__ or "",
-    patient=["edit"],
+    hurried=COMMANDS.keys() - {"edit"},  # the editor says what is not saved
 )
 main = PROGRAM.main

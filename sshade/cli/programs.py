@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,14 +63,14 @@ class Program(NamedTuple):
         Module and one-line summary of each sub-command.
     text : str
         Help text, with ``{commands}`` for the list of sub-commands.
-    patient : sequence of str or None
-        Sub-commands that end in their own time after Ctrl-C. All do by default.
+    hurried : collection of str
+        Sub-commands that end soon after Ctrl-C, see :func:`sshade.cli.console.run_command`.
     """
 
     name: str
     commands: Mapping[str, tuple[str, str]]
     text: str
-    patient: Sequence[str] | None = None
+    hurried: Collection[str] = ()
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
@@ -83,8 +83,7 @@ class Program(NamedTuple):
 
             if name == "--print-completion":
                 return run_command(lambda: self.complete(arguments))
-            hurries = self.patient is not None and name not in self.patient
-            return run_command(lambda: self.call(name, arguments), hurries=hurries)
+            return run_command(lambda: self.call(name, arguments), hurries=name in self.hurried)
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130
