@@ -13,12 +13,12 @@ no rotation: their distances to the targets are spread over the surface beside t
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import matmul
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import matrix_power
 
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.vertex_maps import VertexMaps
@@ -206,7 +206,7 @@ class HandleRegions:
         along = self.graph.matrix[self._edge][:, self._edge]
         along.data[:] = 1.0
         step = along + eye_array(len(self._edge), format="csr")
-        return matrix_power(step, RINGS)
+        return reduce(matmul, [step] * RINGS)
 
     @cached_property
     def _arms(self) -> tuple[np.ndarray, np.ndarray]:
