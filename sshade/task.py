@@ -141,6 +141,8 @@ class DeformationResult(Shown):
 
     Raises
     ------
+    TypeError
+        When the positions are not real numbers.
     FloatingPointError
         When a position is not finite: the method failed on this input.
     """
@@ -153,6 +155,9 @@ class DeformationResult(Shown):
     task: DeformationTask | TransferTask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        numbers = np.asarray(self.vertices).dtype
+        if numbers.kind not in "fiu":
+            raise TypeError(f"deformed vertices are of type {numbers}, not real numbers")
         if not np.isfinite(self.vertices).all():
             count = int((~np.isfinite(self.vertices).all(axis=1)).sum())
             raise FloatingPointError(
@@ -164,6 +169,25 @@ class DeformationResult(Shown):
         result = copy(self)
         object.__setattr__(result, "task", task)
         return result
+
+
+def result_of(task: DeformationTask | TransferTask, result: object) -> DeformationResult:
+    """Check the result that a method returned for a task, and return it with the task.
+
+    Raises
+    ------
+    TypeError
+        When it is no :class:`DeformationResult`.
+    ValueError
+        When it has not one position for each vertex.
+    """
+    if not isinstance(result, DeformationResult):
+        raise TypeError(f"the method returned {type(result).__name__}, not a DeformationResult")
+    if np.shape(result.vertices) != task.mesh.V.shape:
+        raise ValueError(
+            f"the method returned vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}"
+        )
+    return result.of(task)
 
 
 class Method(Protocol):

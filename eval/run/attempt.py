@@ -33,7 +33,7 @@ from sshade.cli.console import missing_library
 from sshade.processes import end_with_parent
 from sshade.programs import TIME_LIMIT
 from sshade.progress import Progress, silent
-from sshade.task import DeformationResult
+from sshade.task import DeformationResult, result_of
 
 log = logging.getLogger(__name__)
 
@@ -109,19 +109,16 @@ def attempt(
         before_clock()
         with _told(time_limit):
             begin, cpu = perf_counter(), _cpu_seconds()
-            result = call(task, seed=seed, progress=progress)
+            returned = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
-        if not isinstance(result, DeformationResult):
-            raise TypeError(f"it returned {type(result).__name__}, not a DeformationResult")
-        if np.shape(result.vertices) != task.mesh.V.shape:
-            raise ValueError(f"vertices of shape {np.shape(result.vertices)} for {task.mesh.V.shape}")
+        result = result_of(task, returned)
     except ImportError as error:
-        return Attempt(row | {"status": "skipped", "reason": _sentence(error)})
+        return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except (Exception, SystemExit) as error:  # a method may raise anything; the sweep continues
         if isinstance(error, TimeoutError) and time_limit is not None:
             return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
-        return Attempt(row | {"reason": _sentence(error)})
+        return Attempt(row | {"reason": reason_of(error)})
     curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
     return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
 
@@ -291,7 +288,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _sentence(error: BaseException) -> str:
+def reason_of(error: BaseException) -> str:
     """Return the type and the message of an error in one line."""
     text = " ".join((missing_library(error) or str(error)).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import igl
@@ -12,12 +12,12 @@ import numpy as np
 from eval.configure.compose import one_each, read_choice, resolved
 from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
+from eval.run.attempt import reason_of
 from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
-from sshade.cli.console import missing_library
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationResult, DeformationTask
+from sshade.task import DeformationResult, DeformationTask, result_of
 
 #: Largest number of subdivisions of a case.
 DEEPEST = 5
@@ -40,26 +40,36 @@ class TimedMethod(NamedTuple):
     config: dict[str, Any]
     block: int | None = None
 
-    def on(self, task: Task) -> partial[DeformationResult]:
+    def on(self, task: Task) -> Callable[[], DeformationResult]:
         """Compile the method by a run on a tiny task; return its call on the task.
 
         Raises
         ------
         InputError
-            If the method does not accept the task or its parameters, or needs a library that is not
-            installed.
+            If the method does not accept the task or its parameters, needs a library that is not installed,
+            or fails; the call raises it, too.
         """
+        with self._failures(task):
+            method = instantiate({**self.config, "_partial_": True})
+            require_kind(method, task, target=self.config["_target_"])
+            shrunk = self.config.get("warm_up", {})
+            if shrunk is not None:
+                warm_up(method, dict(shrunk), key=repr(settings(self.config)), kind=type(task))
+
+        def call() -> DeformationResult:
+            with self._failures(task):
+                return result_of(task, method(task, seed=0))
+
+        return call
+
+    @contextmanager
+    def _failures(self, task: Task) -> Iterator[None]:
         try:
-            call = instantiate({**self.config, "_partial_": True})
-        except ImportError as error:
-            raise InputError(
-                f"{self.label} cannot be timed: {missing_library(error) or ' '.join(str(error).split())}"
-            ) from error
-        require_kind(call, task, target=self.config["_target_"])
-        shrunk = self.config.get("warm_up", {})
-        if shrunk is not None:
-            warm_up(call, dict(shrunk), key=repr(settings(self.config)), kind=type(task))
-        return partial(call, task, seed=0)
+            yield
+        except InputError:
+            raise
+        except (Exception, SystemExit) as error:  # a method may raise anything
+            raise InputError(f"{self.label} cannot be timed on {task.name}: {reason_of(error)}") from error
 
 
 class TimedCase(NamedTuple):

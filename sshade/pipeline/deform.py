@@ -22,7 +22,7 @@ from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import has_regions
 from sshade.pipeline.warp import find_warp
 from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.task import DeformationResult, DeformationTask, Handles, result_of
 from sshade.volume_goals import VolumeGoal, check_goals
 
 ShapeT = TypeVar("ShapeT")
@@ -232,7 +232,7 @@ def deform(
                 "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
                 "welded"
             )
-        return run(shape, **options).of(shape)
+        return result_of(shape, run(shape, **options))
     if (mesh := opened(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
         V, F = mesh.V, mesh.F
@@ -249,7 +249,7 @@ def deform(
     task = DeformationTask(
         "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
     )
-    moved = whole.placed(V, run(task, **options).vertices)
+    moved = whole.placed(V, result_of(task, run(task, **options)).vertices)
     moved = np.array(moved, dtype=np.float64)  # a method may return the rest shape itself
     return moved if mesh is None else mesh.moved(moved)
 

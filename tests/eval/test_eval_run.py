@@ -98,6 +98,7 @@ def test_a_method_without_a_result_leaves_a_row_without_vertices_and_is_run_agai
     [
         (lambda V: V[:-1], "shape"),
         (lambda V: 1e200 * V, "coordinates up to"),
+        (lambda V: V + 0j, "TypeError: deformed vertices are of type complex128"),
         (lambda V: sys.exit(3), "SystemExit: 3"),
         (lambda V: None, "returned NoneType"),
     ],

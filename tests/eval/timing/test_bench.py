@@ -162,6 +162,22 @@ def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words
     assert not Path("out").exists()
 
 
+@pytest.mark.parametrize(
+    ("fail", "reason"), [(ArithmeticError, "ArithmeticError"), (lambda: None, "NoneType")]
+)
+def test_a_method_that_fails_is_named(machine, case, capsys, monkeypatch, fail, reason):
+    def method(task, *, seed, progress=None, **options):
+        failure = fail()
+        if failure is not None:
+            raise failure
+
+    monkeypatch.setattr("baselines.arap.arap", method)
+    assert main(["bench", "speed", "--methods", "arap warm_up=null", "--cases", case]) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith("error: arap cannot be timed on ") and reason in told
+    assert not Path("out").exists()
+
+
 def test_an_extra_that_is_missing(machine, case, capsys, monkeypatch):
     import eval.timing.cases
 
@@ -174,4 +190,5 @@ def test_an_extra_that_is_missing(machine, case, capsys, monkeypatch):
 
     monkeypatch.setattr(eval.timing.cases, "instantiate", instantiate)
     assert main(["bench", "speed", "--methods", "arap", "--cases", case]) == 2
-    assert "arap cannot be timed: torch is not installed" in capsys.readouterr().err
+    assert "arap cannot be timed on" in (told := capsys.readouterr().err)
+    assert "torch is not installed" in told

@@ -47,6 +47,20 @@ def test_the_default_is_fast_and_a_function_is_taken():
     assert np.array_equal(U, local_global(TASK, stiffness=0.5, max_iterations=20).vertices)
 
 
+@pytest.mark.parametrize(
+    ("returned", "error"),
+    [
+        (None, "the method returned NoneType, not a DeformationResult"),
+        (DeformationResult(BODY.V[1:], 0, True), r"vertices of shape \(\d+, 3\) for"),
+    ],
+)
+def test_a_function_that_returns_no_result_of_the_mesh_is_refused(returned, error):
+    with pytest.raises((TypeError, ValueError), match=error):
+        deform(BODY, B, BC, method=lambda task: returned)
+    with pytest.raises((TypeError, ValueError), match=error):
+        deform(TASK, method=lambda task: returned)
+
+
 def test_a_trimesh_keeps_its_colours_texture_and_metadata():
     uv = BODY.V[:, :2].copy()
     given = trimesh.Trimesh(BODY.V, BODY.F, process=False, visual=trimesh.visual.TextureVisuals(uv=uv))
