@@ -157,6 +157,9 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
 
 def check_settings(config: dict[str, Any]) -> None:
     """Raise InputError on a seed or a setting ``run.*`` with a value that no run can use."""
+    experiment = Path(str(config["run"]["experiment"]))
+    if experiment.is_absolute() or ".." in experiment.parts or not experiment.parts:
+        raise InputError(f"run.experiment={experiment} is no name of a folder in {config['paths']['runs']}")
     settings = {name: config["run"][name] for name in ("force", "fresh", "time_limit", "jobs")}
     settings |= {"seed": config["seed"], "jobs": 1 if settings["jobs"] is None else settings["jobs"]}
     check_parameters(run, settings, target="run")

@@ -35,11 +35,13 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     distance /= whole.mesh.diagonal
     hard = handles.exact
     error = float(distance[hard].max(initial=0.0))
+    exact, soft = hard.sum(), (~hard).sum()
     parts = []
-    if hard.any():
-        parts.append(f"{hard.sum()} handles reached to {100 * error:.2g} %")
-    if not hard.all():
-        parts.append(f"{(~hard).sum()} soft handles to {100 * distance[~hard].mean():.2g} % on average")
+    if exact:
+        parts.append(f"{exact} handle{'s' * (exact > 1)} reached to {100 * error:.2g} %")
+    if soft:
+        mean = 100 * distance[~hard].mean()
+        parts.append(f"{soft} soft handle{'s' * (soft > 1)} to {mean:.2g} % on average")
     return f"{' and '.join(parts)} of the diagonal", error
 
 

@@ -133,6 +133,7 @@ METHODS = {
     "run.time_limit=0": ("run.time_limit=0",),
     "run.split=half": ("it takes tuning, held_out, both or null",),
     "run.jobs=0": ("run.jobs=0",),
+    "run.experiment=../tiny": ("run.experiment=../tiny is no name of a folder",),
     "method._target_=baselines.arap.magic run.allow_targets=[baselines.]": ("no function 'magic'",),
     "method._target_=magic.magic run.allow_targets=[magic.]": ("no module 'magic'",),
     "'proxy.vertices=[1'": ("proxy.vertices=[1 is not understood; close its brackets",),
