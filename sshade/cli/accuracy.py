@@ -35,7 +35,7 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     distance /= whole.mesh.diagonal
     hard = handles.exact
     error = float(distance[hard].max(initial=0.0))
-    exact, soft = hard.sum(), (~hard).sum()
+    exact, soft = int(hard.sum()), int((~hard).sum())
     parts = []
     if exact:
         parts.append(f"{exact} handle{'s' * (exact > 1)} reached to {100 * error:.2g} %")
