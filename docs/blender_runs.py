@@ -129,9 +129,9 @@ def by_live_mode(case: Case) -> dict[str, Any]:
         move_empties(obj, [part_of(motion, (number + 1) / PATH) for motion in case["motions"]])
         bpy.context.view_layer.update()
         whole.append(perf_counter() - begin)
+    times = {"bind": bind, "step": float(np.median(steps)), "frame": float(np.median(whole))}
     for _ in range(REST):
         running.settle()
-    times = {"bind": bind, "step": float(np.median(steps)), "frame": float(np.median(whole))}
     U = positions(obj)
     bpy.ops.sshade.live_cancel()
     return {**times, "U": U}

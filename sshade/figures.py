@@ -59,9 +59,11 @@ class View:
         Raises
         ------
         InputError
-            When the camera looks along the upward direction.
+            When a direction is zero, or the camera looks along the upward direction.
         """
         forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
+        if not (forward.any() and upright.any()):
+            raise InputError("--towards and --up are directions, and one of them is zero")
         right = np.cross(upright, forward)
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
             raise InputError("the camera looks along the upward direction; choose another --towards or --up")

@@ -17,6 +17,18 @@ ROTATION = 1e-6
 NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
 
 
+def checked_index(index: Any) -> np.ndarray:
+    """Return a copy of vertex ids (k,) as int64; raise InputError if they are no ids, or there are none."""
+    index = np.asarray(index)
+    if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
+        raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
+    if len(index) == 0:
+        raise InputError(NO_HANDLES)
+    if index.min() < 0:
+        raise InputError(f"handle id {index.min()} is negative")
+    return index.astype(np.int64)
+
+
 def checked_target(target: Any, index: np.ndarray) -> np.ndarray:
     """Return targets (k, 3) of the vertices `index`; raise InputError if they are not finite."""
     target = np.asarray(target, dtype=np.float64)
@@ -33,7 +45,14 @@ def per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> Any:
     """Return values (k,) of handles, k times the default if there are none, or None without a default."""
     if values is None:
         return None if default is None else np.full(k, default, dtype=dtype)
-    values = np.asarray(values, dtype=dtype)
+    given = np.asarray(values)
+    if given.dtype.kind not in "biuf":
+        raise InputError(f"`{name}` must be numbers, not {given.dtype}")
+    with np.errstate(invalid="ignore"):
+        values = given.astype(dtype)
+    if dtype is not np.float64 and not np.array_equal(given, values):
+        what = "True or False" if dtype is bool else "whole numbers"
+        raise InputError(f"`{name}` must be {what}, not {given[given != values].flat[0]}")
     if values.shape != (k,):
         raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
     return values

@@ -13,6 +13,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import (
     NO_HANDLES,
     SAME_TARGET,
+    checked_index,
     checked_rotation,
     checked_target,
     checked_weight,
@@ -93,15 +94,8 @@ class Handles:
     extent: InitVar[float | None] = None
 
     def __post_init__(self, extent: float | None) -> None:
-        index = np.asarray(self.index)
-        if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
-            raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
-        index, k = index.astype(np.int64), len(index)
-        if k == 0:
-            raise InputError(NO_HANDLES)
-        target = checked_target(self.target, index)
-        if index.min() < 0:
-            raise InputError(f"handle id {index.min()} is negative")
+        index = checked_index(self.index)
+        target, k = checked_target(self.target, index), len(index)
         fields = {
             "index": index,
             "target": target,

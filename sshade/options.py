@@ -39,8 +39,8 @@ NEAR, FARTHEST_COPY = 1e-9, 1e-3
 
 def check_weld(weld: float) -> None:
     """Raise InputError unless a distance of copies from their place is in its range."""
-    if not 0 <= weld <= FARTHEST_COPY:
-        raise InputError(f"weld is a fraction of the diagonal from 0 to {FARTHEST_COPY:g}, not {weld:g}")
+    if not isinstance(weld, Real) or not 0 <= weld <= FARTHEST_COPY:
+        raise InputError(f"weld is a fraction of the diagonal from 0 to {FARTHEST_COPY:g}, not {weld!r}")
 
 
 def _option(default: Any, values: str, methods: tuple[str, ...] = (*PAPER, *FAST)) -> Any:
@@ -57,8 +57,8 @@ class Options:
     Attributes
     ----------
     vertices : int
-        Number of vertices of the proxy, at most a quarter of the mesh's (see `coarser`). Raise it where the
-        proxy is too coarse for thin parts; time grows with it.
+        Number of vertices of the proxy, at most a quarter of the mesh's (see `coarser`). Thin parts may add
+        some. Raise it where the proxy is too coarse for thin parts; time grows with it.
     coarser : int
         Smallest ratio of the mesh's number of vertices to the proxy's. Lower it to 1 or 2 for a detailed
         proxy of a small mesh.
@@ -105,9 +105,7 @@ class Options:
         the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
-        of the bounding-box diagonal. The last solve on a proxy whose triangles soften stops where the root
-        mean square move is 0.6 times and the largest move 6 times the tolerance. Lower it for a more exact
-        minimum; 0 never stops early.
+        of the bounding-box diagonal. Lower it for a more exact minimum; 0 never stops early.
     max_iterations : int
         Largest number of iterations on each proxy. Lower it to bound the time.
     start : str
@@ -250,7 +248,7 @@ def _at_detail(detail: float) -> dict[str, Any]:
     return {**found, "strain_limit": 1.0 / limit if limit > 0 else inf}
 
 
-# An area weight of 1 leaves an error of half a percent, and changes edges and angles less than inf.
+# An area weight of 1 leaves an error of a third of a percent, and changes edges and angles less than inf.
 _FINE = replace(
     _FAST,
     area=1.0,

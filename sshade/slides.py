@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, require_mesh
 
 #: Distance from a surface above which the offset of a point gives the normal, as a fraction of the diagonal.
 OFF_SURFACE = 1e-9
@@ -79,6 +79,7 @@ class Slide:
         InputError
             If no face has an area.
         """
+        require_mesh(surface, "Slide.on")
         if surface.m == 0 or surface.without_area.all():
             raise InputError("the surface of a slide has no face with an area")
         record = {} if name is None else {"slide": {"surface": name}}

@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.handles import Handles
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.unconstrained import how_to_constrain, without_handles
 from sshade.progress import Progress, silent
 from sshade.shown import Shown
@@ -58,6 +58,9 @@ class DeformationTask(Shown):
     volumes: Sequence[VolumeGoal] = ()
 
     def __post_init__(self) -> None:
+        require_mesh(self.mesh, "DeformationTask")
+        if not isinstance(self.handles, Handles):
+            raise TypeError(f"DeformationTask takes Handles, not a {type(self.handles).__name__}")
         index, everywhere = self.handles.index, not self.carry_unconstrained
         self.mesh.require_handles(index, everywhere=False)
         if everywhere and len(free := without_handles(self.mesh, index)):
@@ -65,8 +68,8 @@ class DeformationTask(Shown):
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         object.__setattr__(self, "volumes", check_goals(self.volumes, self.mesh.m))
         for name in ("truth", "guess"):
-            if getattr(self, name) is not None:
-                self.mesh.checked(getattr(self, name), name)
+            if (positions := getattr(self, name)) is not None:
+                object.__setattr__(self, name, self.mesh.checked(positions, name))
 
     def at(self, handles: Handles) -> DeformationTask:
         """Return the task with handles that were checked for its mesh; it has no guess and no truth."""
@@ -155,11 +158,12 @@ class DeformationResult(Shown):
     task: DeformationTask | TransferTask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        numbers = np.asarray(self.vertices).dtype
-        if numbers.kind not in "fiu":
-            raise TypeError(f"deformed vertices are of type {numbers}, not real numbers")
-        if not np.isfinite(self.vertices).all():
-            count = int((~np.isfinite(self.vertices).all(axis=1)).sum())
+        V = np.asarray(self.vertices)
+        if V.dtype.kind not in "fiu":
+            raise TypeError(f"deformed vertices are of type {V.dtype}, not real numbers")
+        object.__setattr__(self, "vertices", V)
+        if not np.isfinite(V).all():
+            count = int((~np.isfinite(V.reshape(len(V), -1)).all(axis=1)).sum())
             raise FloatingPointError(
                 f"{count} deformed vertices are not finite; zero-area triangles at rest may cause this"
             )

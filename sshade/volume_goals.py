@@ -79,6 +79,8 @@ class VolumeGoal:
 
 def check_goals(goals: Sequence[VolumeGoal], m: int) -> tuple[VolumeGoal, ...]:
     """Return the goals of a mesh of m faces, and raise InputError on faces out of range or in two parts."""
+    if isinstance(goals, VolumeGoal):
+        raise InputError("volumes is a list of VolumeGoal; put the goal into brackets")
     for goal in goals:
         if not isinstance(goal, VolumeGoal):
             raise InputError(f"volumes is a list of VolumeGoal, not of {type(goal).__name__}")

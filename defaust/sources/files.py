@@ -124,9 +124,11 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
         paths = [path for path in root.rglob(f"*{SUFFIX}") if path.is_file() and path.name[0] != "."]
         if paths:
             return _animations(sorted(paths, key=lambda path: _natural(path.stem)))
+        deeper = sorted(path.name for path in root.iterdir() if path.is_dir() and mesh_files(path))
+        where = f"one of its folders ({', '.join(deeper)})" if deeper else "their folder"
         raise InputError(
-            f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to their folder, or "
-            "to an .npz"
+            f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to {where}, or to "
+            "an .npz"
         )
     names = sorted(files, key=_natural)
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}

@@ -30,7 +30,7 @@ OBJECTIVE = '''"""All metrics of sshade-eval, on the deformed vertices."""
 
 from benchopt import BaseObjective
 
-from eval.metrics import measure
+from eval.run.measures import measures_of
 
 
 class Objective(BaseObjective):
@@ -46,7 +46,7 @@ class Objective(BaseObjective):
         return {"task": self.task}
 
     def evaluate_result(self, vertices):
-        return measure(self.task, vertices)
+        return measures_of(self.task, vertices)
 
     def get_one_result(self):
         return {"vertices": self.task.mesh.V}

@@ -214,6 +214,8 @@ def command(options: argparse.Namespace) -> int:
     if options.times:
         rows, machine = with_times(rows, read_csv(rows_file(options.times, TIMING)))
         measures = (TIME, *measures)
+    if options.knob != KNOB and f"method.{options.knob}" not in rows:
+        raise InputError(f"--knob {options.knob}: no method of these rows has this setting")
     halves = rows["task.name"].map(split_of)
     points = {
         half: front(own, knob=options.knob, measures=measures, leave_out=tuple(options.leave_out))

@@ -29,7 +29,7 @@ from eval.run.code import CodeChanged, loaded_code, require_unchanged
 from eval.run.provenance import process_memory
 from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
-from sshade.cli.console import missing_library
+from sshade.cli.console import Ended, missing_library
 from sshade.processes import end_with_parent
 from sshade.programs import TIME_LIMIT
 from sshade.progress import Progress, silent
@@ -114,6 +114,8 @@ def attempt(
         result = result_of(task, returned)
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
+    except Ended:
+        raise
     except (Exception, SystemExit) as error:  # a method may raise anything; the sweep continues
         if isinstance(error, TimeoutError) and time_limit is not None:
             return Attempt(row | {"status": "timeout", "reason": str(error)})

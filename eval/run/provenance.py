@@ -45,7 +45,7 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
         if task.guess is not None:
             arrays.append(task.guess)
-        if not handles.hard.all():
+        if not handles.exact.all():
             arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)

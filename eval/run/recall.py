@@ -6,9 +6,10 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from eval.metrics import Task, measure
+from eval.metrics import Task
 from eval.rows.store import Row, read_vertices
 from eval.run.allowed import require_allowed, require_programs
+from eval.run.measures import measures_of
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.errors import InputError
@@ -59,4 +60,4 @@ def measured_again(
         progress(stage, done, len(runs), name)
         if last != (name, row["task.checksum"]):
             last, task = (name, row["task.checksum"]), load(row)
-        yield row, folder, measure(task, read_vertices(folder, n=row["task.vertices"]))
+        yield row, folder, measures_of(task, read_vertices(folder, n=row["task.vertices"]))

@@ -26,8 +26,8 @@ def warm_up(
     """Run a method once on a tiny task, unless this process has done so for `key`.
 
     Methods of :func:`sshade.deform` use other kernels for handle regions and large meshes. For these methods,
-    the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`. For a method with a function
-    ``measure_startup``, the warm-up also calls this function with the parameters of the method.
+    the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`. A method with a function
+    ``measure_startup`` is not run: the warm-up calls this function with the parameters of the method.
 
     Parameters
     ----------
@@ -41,15 +41,16 @@ def warm_up(
     """
     if key in _done:
         return
-    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
     function = getattr(method, "func", method)
+    measure_startup = getattr(function, "measure_startup", None)
+    if measure_startup is not None:
+        measure_startup(**method.keywords)
+    else:
+        method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
     if function is deform:
         if kind is DeformationTask:
             method(tiny_regions(), seed=0, **overrides)
         compile_sampling()
-    measure_startup = getattr(function, "measure_startup", None)
-    if measure_startup is not None:
-        measure_startup(**method.keywords)
     _done.add(key)
 
 

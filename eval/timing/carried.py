@@ -1,9 +1,10 @@
 """Errors and times of points and splats that go with a mesh, ``sshade-eval carried``.
 
-Smooth maps of space (:mod:`eval.timing.warps`) move the vertices of a mesh. Random splats on its surface and
-within two percent of the diagonal go with it. The map and its derivative are the ground truth. Two baselines
-get the same vertices: the rigid motion of the nearest of 200 handles, and a linear blend of the displacements
-of the four nearest vertices of a proxy, which keeps covariances.
+Smooth maps of space (:mod:`eval.timing.warps`) move the vertices of a mesh. Random splats go with it: their
+distances from the surface have a standard deviation of one percent of the diagonal. The map and its
+derivative are the ground truth. Two baselines get the same vertices: the rigid motion of the nearest of 200
+handles, and a linear blend of the displacements of the four nearest vertices of a proxy, which keeps
+covariances.
 
 With ``--posed``, true poses of a mesh replace the maps of space. The ground truth then keeps the place of a
 splat on the surface and its distance along the interpolated normal.

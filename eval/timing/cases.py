@@ -15,6 +15,7 @@ from eval.metrics import Task
 from eval.run.attempt import reason_of
 from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
+from sshade.cli.console import Ended
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationResult, DeformationTask, result_of
@@ -66,7 +67,7 @@ class TimedMethod(NamedTuple):
     def _failures(self, task: Task) -> Iterator[None]:
         try:
             yield
-        except InputError:
+        except (InputError, Ended):
             raise
         except (Exception, SystemExit) as error:  # a method may raise anything
             raise InputError(f"{self.label} cannot be timed on {task.name}: {reason_of(error)}") from error

@@ -91,7 +91,7 @@ def bind_points(mesh: HasMesh | Mesh, points: np.ndarray) -> BoundPoints:
     >>> bound(V + [0, 0, 2]).round(6).tolist()
     [[0.5, 0.2, 2.1]]
     >>> turned = V @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
-    >>> bound.with_maps(turned).rotations[0].round(6).tolist()
+    >>> (bound.with_maps(turned).rotations[0].round(6) + 0.0).tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
     return PointBinder(mesh if isinstance(mesh, Mesh) else mesh.mesh).bind(points)

@@ -208,9 +208,13 @@ def _run(main: Callable[[], int]) -> int:
     return 2
 
 
+class Ended(SystemExit):
+    """A signal that ends the program, where a plain SystemExit may come from the code of a method."""
+
+
 @contextmanager
 def _signals_into(received: list[int], *, hurries: bool) -> Iterator[None]:
-    """Have :data:`ENDING` end a ``with`` block by SystemExit, unless they are ignored, as by ``nohup``.
+    """Have :data:`ENDING` end a ``with`` block by :class:`Ended`, unless they are ignored, as by ``nohup``.
 
     The number of the signal is appended to `received`. A compiled function delays the exception, and threads
     that compute delay the end of the block. A thread therefore ends the process after :data:`PATIENCE`, and
@@ -226,7 +230,7 @@ def _signals_into(received: list[int], *, hurries: bool) -> Iterator[None]:
     def end(number: int, _: object) -> None:
         if not received:
             received.append(number)
-            raise SystemExit(128 + number)
+            raise Ended(128 + number)
 
     def watch() -> None:
         while byte := os.read(reading, 1):

@@ -97,14 +97,16 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
 def _on_samples(
     samples: int, asked: int, coarser: int, *, components: int, one_sided: bool
 ) -> dict[str, bool]:
-    """Sentences on a number of proxy vertices that differs from the number `asked` by more than rounding."""
+    """Sentences on a number of samples that differs from the number `asked` by more than rounding."""
     from sshade.pipeline.proxies import SPARE  # imports large libraries
 
-    differs = f"the proxy has {samples} vertices instead of {asked}: "
+    differs = f"the proxy has {samples} samples instead of {asked}: "
+    each = f"{coarser} vertices" if coarser > 1 else "vertex"
     of = "a component" + (", where both sides of a surface count" if one_sided else "")
     return {
         "no proxy was made: the handles alone determine the result": samples == 0,
-        f"{differs}at most one for every {coarser} vertices of {of}, or one for each handle and {SPARE} "
-        "more": 0 < samples < asked - components / 2,
+        f"{differs}at most one for every {each} of {of}, or one for each handle and {SPARE} more": 0
+        < samples
+        < asked - components / 2,
         f"{differs}each component has one for each handle and {SPARE} more": samples > asked + components / 2,
     }

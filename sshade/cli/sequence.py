@@ -102,7 +102,8 @@ def write_poses(
                 write_morphs(output, file, poses(), times)
             else:
                 write_point_cache(output, poses(), vertices=len(file.V), times=times)
-            return f"{output}: {count} poses"
+            lost = output.suffix.lower() == ".pc2" and not np.allclose(np.diff(times, n=2), 0)
+            return f"{output}: {_poses(count)}{' without their times, which .mdd and .glb keep' * lost}"
         files = NumberedFiles(output, keys)
         for number in range(count):
             check_output(files.path(number), SUFFIXES, inputs=inputs)
@@ -115,7 +116,11 @@ def write_poses(
             before = stored_positions(path, file, V)
         progress("poses", count, count)
     kept = f", {files.kept} of them kept from an earlier run" if files.kept else ""
-    return f"{files.path(0)} to {files.path(count - 1)}: {count} poses{kept}"
+    return f"{files.path(0)} to {files.path(count - 1)}: {_poses(count)}{kept}"
+
+
+def _poses(count: int) -> str:
+    return f"{count} pose{'s' * (count > 1)}"
 
 
 def inputs_key(mesh: Path, **values: Any) -> str:

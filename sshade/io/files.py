@@ -175,6 +175,8 @@ def read_npz(path: str | os.PathLike[str], *names: str, what: str) -> dict[str, 
 
 def _not_expected(what: str, path: str | os.PathLike[str], error: Exception) -> InputError:
     why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
+    if isinstance(error, KeyError) and " " not in why:
+        why = f"it has no {why}"
     return InputError(f"{path}: not {what} ({why})")
 
 

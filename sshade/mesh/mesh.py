@@ -289,6 +289,14 @@ class Mesh(Shown):
             )
 
 
+def require_mesh(mesh: object, subject: str) -> None:
+    """Raise TypeError unless the argument of `subject` is a :class:`Mesh`."""
+    if not isinstance(mesh, Mesh):
+        raise TypeError(
+            f"{subject} takes a sshade.Mesh, not a {type(mesh).__name__}; make one by sshade.Mesh(V, F)"
+        )
+
+
 def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
     """Raise InputError on positions that are not finite or exceed the range or the precision of float64."""
     low, high = bounds(V)

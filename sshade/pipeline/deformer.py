@@ -13,7 +13,8 @@ import numpy as np
 
 from sshade.carry.binding import Binding
 from sshade.errors import InputError
-from sshade.mesh.mesh import Mesh
+from sshade.handle_checks import checked_index
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.pipeline.drag import Drag, NearestPlacement
 from sshade.pipeline.engine import BoundProxy, Engine
@@ -323,7 +324,10 @@ class Deformer:
         self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
         if out is not None and not (
-            out.shape == self.mesh.V.shape and out.dtype == np.float64 and out.flags.c_contiguous
+            isinstance(out, np.ndarray)
+            and out.shape == self.mesh.V.shape
+            and out.dtype == np.float64
+            and out.flags.c_contiguous
         ):
             raise InputError(f"`out` must be a contiguous float64 array of shape {self.mesh.V.shape}")
         task = self._task.at(handles)
@@ -351,7 +355,8 @@ def _at_rest(
     weight: np.ndarray | float,
     slide: Slide | Sequence[Slide | None] | None,
 ) -> Handles:
-    index = np.array(index, dtype=np.int64)
+    require_mesh(mesh, "Deformer")
+    index = checked_index(index)
     mesh.require_handles(index)
     if len(np.unique(index)) < len(index):
         raise InputError("a handle vertex is given twice")

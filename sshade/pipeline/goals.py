@@ -233,7 +233,7 @@ class Goals:
         if goals > free:
             raise InputError(
                 f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; "
-                "raise the option vertices"
+                "raise the option vertices, or lower the option coarser"
             )
         F, n = self._mesh.F, self._mesh.n
         count, found = np.bincount(F.ravel(), minlength=n), []
@@ -243,9 +243,10 @@ class Goals:
             inside = 2 * within > count
             faces = np.flatnonzero(inside[sampling.samples][proxy.F].sum(axis=1) >= 2)
             if len(faces) == 0:
-                raise InputError(
-                    f"{goal.title} is smaller than the proxy's triangles; raise the option vertices"
-                )
+                finer = "raise the option vertices, or lower the option coarser"
+                if len(sampling.samples) == n:
+                    finer = "give it more faces: most faces of two vertices must belong to it"
+                raise InputError(f"{goal.title} is smaller than the proxy's triangles; {finer}")
             found.append(np.arange(proxy.m) if len(goal.faces) == len(F) else faces)
         return found
 

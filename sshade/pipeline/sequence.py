@@ -152,6 +152,8 @@ def deform_sequence(
     >>> [round(float(result.vertices[1, 2]), 3) for result in results]
     [0.5, 1.0]
     """
+    if not isinstance(task, DeformationTask):
+        raise TypeError(f"deform_sequence takes a DeformationTask, not a {type(task).__name__}")
     sequence, after = Sequence(task, method=method, **options), None
     for pose in poses:
         handles = pose if isinstance(pose, Handles) else task.handles.at(pose)

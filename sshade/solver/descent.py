@@ -16,11 +16,6 @@ from sshade.threads import ThreadTeam
 
 #: Rise of the energy, as a fraction of the rest energy, that counts as rounding.
 ENERGY_ROUNDING = 1e-14
-#: Moves of a plain iteration at which a solve with a softened Laplacian stops, as multiples of the tolerance:
-#: the root mean square over the free vertices, and the largest. Steps along soft triangles are longer, and
-#: the largest move alone says little about the energy. In one case of 17 it fell to three tolerances while
-#: the energy was 1.6 % above the minimum.
-TYPICAL, LARGEST = 0.6, 6.0
 
 
 class Descent:
@@ -148,12 +143,7 @@ class Descent:
             self.slides.project(g, u, B, self._apply)
         if constraints:
             constraints.project(g, u, self._solve)
-        largest = float(largest_move(g, u))
-        if self.softens:
-            free = max(len(u) - len(self._system.fixed), 1)
-            typical = float(np.sqrt(np.sum((g - u) ** 2) / free))
-            largest = max(typical / TYPICAL, largest / LARGEST)
-        return largest / self._system.mesh.diagonal
+        return float(largest_move(g, u)) / self._system.mesh.diagonal
 
     @property
     def softens(self) -> bool:

@@ -9,7 +9,7 @@ STATE=${STATE:-/tmp/two_node_ray}
 OUT=${OUT:-$STATE/runs}
 PYTHON=${PYTHON:-.venv/bin/python}
 RAY="$(dirname "$PYTHON")/ray"
-SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,sshade solver.max_iterations=100 ~bands"}
+SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,paper solver.max_iterations=100 ~bands"}
 export RAY_USAGE_STATS_ENABLED=0
 
 node() { # a log, then options; each has a session of its own, so that its daemons end with it

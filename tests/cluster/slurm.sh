@@ -11,7 +11,7 @@ set -eu
 STATE=${STATE:-/tmp/one_node_slurm}
 OUT=${OUT:-$STATE/runs}
 PYTHON=${PYTHON:-.venv/bin/python}
-SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,sshade solver.max_iterations=100 ~bands"}
+SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,paper solver.max_iterations=100 ~bands"}
 export SLURM_CONF="$STATE/slurm.conf"
 
 start() {

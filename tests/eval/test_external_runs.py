@@ -74,6 +74,15 @@ def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path, monkeypa
     wait_for(lambda: not any(map(running, pids.read_text().split())))
 
 
+def test_a_program_runs_on_its_case_and_on_the_mesh_of_its_startup_alone(task, tmp_path, monkeypatch):
+    seen = tmp_path / "seen"
+    method = program(tmp_path, f'sed -n 2p "$1" >> {seen}\n' + COPYING)
+    allow(monkeypatch, method["command"])
+    assert run(task, method, name="p", root=tmp_path / "runs").row["status"] == "ok"
+    counts = {int(line.split()[0]) for line in seen.read_text().splitlines()}
+    assert counts == {4, task.mesh.n}
+
+
 def running(pid):
     status = Path(f"/proc/{pid}/status")
     return status.exists() and "State:\tZ" not in status.read_text()

@@ -16,6 +16,34 @@ def test_defaults_are_dynamic_hard_and_one_group_in_read_only_copies():
         assert not getattr(handles, name).flags.writeable
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"group": [0.2, 1.2]}, "`group` must be whole numbers, not 0.2"),
+        ({"group": [np.nan, 1]}, "`group` must be whole numbers, not nan"),
+        ({"dynamic": ["no", "yes"]}, "`dynamic` must be numbers"),
+        ({"dynamic": [0, 2]}, "`dynamic` must be True or False, not 2"),
+    ],
+)
+def test_values_of_another_kind_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        Handles([0, 1], np.zeros((2, 3)), **values)
+
+
+def test_tasks_take_their_own_types_and_keep_positions_as_arrays():
+    mesh = tetrahedron()
+    handles = Handles([0], mesh.V[:1])
+    assert isinstance(DeformationTask("t", mesh, handles, guess=mesh.V.tolist()).guess, np.ndarray)
+    with pytest.raises(TypeError, match="takes a sshade.Mesh, not a tuple"):
+        DeformationTask("t", (mesh.V, mesh.F), handles)
+    with pytest.raises(TypeError, match="takes Handles, not a list"):
+        DeformationTask("t", mesh, [0])
+    result = DeformationResult(mesh.V.tolist(), iterations=1, converged=True)
+    assert isinstance(result.vertices, np.ndarray)
+    with pytest.raises(FloatingPointError, match="1 deformed vertices"):
+        DeformationResult(np.array([np.nan, 1]), iterations=1, converged=True)
+
+
 def test_repeated_ids_with_one_target_are_kept_once_in_order():
     target = np.array([[1.0, 2, 3], [4, 5, 6], [1 + 1e-15, 2, 3], [7, 8, 9]])
     handles = Handles([8, 3, 8, 5], target, dynamic=[True, False, True, True], group=[0, 1, 2, 3])

@@ -135,7 +135,7 @@ def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
     The morph targets press the little toes together.
     """
-    average = neighbour_average(len(V), F)
+    average = neighbour_average(F)
     for step in range(60):
         rounded = np.round(V / QUANTUM).astype(np.int64)
         intersecting = self_intersecting(Mesh(QUANTUM * rounded, F))

@@ -89,7 +89,7 @@ def make_mesh(rig: Rig, vertices: int) -> Mesh:
     coarse = Mesh(*marching_tetrahedra(rig.level, low, high, step=float(np.linalg.norm(high - low)) / COARSE))
     length = float(np.sqrt(2.0 / np.sqrt(3.0) * coarse.area / vertices))
     V, F = marching_tetrahedra(rig.level, low, high, step=FINER * length)
-    average = neighbour_average(len(V), F)
+    average = neighbour_average(F)
     for _ in range(SMOOTHINGS):  # the remesher would keep the edges of slivers as creases
         V = 0.5 * (V + average @ V)
     fine = Mesh(V, F)

@@ -92,7 +92,7 @@ def fill(values: np.ndarray, known: np.ndarray, *, T: np.ndarray, TF: np.ndarray
 
 def smooth_weights(W: np.ndarray, TF: np.ndarray, *, steps: int = 6) -> np.ndarray:
     """Smooth weights by half steps of the uniform Laplacian. Unsmoothed, creases stretch edges 17-fold."""
-    average = neighbour_average(len(W), TF)
+    average = neighbour_average(TF)
     for _ in range(steps):
         W = 0.5 * (W + average @ W)
     return W
@@ -115,7 +115,7 @@ def quantise_weights(W: np.ndarray, *, keep: int = 4) -> tuple[np.ndarray, np.nd
     return bone.astype(np.uint8), weight.astype(np.uint8)
 
 
-def neighbour_average(n: int, F: np.ndarray) -> csr_array:
+def neighbour_average(F: np.ndarray) -> csr_array:
     """Matrix (n, n) of the mean over each vertex's neighbours."""
     A = igl.adjacency_matrix(F).astype(np.float64)
     return diags_array(1.0 / np.asarray(A.sum(axis=1)).ravel()) @ A
@@ -123,6 +123,6 @@ def neighbour_average(n: int, F: np.ndarray) -> csr_array:
 
 def _relax(V: np.ndarray, F: np.ndarray, *, step: float) -> np.ndarray:
     """Move each vertex towards its neighbours' mean, within its tangent plane."""
-    move = step * (neighbour_average(len(V), F) @ V - V)
+    move = step * (neighbour_average(F) @ V - V)
     normal = igl.per_vertex_normals(V, F)
     return V + move - (move * normal).sum(axis=1, keepdims=True) * normal

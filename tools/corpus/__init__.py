@@ -1,1 +1,1 @@
-"""A corpus of mesh files: real kinds of files, each deformed by every method and checked by other code."""
+"""A corpus of mesh files: real kinds of files, each deformed by three methods and checked by other code."""

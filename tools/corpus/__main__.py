@@ -1,6 +1,6 @@
 """Try every method on a corpus of mesh files, and check each result without code of the package.
 
-``python -m tools.corpus`` writes about 200 files of many kinds into a temporary folder, makes handles for
+``python -m tools.corpus`` writes about 430 files of many kinds into a temporary folder, makes handles for
 each, runs ``sshade deform``, and prints what was deformed, what was refused and why, and what is wrong. The
 exit code is 1 if anything is wrong. ``--own FOLDER`` does the same for all mesh files of a folder.
 """

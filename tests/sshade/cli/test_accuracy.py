@@ -60,6 +60,12 @@ def test_soft_handles_are_counted_apart_and_are_no_warning(here, capsys):
     assert f"out.ply: {BODY.n} vertices, {len(POSE)} soft handles to " in err.splitlines()[0]
 
 
+def test_one_handle_is_singular(here, capsys):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    run("out.ply", handles=Handles(POSE.index[:2], POSE.target[:2], weight=[np.inf, 1.0]))
+    assert re.search(r"1 handle reached to \S+ % and 1 soft handle to ", capsys.readouterr().err)
+
+
 @pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "glb", "gltf"])
 def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(here, capsys, suffix):
     """The mesh is in double precision; STL and glTF round it to steps of about 1 % of the diagonal."""

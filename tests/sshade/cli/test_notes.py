@@ -25,8 +25,8 @@ PLAIN = {
     ("facts", "words"),
     [
         ({}, []),
-        ({"samples": 40, "options": {"coarser": 2}}, ["40 vertices instead of 100: at most one for every 2"]),
-        ({"samples": 130}, ["130 vertices instead of 100: each component has one for each"]),
+        ({"samples": 40, "options": {"coarser": 2}}, ["40 samples instead of 100: at most one for every 2"]),
+        ({"samples": 130}, ["130 samples instead of 100: each component has one for each"]),
         ({"samples": 99, "components": 3}, ["3 components were deformed separately"]),  # rounding
         ({"samples": 0}, ["no proxy was made: the handles alone determine the result"]),
         ({"copies": 5, "gap": 0.01}, ["5 vertices were duplicated, and joined again over gaps of"]),

@@ -271,7 +271,7 @@ def animation(frames: list) -> dict:
     return {**data, "frames": frames}
 
 
-def test_an_animation_of_handles_is_a_sequence_with_its_times(folder):
+def test_an_animation_of_handles_is_a_sequence_with_its_times(folder, capsys):
     frames = [
         {"time": t, "handles": [{"landmark": "high", "target": targets(step)[UP].tolist()}]}
         for t, step in zip((0.0, 0.5, 0.75, 2.0), STEPS, strict=True)
@@ -282,6 +282,9 @@ def test_an_animation_of_handles_is_a_sequence_with_its_times(folder):
     assert main(["deform", "body.ply", "moves.json", "-o", "same.mdd", *FAST]) == 0
     np.testing.assert_array_equal(vertices("same_?.ply"), vertices("out_?.ply"))
     np.testing.assert_allclose(read_mdd("same.mdd")[0], [0.0, 0.5, 0.75, 2.0])
+    assert "without their times" not in capsys.readouterr().err
+    assert main(["deform", "body.ply", "moves.json", "-o", "same.pc2", *FAST]) == 0
+    assert "same.pc2: 4 poses without their times, which .mdd and .glb keep" in capsys.readouterr().err
 
 
 def test_frames_move_groups_rigidly_too(folder):

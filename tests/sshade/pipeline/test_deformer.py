@@ -149,6 +149,15 @@ def test_an_array_that_cannot_take_the_vertices_is_refused(drag, mesh, held):
         Deformer(mesh, held, method="fine")
 
 
+@pytest.mark.parametrize("index", [[0.7, 5.9], [True, False], [], [-1]])
+def test_ids_that_are_none_are_refused(mesh, held, drag, index):
+    for bind in (lambda: Deformer(mesh, index), lambda: drag.rebind_handles(index)):
+        with pytest.raises(InputError, match="handle"):
+            bind()
+    with pytest.raises(TypeError, match="Deformer takes a sshade.Mesh, not a ndarray"):
+        Deformer(mesh.V, held)
+
+
 def test_a_frame_that_moves_nothing_is_one_step(drag, mesh, held):
     drag(lifted(mesh, held, 0.3))
     drag.settle()
