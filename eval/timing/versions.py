@@ -103,7 +103,8 @@ class Worker:
         print(json.dumps(request), file=self._process.stdin, flush=True)
         answer = self._process.stdout.readline()
         if not answer:
-            raise InputError(f"the version in {self._folder} failed at {request}; its message is above")
+            what = ", ".join(str(value) for value in request.values() if not isinstance(value, list))
+            raise InputError(f"the version in {self._folder} failed at {what}; its message is above")
         row: Row = json.loads(answer)
         return row
 

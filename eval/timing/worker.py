@@ -26,7 +26,8 @@ from sshade import DeformationTask, Deformer, Handles, Mesh, deform, read
 
 def load(request: dict[str, Any]) -> DeformationTask:
     """Read a case."""
-    handles = Handles(*(np.array(request[name]) for name in ("index", "target", "group")))
+    given = {name: np.array(request[name]) for name in ("index", "target", "group")}
+    handles = Handles(**given)
     return DeformationTask(request["name"], Mesh(*read(request["load"])), handles)
 
 

@@ -14,8 +14,9 @@ from eval.rows.frame import numbers, read_csv
 from eval.run.warmup import tiny_task
 from eval.timing import versions
 from eval.timing.scaling import _in_new_process
+from eval.timing.worker import load
 from sshade.errors import InputError
-from sshade.io.meshes import read_mesh
+from sshade.io.meshes import read_mesh, write_mesh
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 
@@ -119,6 +120,20 @@ def test_two_versions(machine, case):
     expected = times.drop(columns="now").iloc[:, 0] / times["now"]
     found = table[~older].set_index("base")["speed_up"]
     assert np.allclose(found, expected[found.index], rtol=1e-4)
+
+
+def test_a_version_gets_the_groups_of_the_handles(tmp_path):
+    mesh = tiny_task().mesh
+    write_mesh(tmp_path / "m.ply", mesh.V, mesh.F)
+    group = [0, 0, 2]
+    request = {
+        "load": str(tmp_path / "m.ply"),
+        "name": "m",
+        "index": [1, 5, 7],
+        "target": mesh.V[:3].tolist(),
+    }
+    handles = load({**request, "group": group}).handles
+    assert handles.group.tolist() == group and handles.dynamic.all()
 
 
 CASE = "'mesh mesh=rest.ply handles=pose.json'"
