@@ -50,8 +50,8 @@ a one-sided surface is covered twice instead.
 
 methods:
   fast         one proxy with volume and area constraints (default)
-  fine         fast with a polish at full resolution: five times slower at 170,000 vertices, thirty times
-               at three million
+  fine         fast with a polish at full resolution: five times slower at 170,000 vertices, twenty times
+               at 2.7 million
   fine_free    fine without constraints
   paper        the published method, the mean of five proxies
   paper_plain  paper with the published iterations

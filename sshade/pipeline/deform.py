@@ -163,7 +163,7 @@ def deform(
     bc : (k, 3) float64
         Their targets.
     method : {"fast", "fine", "fine_free", "paper", "paper_plain"} or callable
-        "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 30 times as
+        "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 35 times as
         long, and changes edges and angles less; "fine_free" does so without constraints. "paper" is the
         published method with an accelerated solver, "paper_plain" with the published iterations. Any other
         :class:`sshade.Method` is called with the task.
