@@ -13,7 +13,8 @@ from sshade.task import DeformationTask
 def measures_of(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
     """Return the measures of deformed vertices (n, 3), as of :func:`eval.metrics.measure`.
 
-    The target of a handle that slides is the nearest place where it may be.
+    The target of a handle that slides is the nearest place where it may be. This is done here, because the
+    code of :mod:`eval.metrics` is the version of the measures, and all other rows keep their values.
 
     Raises
     ------
