@@ -129,6 +129,7 @@ METHODS = {
     "run.speed=1": ("speed",),
     "seed=-1": ("seed=-1",),
     "label=": ("label is empty",),
+    "label=mine/a": ("label=mine/a has a '/'",),
     "~seed": ("~seed deletes a setting that every run needs",),
     "run.time_limit=0": ("run.time_limit=0",),
     "run.split=half": ("it takes tuning, held_out, both or null",),
