@@ -149,9 +149,10 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     check_settings(plain)
     if plain["label"] is None or not label_of(plain):
         raise InputError("label is empty; it is the name of the method in tables")
-    given = str(OmegaConf.to_container(config, resolve=False)["label"])  # type: ignore[call-overload, index]
-    if "/" in str(plain["label"]) and "hydra:" not in given:  # the folder of a method's YAML has a "/"
-        raise InputError(f"label={given} has a '/'; it is a name in tables, and no path")
+    given: Any = OmegaConf.to_container(config, resolve=False)
+    # The default label is the choice of a method, which may be in a folder.
+    if "/" in str(plain["label"]) and "hydra:" not in str(given["label"]):
+        raise InputError(f"label={plain['label']} has a '/'; it is a name in tables, and no path")
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
         require_programs(plain[part], where=f"the configuration of the {part}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from eval.rows.store import Row
 from eval.run.provenance import method_facts, task_facts
-from eval.run.targets import instantiate
+from eval.run.targets import locate
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from eval.timing.worker import timed_steps
@@ -43,8 +43,7 @@ def time_drags(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, ro
 
 def _job(method: TimedMethod, task: DeformationTask) -> Job:
     call, name = method.on(task), method.config.get("method")
-    function = instantiate({**method.config, "_partial_": True}).func
-    if function is not deform or name not in ("fast", "paper"):
+    if locate(method.config["_target_"]) is not deform or name not in ("fast", "paper"):
         raise InputError(f"{method.label} cannot be bound: sshade.Deformer binds the methods paper and fast")
     names = set(accepted(name)) - {"coarse", "warm_start"}
     options = {"method": name, **{key: value for key, value in method.config.items() if key in names}}

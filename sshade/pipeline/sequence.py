@@ -49,11 +49,15 @@ class Sequence:
 
     Raises
     ------
+    TypeError
+        When the task is no :class:`sshade.DeformationTask`.
     InputError
         On an unknown method or option.
     """
 
     def __init__(self, task: DeformationTask, *, method: str = "fast", **options: Any) -> None:
+        if not isinstance(task, DeformationTask):
+            raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
         require_method(method)
         self.task, self._method, self._options = task, method, options
         self._bindings = _Bindings()
@@ -152,8 +156,6 @@ def deform_sequence(
     >>> [round(float(result.vertices[1, 2]), 3) for result in results]
     [0.5, 1.0]
     """
-    if not isinstance(task, DeformationTask):
-        raise TypeError(f"deform_sequence takes a DeformationTask, not a {type(task).__name__}")
     sequence, after = Sequence(task, method=method, **options), None
     for pose in poses:
         handles = pose if isinstance(pose, Handles) else task.handles.at(pose)

@@ -168,3 +168,8 @@ def test_poses_with_other_handles_are_refused():
         Sequence(task, method="slow")
     with pytest.raises(InputError, match="pose before"):
         Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))
+
+
+def test_a_sequence_without_a_task_is_refused():
+    with pytest.raises(TypeError, match="a sequence takes a DeformationTask, not a Mesh"):
+        list(deform_sequence(bumpy(1), []))
