@@ -88,7 +88,14 @@ from sshade.cli.arguments import (
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import announced_warnings, notes
-from sshade.cli.sequence import add_fps, deform_poses, is_sequence, require_memory_to_deform, softened
+from sshade.cli.sequence import (
+    add_fps,
+    deform_poses,
+    is_sequence,
+    require_memory_to_deform,
+    require_no_fps,
+    softened,
+)
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
@@ -131,6 +138,7 @@ def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     sequence = is_sequence(options)
     if not sequence:
+        require_no_fps(options)
         (options.handles,) = options.handles
         check_outputs(options, output=SUFFIXES)
     elif options.carried:

@@ -35,7 +35,7 @@ Solve = Callable[[int, "np.ndarray | None"], np.ndarray]
 
 def add_fps(parser: argparse.ArgumentParser, text: str) -> None:
     """Declare --fps."""
-    parser.add_argument("--fps", type=float, default=FPS, metavar="F", help=f"{text} (default: {FPS:g})")
+    parser.add_argument("--fps", type=float, metavar="F", help=f"{text} (default: {FPS:g})")
 
 
 def is_sequence_output(path: Path) -> bool:
@@ -49,8 +49,15 @@ def is_sequence(options: argparse.Namespace) -> bool:
     return several or is_sequence_output(options.output) or is_animation(options.handles[0])
 
 
+def require_no_fps(options: argparse.Namespace) -> None:
+    """Raise InputError if a command that writes one pose was given --fps."""
+    if getattr(options, "fps", None) is not None:
+        raise InputError("--fps applies to sequences, and these arguments give one pose")
+
+
 def check_sequence(options: argparse.Namespace, inputs: list[Path]) -> None:
     """Raise InputError unless the output can hold several poses, can be written, and is no input."""
+    options.fps = FPS if options.fps is None else options.fps
     if not options.fps > 0 or not np.isfinite(options.fps):
         raise InputError(f"--fps takes a number above 0, not {options.fps:g}")
     output, numbered = options.output, has_number(options.output)

@@ -41,7 +41,7 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.sequence import add_fps, is_sequence_output
+from sshade.cli.sequence import add_fps, is_sequence_output, require_no_fps
 from sshade.cli.transfer_sequence import DEFAULTS, OPTIONS, posed_files, transfer_poses
 from sshade.io.document import SUFFIXES, check_input
 from sshade.options import PROXIES, checked
@@ -70,6 +70,7 @@ def command(options: argparse.Namespace) -> int:
         if len(posed) > 1 or options.marks is not None or is_sequence_output(options.output):
             return transfer_poses(options, posed)
         (options.posed,) = posed
+    require_no_fps(options)
     check_outputs(options, output=SUFFIXES)
     sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for name in ("mesh", "posed", "edited"):

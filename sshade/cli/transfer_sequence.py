@@ -12,7 +12,14 @@ import numpy as np
 
 from sshade.cli.arguments import corresponding, read, read_surface
 from sshade.cli.console import announced_compilation, say
-from sshade.cli.sequence import Solve, check_sequence, inputs_key, is_sequence_output, write_poses
+from sshade.cli.sequence import (
+    Solve,
+    check_sequence,
+    inputs_key,
+    is_sequence_output,
+    require_no_fps,
+    write_poses,
+)
 from sshade.errors import InputError
 from sshade.io.document import CACHES, SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output, naming
@@ -66,6 +73,7 @@ def transfer_poses(options: argparse.Namespace, posed: list[Path]) -> int:
             raise InputError(f"{given[0]} does not apply with --marks, which samples no proxy of MESH")
     alone = len(posed) == 1 and not is_sequence_output(options.output)
     if alone:
+        require_no_fps(options)
         check_output(options.output, SUFFIXES, inputs=inputs, overwrite=options.overwrite)
     else:
         check_sequence(options, inputs)

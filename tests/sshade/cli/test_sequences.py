@@ -392,6 +392,7 @@ BAD = {
     "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
     "numbered cache": (None, [*poses(), "-o", "out_%d.pc2"], "unknown format '.pc2'"),
     "output is input": (None, [*poses(), "-o", "pose_%d.ply", "--fps", "-1"], "--fps takes a number above 0"),
+    "one pose": (None, ["pose_0.json", "-o", "out.ply", "--fps", "10"], "--fps applies to sequences"),
     "other mesh": (other_mesh, [*poses(), *OUT], "pose_1.json: "),
     "other groups": (other_groups, [*poses(), *OUT], "pose_1.json: its handles have other groups"),
     "missing pose": (None, ["pose_0.json", "pose_9.json", *OUT], "pose_9.json: no such file"),

@@ -98,6 +98,7 @@ def no_poses() -> None:
 
 
 MARKS = ["poses", "other.ply", "--marks", "marks.json", "-o", "out_%d.ply"]
+ONE = ["other.ply", "-o", "out.ply"]
 BAD = {
     "folder": (no_poses, MARKS, "poses: the folder has no mesh files"),
     "other counts": (longer_pose, MARKS, "poses/walk_1.ply has 642 vertices and rest.ply has 162"),
@@ -114,6 +115,12 @@ BAD = {
     "no list": (lambda: Path("marks.json").write_text("[]"), MARKS, 'expected an object with a list "marks"'),
     "no json": (lambda: Path("marks.json").write_text("{"), MARKS, "marks.json: not readable as JSON"),
     "sampling": (None, [*MARKS, "--samplings", "3"], "--samplings does not apply with --marks"),
+    "fps": (None, ["poses/walk_1.ply", *ONE, "--fps", "9"], "--fps applies to sequences"),
+    "fps with marks": (
+        None,
+        ["poses/walk_1.ply", *ONE, "--marks", "marks.json", "--fps", "9"],
+        "--fps applies to sequences",
+    ),
 }
 
 
