@@ -29,7 +29,8 @@ def accelerated_arap(
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`.
 
-    If volume or area is constrained, components of the mesh are deformed separately.
+    If volume or area is constrained, or components without handles are carried, components of the mesh are
+    deformed separately.
     """
     return _solve(task, "spokes", accelerate=accelerate, factorised=factorised, progress=progress, **options)
 
@@ -53,6 +54,6 @@ def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **optio
     def deform(task: DeformationTask, *, progress: Progress, **of_proxy: Any) -> DeformationResult:
         return local_global(task, energy=energy, progress=progress, **options)
 
-    if options.get("volume") or options.get("area"):
+    if options.get("volume") or options.get("area") or task.carry_unconstrained:
         return by_components(task, deform, Options(vertices=task.mesh.n), progress=progress)
     return deform(task, progress=progress)

@@ -79,7 +79,8 @@ def libigl_arap(
     Raises
     ------
     InputError
-        If the energy or start is unknown, a handle is soft, or a triangle has zero area.
+        If the energy or start is unknown, a limit is out of its range, a handle is soft, a component has no
+        handle, or a triangle has zero area.
     FloatingPointError
         If the result is not finite.
     """
@@ -87,6 +88,7 @@ def libigl_arap(
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
     handles.require_hard("libigl's ARAP")
+    mesh.require_handles(handles.index)
     require_areas(mesh)
     watch = Stopwatch()
     advance = libigl_iteration(mesh.V, mesh.F, handles.index, handles.target, energy=energy)

@@ -26,6 +26,8 @@ def checked_index(index: Any) -> np.ndarray:
         raise InputError(NO_HANDLES)
     if index.min() < 0:
         raise InputError(f"handle id {index.min()} is negative")
+    if index.max() > np.iinfo(np.int64).max:
+        raise InputError(f"handle id {index.max()} is no id of a vertex")
     return index.astype(np.int64)
 
 
@@ -96,7 +98,10 @@ def first_of_each(
     slide: np.ndarray | None,
     extent: float | None,
 ) -> np.ndarray:
-    """Return where each id first occurs, in input order; its other values must agree."""
+    """Return where each id first occurs, in input order; its other values must agree.
+
+    `slide` (k,) has a number for each slide, and equal slides have equal numbers.
+    """
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
         earlier = first[inverse]
@@ -115,11 +120,15 @@ def first_of_each(
             )
             raise InputError(f"vertex {index[bad]} {found}; give each handle vertex one weight, or none")
         if rotation is not None:
-            gap = np.nan_to_num(np.abs(rotation - rotation[earlier]).max(axis=(1, 2)))
-            if (gap > ROTATION).any():
-                bad = int(np.argmax(gap))
-                raise InputError(f"vertex {index[bad]} has two rotations; give each handle vertex one")
-        if slide is not None and (slide != slide[earlier]).any():
-            bad = int(np.argmax(slide != slide[earlier]))
+            other = rotation[earlier]
+            gap = np.abs(rotation - other).max(axis=(1, 2))
+            differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(other)).any(axis=(1, 2))
+            if differ.any():
+                raise InputError(
+                    f"vertex {index[int(np.argmax(differ))]} has two rotations, or is given with a rotation "
+                    "and without; give it one"
+                )
+        if slide is not None and (differ := slide != slide[earlier]).any():
+            bad = int(np.argmax(differ))
             raise InputError(f"vertex {index[bad]} has two slides, or a slide and a target; give it one")
     return np.sort(first)

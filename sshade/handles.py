@@ -20,8 +20,8 @@ from sshade.handle_checks import (
     first_of_each,
     per_handle,
 )
-from sshade.mesh.mesh import Mesh
-from sshade.slides import Slide, checked_slides, nearest
+from sshade.mesh.mesh import Mesh, require_mesh
+from sshade.slides import Slide, checked_slides, nearest, slide_numbers
 from sshade.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
@@ -32,7 +32,9 @@ LEAST_AREA = 1e-3
 class Handles:
     """Vertices with prescribed positions and, optionally, prescribed rotations.
 
-    A handle of infinite weight is hard: the deformation meets its target exactly. A handle of finite weight w
+    A handle of infinite weight is hard: with blended frames, as the methods ``fast`` and ``fine`` have, the
+    deformation meets its target exactly. With other frames the proxy meets it, and the deformation about:
+    ``DeformationResult.extra["hard_handle_error"]`` has the largest distance. A handle of finite weight w
     is soft: its group adds w times the mean of ``|p_i - target_i|^2`` to the elastic energy, where each
     vertex counts by its area. The elastic energy counts each edge once, with its cotangent weight, which has
     no unit. The effect of w therefore depends neither on the unit of length nor on the resolution nor on the
@@ -107,10 +109,11 @@ class Handles:
             "rotation": checked_rotation(self.rotation, k),
             "slide": checked_slides(self.slide, k),
         }
-        kinds = weight, _, slide = fields["weight"], fields["rotation"], fields["slide"]
+        weight, slide = fields["weight"], fields["slide"]
         if slide is not None and any(one and one.free for one in slide[np.isfinite(weight)]):
             raise InputError("a handle with a free position has no weight; leave its weight out")
-        first = first_of_each(index, target, *kinds, extent)
+        number = None if slide is None else slide_numbers(slide)
+        first = first_of_each(index, target, weight, fields["rotation"], number, extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -118,6 +121,11 @@ class Handles:
             if values is not None:
                 values.setflags(write=False)
             object.__setattr__(self, name, values)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the arrays of a copy, or of handles from another process, read-only again."""
+        self.__dict__.update(state)
+        self._set({name: value for name, value in state.items() if isinstance(value, np.ndarray)})
 
     def __len__(self) -> int:
         return len(self.index)
@@ -216,15 +224,13 @@ class Handles:
 
     def require_same(self, other: Handles) -> None:
         """Raise InputError unless other handles have the same vertices, groups, weights and slides."""
-        records = [
-            [None if one is None else one.record for one in (() if part.slide is None else part.slide)]
-            for part in (self, other)
-        ]
+        slides = [[None] * len(one) if one.slide is None else one.slide for one in (self, other)]
+        numbers = slide_numbers([*slides[0], *slides[1]])
         for what, same in {
             "vertices": np.array_equal(self.index, other.index),
             "groups": np.array_equal(self.group, other.group),
             "weights": np.array_equal(self.weight, other.weight),
-            "slides": records[0] == records[1],
+            "slides": np.array_equal(numbers[: len(self)], numbers[len(self) :]),
         }.items():
             if not same:
                 raise InputError(
@@ -322,16 +328,22 @@ class Handles:
             (:data:`sshade.snapping.FARTHEST_SNAP`), one vertex gets different targets from two groups, or
             handles that are merged contradict each other.
         """
-        source = np.asarray(source, dtype=np.float64).reshape(-1, 3)
-        target = np.asarray(target, dtype=np.float64).reshape(-1, 3)
+        require_mesh(mesh, "Handles.from_positions")
+        source, target = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
         k = len(source)
-        if len(target) != k:
-            raise InputError(f"{k} handles have {len(target)} targets; each needs one")
         if k == 0:
             raise InputError(NO_HANDLES)
+        if len(target) != k:
+            raise InputError(f"{k} handles have {len(target)} targets; each needs one")
+        if source.shape != (k, 3) or target.shape != (k, 3):
+            raise InputError(
+                f"handles need positions and targets of shape (k, 3), not {source.shape} and {target.shape}"
+            )
         if not (np.isfinite(source).all() and np.isfinite(target).all()):
             raise InputError("a handle has a NaN or infinite position")
-        dynamic = np.broadcast_to(np.asarray(dynamic, dtype=bool), (k,))
+        moving = per_handle(
+            np.full(k, dynamic) if np.ndim(dynamic) == 0 else dynamic, True, bool, k, "dynamic"
+        )
         group = per_handle(group, 0, np.int64, k, "group")
         weight = checked_weight(weight, k)
         rotation, slides = checked_rotation(rotation, k), checked_slides(slide, k)
@@ -340,7 +352,7 @@ class Handles:
         moved = target
         if not raw:
             moved = corrected_targets(
-                mesh, index, source, target, dynamic=dynamic, group=group, rotation=rotation
+                mesh, index, source, target, dynamic=moving, group=group, rotation=rotation
             )
         one = merged_by_vertex(index, group, moved)
         largest = one.largest(distance)
@@ -350,7 +362,7 @@ class Handles:
         return cls(
             index=index[one.first],
             target=one.target,
-            dynamic=one.largest(dynamic),
+            dynamic=one.largest(moving),
             group=group[one.first],
             snap_distance=largest,
             weight=one.largest(weight),

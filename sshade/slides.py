@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -100,6 +100,13 @@ class Slide:
         """All arrays that determine the slide."""
         return [self.across] if self.surface is None else [self.surface.V, self.surface.F]
 
+    def moves_as(self, other: Slide) -> bool:
+        """Whether another slide leaves a handle the same freedom."""
+        if self.surface is other.surface:
+            return np.array_equal(self.across, other.across)
+        both = self.surface is not None and other.surface is not None
+        return both and all(map(np.array_equal, self.arrays, other.arrays))
+
     def nearest(self, points: np.ndarray, targets: np.ndarray) -> Nearest:
         """Return the nearest allowed positions of points (k, 3) of handles with targets (k, 3)."""
         if self.surface is None:
@@ -171,6 +178,20 @@ def checked_slides(slide: Any, k: int) -> np.ndarray | None:
     if not all(one is None or isinstance(one, Slide) for one in slides):
         raise InputError("the slide of a handle is a sshade.Slide, or None")
     return slides if (slides != None).any() else None  # noqa: E711 - of each element
+
+
+def slide_numbers(slides: Sequence[Slide | None]) -> np.ndarray:
+    """Return a number (k,) int64 for each slide, -1 for None; equal slides have equal numbers."""
+    distinct = list({id(slide): slide for slide in slides if slide is not None}.values())
+    first: dict[bytes, list[int]] = {}
+    number = {id(None): -1}
+    for i, slide in enumerate(distinct):
+        alike = first.setdefault(slide.across.tobytes(), [])
+        equal = next((j for j in alike if slide.moves_as(distinct[j])), i)
+        if equal == i:
+            alike.append(i)
+        number[id(slide)] = equal
+    return np.array([number[id(slide)] for slide in slides], dtype=np.int64)
 
 
 def _direction(values: ArrayLike, name: str) -> np.ndarray:

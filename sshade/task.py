@@ -114,11 +114,13 @@ class TransferTask(Shown):
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for mesh in (self.mesh, self.rest):
+            require_mesh(mesh, "TransferTask")
         if not np.array_equal(self.mesh.F, self.rest.F):
             raise InputError("the edited shape has other faces than the rest shape; they must correspond")
-        self.mesh.checked(self.posed, "posed shape")
-        if self.truth is not None:
-            self.mesh.checked(self.truth, "truth shape")
+        for name in ("posed", "truth"):
+            if (positions := getattr(self, name)) is not None or name == "posed":
+                object.__setattr__(self, name, self.mesh.checked(positions, f"{name} shape"))
 
 
 @dataclass(frozen=True, eq=False)

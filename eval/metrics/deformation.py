@@ -58,13 +58,20 @@ def angle_relative(deformed: Deformed) -> float:
 
 @metric("count", "rest faces that angle_relative leaves out")
 def zero_area_faces(deformed: Deformed) -> float:
-    """Return the number of rest faces that :func:`angle_relative` excludes."""
+    """Return the number of rest faces that :func:`angle_relative` excludes: their area is exactly zero.
+
+    Methods also leave out needles; see :data:`sshade.mesh.areas.NO_AREA`.
+    """
     return float((deformed.rest.face_areas == 0).sum())
 
 
 @metric("%", "mean distance of handles to targets / diagonal", "handles")
 def handle(deformed: Deformed) -> float:
-    """Mean distance of the handle vertices to their targets over M's diagonal, in percent."""
+    """Mean distance of the handle vertices to their targets over M's diagonal, in percent.
+
+    Handles that slide have other targets: :func:`eval.run.measures.measures_of`, which fills all rows, gives
+    them before it measures.
+    """
     handles = deformed.task.handles
     gap = np.linalg.norm(deformed.shape.V[handles.index] - handles.target, axis=1)
     return 100 * float(gap.mean()) / deformed.mesh.diagonal

@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from sshade.carry.frames import FrameMaker, Frames
+from sshade.carry.frames import FrameMaker, Frames, checked_out
 from sshade.carry.projection import Projection, Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
@@ -61,8 +61,8 @@ class Binding:
         NV : (k, 3) float64
             Vertices of N', in the proxy's numbering and the mesh's unit.
         rotations : (k, 3, 3) float64, optional
-            Rotations of N's vertices, for ``blended`` frames. By default they are fitted to the edges
-            around each vertex.
+            Rotations of N's vertices, for ``blended`` frames; all other frames ignore them. By default they
+            are fitted to the edges around each vertex.
         team : ThreadTeam, optional
             Threads that divide M's vertices; by default the calling thread alone.
         out : (n, 3) float64, C-contiguous, optional
@@ -78,8 +78,8 @@ class Binding:
         Raises
         ------
         InputError
-            If the shapes of `NV` or `rotations` do not match the proxy, a position is not finite, or a
-            matrix is not a rotation.
+            If the shapes of `NV` or `rotations` do not match the proxy, a position is not finite, a matrix
+            for ``blended`` frames is not a rotation, or `out` is another array.
         """
         NV = np.ascontiguousarray(NV, dtype=np.float64)
         if NV.shape != self.proxy.V.shape:
@@ -90,6 +90,7 @@ class Binding:
             raise InputError(
                 f"the proxy needs rotations of shape {(self.proxy.n, 3, 3)}, not {np.shape(rotations)}"
             )
+        out = checked_out(out, self.local.shape)
         return self.frames.decode(self.local, NV, on=self.projection, rotations=rotations, team=team, out=out)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,8 @@ from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.carry.projection import Projection
 from sshade.carry.triangle import TriangleFrames
 from sshade.errors import InputError
-from sshade.io.files import INCOMPLETE, expecting, naming, read_npz
-from sshade.mesh.mesh import Mesh
+from sshade.io.files import INCOMPLETE, expecting, naming, read_npz, replacing
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.sampling.proxy import Sampling, proxy_mesh
 
 #: What a file of a binding is, in messages.
@@ -24,20 +25,23 @@ PROJECTION = {"face": "face", "barycentric": "barycentric", "to_proxy": "distanc
 
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
-    """Write a binding as .npz, without the mesh itself; :func:`load_binding` reads it back."""
+    """Write a binding as .npz, without the mesh itself; :func:`load_binding` reads it back.
+
+    The file appears whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
     frames = binding.frames
-    arrays = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
+    arrays: dict[str, Any] = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
     arrays |= {name: getattr(binding.projection, field) for name, field in PROJECTION.items()}
     if isinstance(frames, TriangleFrames):
         arrays["values"] = frames.values
-    with open(path, "wb") as file:
-        np.savez(
-            file,
-            vertices=len(binding.local),
-            mesh=_digest(binding.mesh.F),
-            frames=frames.name,
-            **arrays,
-        )
+    arrays |= {"vertices": len(binding.local), "mesh": _digest(binding.mesh.F), "frames": frames.name}
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **arrays)
 
 
 def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
@@ -57,6 +61,7 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     InputError
         If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
     """
+    require_mesh(mesh, "load_binding")
     arrays = read_npz(path, what=WHAT)
     with expecting(WHAT, path, errors=INCOMPLETE), naming(path):
         remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sshade.carry.projection import Projection
+from sshade.errors import InputError
 from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.threads import ThreadTeam
@@ -106,6 +107,22 @@ def edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
     doubled = np.linalg.norm(n, axis=1)
     doubled[doubled <= ZERO_AREA * longest] = 0.0
     return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled
+
+
+def checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the array that a caller gave for positions, or a new one.
+
+    Raises
+    ------
+    InputError
+        Unless it is a writable, C-contiguous float64 array of this shape; kernels write into it unchecked.
+    """
+    if out is None:
+        return np.empty(shape)
+    fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
+    if not (fits and out.flags.c_contiguous and out.flags.writeable):
+        raise InputError(f"`out` must be a writable, contiguous float64 array of shape {shape}")
+    return out
 
 
 @kernel

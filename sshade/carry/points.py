@@ -24,16 +24,17 @@ defined in closed sets", 1934, where the detail of the map also grows with the d
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from sshade.carry.blended import nearest_rotations
+from sshade.carry.frames import checked_out
 from sshade.carry.surface_samples import SurfaceSamples, sample_surface
 from sshade.carry.trees import LEAF, box_tree, curve_order, squared_distances, triangles_of_leaves, weigh
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
-from sshade.mesh.mesh import Mesh, bounds
+from sshade.mesh.mesh import Mesh, bounds, require_mesh
 from sshade.task import DeformationResult
 from sshade.threads import ThreadTeam, available_cpus, in_ranges
 
@@ -94,7 +95,8 @@ def bind_points(mesh: HasMesh | Mesh, points: np.ndarray) -> BoundPoints:
     >>> (bound.with_maps(turned).rotations[0].round(6) + 0.0).tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    return PointBinder(mesh if isinstance(mesh, Mesh) else mesh.mesh).bind(points)
+    rest: Any = getattr(mesh, "mesh", mesh)
+    return PointBinder(rest).bind(points)
 
 
 class PointBinder:
@@ -111,6 +113,7 @@ class PointBinder:
     """
 
     def __init__(self, mesh: Mesh) -> None:
+        require_mesh(mesh, "bind_points")
         self.mesh = mesh
         faces = np.flatnonzero(mesh.face_areas > 0)
         if not len(faces):
@@ -233,15 +236,9 @@ class BoundPoints:
         Raises
         ------
         InputError
-            When the pose has another number of vertices, or a position is not finite.
+            When the pose has another number of vertices, a position is not finite, or `out` is another array.
         """
-        positions = np.empty((len(self), 3)) if out is None else out
-        if (
-            positions.shape != (len(self), 3)
-            or positions.dtype != np.float64
-            or not positions.flags.c_contiguous
-        ):
-            raise InputError(f"`out` must be a contiguous float64 array of shape {(len(self), 3)}")
+        positions = checked_out(out, (len(self), 3))
         self._place(pose, positions, np.empty((0, 9)))
         return positions
 

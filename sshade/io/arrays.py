@@ -82,17 +82,21 @@ def write(
     F : (m, 3) int, optional
         Faces. Needed with positions, unless `like` is given.
     like : path or MeshFile, optional
-        Existing file with the same vertices in the same order. `path` needs the same format.
+        Existing file with the same vertices in the same order. `path` needs a format that holds all its
+        contents, which its own format always does.
 
     Raises
     ------
     InputError
-        When faces are missing, arrays have other shapes, or faces are out of range. When `like` has
-        another number of vertices, or contents that the format of `path` cannot hold. On an unknown
-        suffix, or a folder that does not exist or is not writable.
+        When faces are missing, arrays have other shapes, a position is not finite, or faces are out of
+        range. When `like` has another number of vertices or other faces, or contents that the format of
+        `path` cannot hold. On an unknown suffix, or a folder that does not exist or is not writable.
     """
     shape = opened(mesh)
     V = np.asarray(getattr(mesh, "V", mesh) if shape is None else shape.V, dtype=np.float64)
+    finite = np.isfinite(V).reshape(len(V), -1).all(axis=1)
+    if not finite.all():
+        raise InputError(f"vertex {int(np.argmin(finite))} has a NaN or infinite coordinate")
     if like is None:
         F = getattr(mesh, "F", F) if shape is None else shape.F
         if F is None:
@@ -100,11 +104,16 @@ def write(
         F = np.asarray(F)
         if V.ndim != 2 or V.shape[1] != 3 or F.ndim != 2 or F.shape[1] != 3:
             raise InputError(f"a mesh has vertices (n, 3) and faces (m, 3), not {V.shape} and {F.shape}")
+        if len(F) and not np.issubdtype(F.dtype, np.integer):
+            raise InputError(f"faces must be integers, not {F.dtype}")
         if len(F) and (F.min() < 0 or F.max() >= len(V)):
             raise InputError(f"a face refers to vertex {F.max()} or {F.min()} of {len(V)}")
         write_mesh(path, V, F)
         return
     file = like if isinstance(like, MeshFile) else read_file(like)
+    F = getattr(mesh, "F", F) if shape is None else shape.F
+    if F is not None and not np.array_equal(F, file.F):
+        raise InputError("the file of `like` has other faces; they must correspond, so leave F out")
     if V.shape != file.V.shape:
         raise InputError(
             f"the file of `like` has vertices {file.V.shape}, not {V.shape}; they must correspond"

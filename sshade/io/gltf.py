@@ -307,6 +307,8 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
 
 def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
     """Return a .glb or a .gltf of one mesh with positions (n, 3), as float32, and triangles (m, 3)."""
+    if not len(F):
+        raise InputError(f"{path}: a glTF file needs a face")
     positions, corners = V.astype("<f4").tobytes(), F.astype("<u4").tobytes()
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": len(positions), "target": 34962},

@@ -53,9 +53,10 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import SAME_TARGET
 from sshade.handles import Handles
-from sshade.io.entries import REST, Entry, HandleFile, entry_name, read_handle_file
+from sshade.io.entries import FILE_RECORDS, FRAMES, REST, Entry, HandleFile, entry_name, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
+from sshade.io.keys import require_known
 from sshade.io.meshes import read_surface
 from sshade.io.packed import packed
 from sshade.io.points import columns
@@ -220,7 +221,12 @@ def write_handles(
     about: Mapping[str, Any] | None = None,
     static_at_rest: bool = False,
 ) -> None:
-    """Write handles as this project's JSON, by vertex ids. The same handles are read back, bit by bit.
+    """Write handles as this project's JSON, by vertex ids.
+
+    Vertices, targets, kinds, weights, rotations and slides are read back bit by bit, in the order of the
+    groups. A group of the file has one kind, one weight, one rotation and one slide: hard handles of a group
+    that differ in them are read back as several groups. Groups are numbered anew, and snap distances are not
+    in the file.
 
     Parameters
     ----------
@@ -229,24 +235,39 @@ def write_handles(
     names : mapping, optional
         Names of groups. Other groups are named by their number.
     about : mapping, optional
-        Further keys of the file, which readers ignore.
+        Further keys of the file: ``volumes``, and keys that readers ignore. Keys of your own begin with
+        ``_``.
     static_at_rest : bool
         The targets of static handles are their positions at rest, and are left out of the file.
 
     Raises
     ------
     InputError
-        When the file cannot be written.
+        When the file cannot be written or is no .json file, on another key, on a slide whose surface has no
+        name, and when handles of a soft group differ in what a group has once: several groups would pull
+        more strongly.
     """
+    if Path(path).suffix.lower() != ".json":
+        raise InputError(f"{path}: handles are written as .json")
+    require_known(about or (), ("volumes", FRAMES), FILE_RECORDS)
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     slides = np.full(len(handles), None) if handles.slide is None else handles.slide
     slide_of = list(dict.fromkeys(slides))
     number = [slide_of.index(one) for one in slides]
-    values = handles.group, handles.dynamic, handles.weight, number
+    groups, group_of = np.unique(handles.group, return_inverse=True)
+    values = group_of, handles.dynamic, handles.weight, number
     rows = np.column_stack([*values, np.nan_to_num(rotation)])
-    for row in np.unique(rows, axis=0):
-        members, group = (rows == row).all(axis=1), int(row[0])
+    kinds = np.unique(rows, axis=0)
+    soft = np.isfinite(kinds[:, 2])
+    split = np.bincount(kinds[soft, 0].astype(int), minlength=len(groups)) > 1
+    for row in kinds:
+        members, group = (rows == row).all(axis=1), int(groups[int(row[0])])
+        if split[int(row[0])] and np.isfinite(row[2]):
+            raise InputError(
+                f"the soft handles of group {group} differ in their kinds, weights, rotations or slides, "
+                "which a group of a file has once; give them groups of their own"
+            )
         entry: dict[str, Any] = {
             "landmark": (names or {}).get(group, group),
             "kind": "dynamic" if row[1] else "static",

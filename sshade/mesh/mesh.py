@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,6 +90,12 @@ class Mesh(Shown):
             )
         object.__setattr__(self, "V", _read_only(V, self.V))
         object.__setattr__(self, "F", _read_only(F, self.F))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the arrays of a copy, or of a mesh from another process, read-only again."""
+        self.__dict__.update(state)
+        for array in (self.V, self.F):
+            array.setflags(write=False)
 
     @property
     def n(self) -> int:
@@ -274,7 +280,7 @@ class Mesh(Shown):
             raise InputError(
                 "the faces are not consistently oriented (two neighbours run through their edge in the "
                 "same direction); flip them to agree, e.g. with trimesh.repair.fix_winding; a one-sided "
-                "surface has no such orientation, and only sshade.deform takes it"
+                "surface has no such orientation: sshade.deform and sshade.transfer_pose cut it"
             )
 
     def require_one_component(self) -> None:
@@ -317,9 +323,13 @@ def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
 
 
 def _read_only(array: np.ndarray, original: object) -> np.ndarray:
-    if not array.flags.writeable:
+    """Return an array that nobody can write to; a copy if the caller still could."""
+    base: Any = array
+    while isinstance(base, np.ndarray) and not base.flags.writeable:
+        base = base.base
+    if not isinstance(base, np.ndarray):
         return array
-    if array is original or np.may_share_memory(array, np.asarray(original)):
+    if not array.flags.writeable or array is original or np.may_share_memory(array, np.asarray(original)):
         array = array.copy()
     array.setflags(write=False)
     return array

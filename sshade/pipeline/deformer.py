@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sshade.carry.binding import Binding
+from sshade.carry.frames import checked_out
 from sshade.errors import InputError
 from sshade.handle_checks import checked_index
 from sshade.mesh.mesh import Mesh, require_mesh
@@ -34,9 +35,9 @@ class Deformer:
     """A mesh bound to its proxies, with all data that do not depend on the targets.
 
     Sampling, projection, frames and factorisation are made once. The first call deforms as
-    :func:`sshade.deform` does. Each later call starts where the last one ended, so that small moves of the
-    handles take a few iterations. :meth:`settle` then converges to the minimum. After a drag,
-    the local minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
+    :func:`sshade.deform` does with ``warp="never"``. Each later call starts where the last one ended, so that
+    small moves of the handles take a few iterations. :meth:`settle` then converges to the minimum. After a
+    drag, the local minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
 
     Parameters
     ----------
@@ -245,8 +246,10 @@ class Deformer:
             ``seconds`` has ``solve`` and ``carry``, ``extra`` the largest ``residual`` and the ``energy`` of
             each proxy.
         """
-        handles = self._last_handles = self._rest.at(targets, rotations)
-        return self._deformed(handles, self._stopping(tolerance, max_iterations), out)
+        handles = self._rest.at(targets, rotations)
+        stop = self._stopping(tolerance, max_iterations, out)
+        self._last_handles = handles
+        return self._deformed(handles, stop, out)
 
     def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
         """Converge to the minimum for the last call's targets, at the end of a drag.
@@ -271,7 +274,7 @@ class Deformer:
                 "there is nothing to settle: no targets were given since these handles were taken"
             )
         tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
-        return self._deformed(self._last_handles, self._stopping(tolerance, None), out, settle=True)
+        return self._deformed(self._last_handles, self._stopping(tolerance, None, out), out, settle=True)
 
     def preview(
         self,
@@ -302,10 +305,11 @@ class Deformer:
             As for a call, and where all vertices are handles.
         """
         begin = perf_counter()
-        handles = self._last_handles = self._rest.at(targets, rotations)
+        handles, stopping = self._rest.at(targets, rotations), self._stopping(tolerance, max_iterations)
         if self._regions.covered:
             raise InputError("all vertices are handles: there is no proxy")
-        stop = self._stopping(tolerance, max_iterations).subset(("tolerance", "max_iterations"))
+        self._last_handles = handles
+        stop = stopping.subset(("tolerance", "max_iterations"))
         solved = self._proxies[0].solve(handles, **stop)
         return replace(solved, seconds={"solve": perf_counter() - begin})
 
@@ -315,21 +319,18 @@ class Deformer:
         options, self._parts = on_component(self.mesh, self._volumes, options, area="area" in self._values)
         return options
 
-    def _stopping(self, tolerance: float | None, max_iterations: int | None) -> Options:
-        """Return the options with another stopping rule; None keeps the option's value."""
+    def _stopping(
+        self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None
+    ) -> Options:
+        """Return the options with another stopping rule; None keeps the option's value. Check `out`, too."""
+        if out is not None:
+            checked_out(out, self.mesh.V.shape)
         names = {"tolerance": tolerance, "max_iterations": max_iterations}
         return replace(self._options, **checked(names, names, subject="Deformer"))
 
     def _deformed(
         self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
-        if out is not None and not (
-            isinstance(out, np.ndarray)
-            and out.shape == self.mesh.V.shape
-            and out.dtype == np.float64
-            and out.flags.c_contiguous
-        ):
-            raise InputError(f"`out` must be a contiguous float64 array of shape {self.mesh.V.shape}")
         task = self._task.at(handles)
         if self._regions.covered:
             result = all_on_targets(task)
@@ -360,6 +361,5 @@ def _at_rest(
     mesh.require_handles(index)
     if len(np.unique(index)) < len(index):
         raise InputError("a handle vertex is given twice")
-    group = np.zeros(len(index), dtype=np.int64) if group is None else group
-    handles = Handles(index, mesh.V[index], group=group, weight=np.asarray(weight), slide=slide)  # type: ignore[arg-type]
+    handles = Handles(index, mesh.V[index], group=group, weight=weight, slide=slide)  # type: ignore[arg-type]
     return DeformationTask("drag", mesh, handles).handles

@@ -15,8 +15,8 @@ from sshade.carry.frames import FrameMaker
 from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.connectivity import members
-from sshade.mesh.mesh import Mesh
-from sshade.options import Options
+from sshade.mesh.mesh import Mesh, require_mesh
+from sshade.options import Options, checked
 from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.task import DeformationResult
 from sshade.threads import available_cpus, in_threads
@@ -177,6 +177,9 @@ def bind(
         See :func:`sshade.sampling.proxy.sample_proxy`, :func:`sshade.carry.kinds.frame_maker` and
         :func:`sshade.carry.triangle.frame_values`.
     """
+    require_mesh(mesh, "bind")
+    sizes = checked({"vertices": vertices, "coarser": coarser}, ("vertices", "coarser"), subject="bind")
+    vertices, coarser = sizes["vertices"], sizes["coarser"]
     maker = frame_maker(frames, mesh, frame_function=frame_function)
     begin = perf_counter()
     count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)

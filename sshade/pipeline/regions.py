@@ -381,7 +381,7 @@ def _smooth_fall(x: np.ndarray) -> np.ndarray:
 
 def all_on_targets(task: DeformationTask) -> DeformationResult:
     """Return the result of a task in which every vertex is a hard handle."""
-    V = np.empty((task.mesh.n, 3))
+    V = task.mesh.V.copy()
     V[task.handles.index] = task.handles.target
     facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
     facts["faces_without_area"] = int(task.mesh.without_area.sum())

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 
 from sshade.errors import InputError
 from sshade.handles import Handles
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import accepted, takes_options
 from sshade.pipeline.deform import deform_task
 from sshade.pipeline.sequence import deform_sequence
@@ -54,6 +54,8 @@ class Retargeting:
     """
 
     def __init__(self, source: Mesh, target: Mesh, marks: np.ndarray) -> None:
+        for mesh in (source, target):
+            require_mesh(mesh, "Retargeting")
         marks = _checked(marks, source, target)
         component = source.component[marks[:, 0]]
         if (component != component[0]).any():
@@ -179,7 +181,7 @@ def retarget(
     """
     driver = Retargeting(source, target, marks)
     targets = (driver(posed) for posed in poses)
-    yield from deform_sequence(driver.task(), targets, method=method, progress=progress, **options)
+    return deform_sequence(driver.task(), targets, method=method, progress=progress, **options)
 
 
 def _checked(marks: np.ndarray, source: Mesh, target: Mesh) -> np.ndarray:

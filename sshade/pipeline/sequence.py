@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 
 from sshade.handles import Handles
-from sshade.options import Options, accepted, require_method, takes_options
+from sshade.options import Options, accepted, require_method, resolve, takes_options
 from sshade.pipeline.deform import deform_task
 from sshade.pipeline.drag import Drag
 from sshade.pipeline.engine import BoundProxy, Engine, deform_once
 from sshade.pipeline.regions import all_on_targets
 from sshade.progress import Progress, silent
+from sshade.slides import slide_numbers
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam, in_threads
 
@@ -40,7 +41,8 @@ class Sequence:
     Parameters
     ----------
     task : DeformationTask
-        Mesh, handle vertices, groups, weights and volume goals of all poses. Its targets are not used.
+        Mesh, handle vertices, groups, weights, slides and volume goals of all poses. Its targets and its
+        guess are not used.
     method : str
         See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper_plain"
         does not bind.
@@ -58,7 +60,7 @@ class Sequence:
     def __init__(self, task: DeformationTask, *, method: str = "fast", **options: Any) -> None:
         if not isinstance(task, DeformationTask):
             raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
-        require_method(method)
+        resolve(require_method(method), options)
         self.task, self._method, self._options = task, method, options
         self._bindings = _Bindings()
 
@@ -127,7 +129,7 @@ def deform_sequence(
     Parameters
     ----------
     task : DeformationTask
-        Rest mesh and handles. The targets of its handles are not used.
+        Rest mesh and handles. The targets of its handles and its guess are not used.
     poses : iterable of Handles or (k, 3) float64
         Handles of each pose, or the targets of the task's handles. It may be a generator: a pose is taken
         when its result is asked for.
@@ -156,11 +158,18 @@ def deform_sequence(
     >>> [round(float(result.vertices[1, 2]), 3) for result in results]
     [0.5, 1.0]
     """
-    sequence, after = Sequence(task, method=method, **options), None
+    return _deformed_poses(Sequence(task, method=method, **options), poses, progress)
+
+
+def _deformed_poses(
+    sequence: Sequence, poses: Iterable[Handles | np.ndarray], progress: Progress
+) -> Iterator[DeformationResult]:
+    """Yield the result of each pose, which the caller may change."""
+    after = None
     for pose in poses:
-        handles = pose if isinstance(pose, Handles) else task.handles.at(pose)
+        handles = pose if isinstance(pose, Handles) else sequence.task.handles.at(pose)
         result = sequence(handles, after=after, progress=progress)
-        after = handles, result.vertices
+        after = handles, result.vertices.copy()
         yield result
 
 
@@ -188,8 +197,11 @@ class _Bindings:
         if hooks or options.coarse is not None or not options.accelerate:
             return deform_once(task, options, progress=progress, **hooks)
         mesh, handles = task.mesh, task.handles
-        rotated = handles.has_rotation
-        arrays = mesh.V, mesh.F, handles.index, handles.group, handles.weight, rotated
+        slides = [] if handles.slide is None else [one for one in handles.slide if one is not None]
+        parts = [array for one in {id(one): one for one in slides}.values() for array in one.arrays]
+        sliding = [] if handles.slide is None else [handles.slides, slide_numbers(handles.slide), *parts]
+        kinds = handles.index, handles.group, handles.weight, handles.has_rotation
+        arrays = mesh.V, mesh.F, *kinds, *sliding
         key = blake2b(repr(options).encode())
         for array in arrays:
             key.update(np.ascontiguousarray(array).tobytes())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sshade.carry.binding import Binding
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.surface import cut_surface, mean_of_copies
 from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.pipeline.proxies import Proxies, bind
@@ -98,6 +98,7 @@ class PoseTransfer:
         progress: Progress = silent,
         **options: Any,
     ) -> None:
+        require_mesh(rest, "a pose transfer")
         self._cut, self._whole, self._residual = cut_surface(rest), rest, residual
         self._rest = self._cut.mesh
         self._edited = self._rest.V

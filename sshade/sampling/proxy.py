@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.handle_checks import checked_index
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
-from sshade.mesh.mesh import Mesh
+from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.sides import group_rows
 from sshade.sampling.closed_ball import faces_of_three, refinements
 from sshade.sampling.coarse import sample_farthest
@@ -92,13 +93,14 @@ def sample_proxy(
         h, `first` repeats a vertex or is out of range, the seed is negative, or the proxy still has
         another topology than M after :data:`MAX_ROUNDS` rounds.
     """
+    require_mesh(mesh, "sample_proxy")
     mesh.require_manifold()
     mesh.require_one_component()
     if vertices > mesh.n:
         raise InputError(
             f"{vertices} proxy vertices were asked for, but the mesh has only {mesh.n}; ask for fewer"
         )
-    start = np.zeros(0, dtype=np.int64) if first is None else np.asarray(first, dtype=np.int64)
+    start = np.zeros(0, dtype=np.int64) if first is None or not len(first) else checked_index(first)
     if vertices < len(start):
         raise InputError(
             f"{vertices} proxy vertices cannot hold the {len(start)} handle vertices; ask for more"
@@ -136,10 +138,10 @@ def proxy_mesh(mesh: Mesh, sampling: Sampling) -> Mesh:
 
 
 def _random_other_vertex(n: int, taken: np.ndarray, seed: int | Sequence[int]) -> int:
-    try:
-        rng = np.random.default_rng(seed)
-    except ValueError as error:
-        raise InputError(f"seed {np.min(seed)} is negative; use 0 or a positive integer") from error
+    numbers = np.asarray(seed)
+    if numbers.dtype.kind not in "iu" or (numbers < 0).any():
+        raise InputError(f"a seed is 0 or a positive integer, or a tuple of them, not {seed!r}")
+    rng = np.random.default_rng(seed)
     vertex = int(rng.integers(n - len(taken)))
     for other in np.sort(taken):  # turns a rank among the other vertices into a vertex
         vertex += int(other <= vertex)

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.errors import InputError
+from sshade.handle_checks import checked_target
 from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
 from sshade.solver.attachment import Attachment
@@ -124,6 +126,9 @@ class LocalGlobal(System):
             When an iterate is not finite.
         """
         options = complete(energy, ENERGY)
+        targets = checked_target(targets, self.index)
+        if not 0 < volume_goal < inf:
+            raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
         u = self.to_system(self.mesh.V if start is None else start, targets)
         del start  # frees a large array if this is the last reference
         with ThreadTeam(workers) as team:
@@ -351,5 +356,15 @@ def part_faces(task: DeformationTask) -> list[np.ndarray]:
 
 
 def part_ratios(task: DeformationTask) -> np.ndarray | None:
-    """Return the goals (p,) of the parts, as ratios of their volumes at rest; None without parts."""
+    """Return the goals (p,) of the parts, as ratios of their volumes at rest; None without parts.
+
+    Raises
+    ------
+    InputError
+        On a goal of the whole mesh, or a goal that is no ratio.
+    """
+    if any(goal.faces is None or goal.ratio is None for goal in task.volumes):
+        raise InputError(
+            "this solver takes volume goals of parts, as ratios; give a goal of the whole mesh as volume_goal"
+        )
     return np.array([goal.ratio for goal in task.volumes]) if task.volumes else None

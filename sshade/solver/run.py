@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from sshade.errors import InputError
 from sshade.kernels import kernel
 from sshade.progress import Progress, silent
 
@@ -97,9 +98,17 @@ def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: 
 
     Raises
     ------
+    InputError
+        When the tolerance or the number of iterations is negative, or no number.
     FloatingPointError
         When a residual is not finite.
     """
+    tolerance, most = stop.tolerance, stop.max_iterations
+    if not (tolerance >= 0 and most >= 0 and most % 1 == 0):
+        raise InputError(
+            "tolerance must be at least 0 and max_iterations a whole number of at least 0, not "
+            f"{tolerance} and {most}"
+        )
     residuals: list[float] = []
     deadline, residual, converged = perf_counter() + stop.max_seconds, inf, False
     last = min(stop.max_iterations, stop.max_seconds) <= 0

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from sshade.errors import InputError
+from sshade.handle_checks import checked_index
 from sshade.memory import give_back
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
@@ -129,8 +130,9 @@ class System:
     Raises
     ------
     InputError
-        On an unknown energy, slides with multigrid, or handle vertices that are out of range or missing in a
-        component. A factorisation raises it for a Laplacian that is not positive definite to rounding.
+        On an unknown energy, slides with multigrid, or handle vertices that are out of range, given twice or
+        missing in a component. A factorisation raises it for a Laplacian that is not positive definite to
+        rounding.
     """
 
     def __init__(
@@ -187,8 +189,10 @@ class System:
     def _take_handles(
         self, index: np.ndarray, stiffness: np.ndarray | None, slide: np.ndarray | None
     ) -> None:
-        index = np.array(index, dtype=np.int64)
+        index = checked_index(index)
         self.mesh.require_handles(index)
+        if len(np.unique(index)) < len(index):
+            raise InputError("a handle vertex is given twice")
         stiffness = np.full(len(index), np.inf) if stiffness is None else stiffness
         slides = np.zeros(len(index), dtype=bool)
         self.index, self.sliding, self._loose = index, None, index[:0]

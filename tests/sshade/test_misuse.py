@@ -1,0 +1,224 @@
+"""Wrong arguments of Python functions are refused in one sentence, and change nothing."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import sshade
+from baselines.accelerated import accelerated_elastic
+from baselines.arap import arap
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, TransferTask, VolumeGoal
+from sshade.carry.binding_file import load_binding, save_binding
+from sshade.io.handles import read_handles, write_handles
+from sshade.pipeline.retarget import Retargeting
+from sshade.sampling.proxy import sample_proxy
+from sshade.solver.local_global import LocalGlobal, local_global
+from tests.shapes import beside, bumpy, rotation, shifted
+
+BODY = bumpy(2)
+HELD = np.array([0, 3, 7, 20])
+TARGETS = BODY.V[HELD] + [[0.3, 0, 0], [0, 0, 0], [0, 0.3, 0], [0, 0, 0.2]]
+FREE = np.full((3, 3), np.nan)
+TURN = rotation()
+
+
+def task(**more) -> DeformationTask:
+    return DeformationTask("body", BODY, Handles(HELD, TARGETS), **more)
+
+
+def refused(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array
+
+
+OUT = {
+    "short": np.zeros((3, 3)),
+    "float32": np.zeros((BODY.n, 3), np.float32),
+    "of columns": np.zeros((BODY.n, 3), order="F"),
+    "read-only": refused(np.zeros((BODY.n, 3))),
+    "list": [[0.0, 0.0, 0.0]] * BODY.n,
+}
+
+
+@pytest.mark.parametrize("out", OUT.values(), ids=OUT)
+def test_no_kernel_writes_into_an_array_that_does_not_fit(out):
+    bound, points = sshade.bind(BODY, 40), sshade.bind_points(BODY, BODY.V)
+    drag = Deformer(BODY, HELD, vertices=40)
+    calls = [lambda: bound.carry(bound.proxy.V, out=out), lambda: points(BODY.V, out=out)]
+    for call in [*calls, lambda: drag(TARGETS, out=out)]:
+        with pytest.raises(InputError, match="`out` must be a writable, contiguous float64 array"):
+            call()
+
+
+def test_a_refused_call_leaves_the_targets_of_a_drag():
+    drag = Deformer(BODY, HELD, vertices=40)
+    drag(TARGETS)
+    for wrong in ({"tolerance": -1.0}, {"max_iterations": 2.5}, {"out": np.zeros((3, 3))}):
+        with pytest.raises(InputError):
+            drag(TARGETS + 1, **wrong)
+    assert abs(drag.settle().vertices[HELD] - TARGETS).max() < 1e-9
+
+
+LARGE = np.array([0, 2**64 - 5], np.uint64)
+TWO = TARGETS[:2]
+WRONG = {
+    "large ids": (lambda: sshade.deform(BODY.V, BODY.F, LARGE, TWO), "is no id of a vertex"),
+    "large handle": (lambda: Handles(LARGE, TWO), "is no id of a vertex"),
+    "one rotation of two": (
+        lambda: Handles([5, 5], BODY.V[[5, 5]], rotation=[FREE, TURN]),
+        "two rotations, or is given with a rotation and without",
+    ),
+    "other slides": (
+        lambda: Handles([5, 5], BODY.V[[5, 5]], slide=[Slide.axes("x"), Slide.axes("y")]),
+        "two slides",
+    ),
+    "dynamic": (
+        lambda: Handles.from_positions(BODY, TWO, TWO, dynamic=[1, 2]),
+        "must be True or False, not 2",
+    ),
+    "text as dynamic": (lambda: Handles.from_positions(BODY, TWO, TWO, dynamic="False"), "must be numbers"),
+    "flat positions": (lambda: Handles.from_positions(BODY, np.zeros(9), np.zeros(9)), "of shape"),
+    "no proxy": (lambda: sshade.bind(BODY, 0), "vertices must be"),
+    "coarser": (lambda: sshade.bind(BODY, coarser=0), "coarser must be"),
+    "half a sample": (lambda: sample_proxy(BODY, 40, first=[1.7]), "integers"),
+    "mask as ids": (lambda: sample_proxy(BODY, 40, first=[True, False]), "integers"),
+    "no seed": (lambda: sample_proxy(BODY, 40, seed=None), "a seed is 0 or a positive integer"),
+    "half a seed": (lambda: sample_proxy(BODY, 40, seed=1.5), "a seed is 0 or a positive integer"),
+    "ids": (lambda: LocalGlobal(BODY, [0.9, 3, 7, 20]), "integers"),
+    "id twice": (lambda: LocalGlobal(BODY, [3, 3]), "given twice"),
+    "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS, tolerance=np.nan), "tolerance must be"),
+    "iterations": (lambda: arap(task(), max_iterations=2.5), "max_iterations a whole number"),
+    "targets": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS[:2]), "need targets of shape"),
+    "volume": (lambda: local_global(task(), volume=np.inf, volume_goal=-1.0), "above 0, not -1"),
+    "goal": (
+        lambda: accelerated_elastic(task(volumes=[VolumeGoal(ratio=1.1)]), volume=np.inf),
+        "takes volume goals of parts",
+    ),
+    "method": (lambda: sshade.deform_sequence(task(), [], method="zz"), "there is no method"),
+    "option": (lambda: sshade.deform_sequence(task(), [], voluem=1), "did you mean 'volume'"),
+    "float faces": (lambda: sshade.write("x.obj", BODY.V, BODY.F + 0.7), "faces must be integers"),
+    "NaN": (lambda: sshade.write("x.obj", np.where(BODY.V > 0.9, np.nan, BODY.V), BODY.F), "NaN"),
+    "no faces": (lambda: sshade.write("x.glb", BODY.V, BODY.F[:0]), "needs a face"),
+    "key": (lambda: write_handles("x.json", task().handles, about={"author": "me"}), "there is no key"),
+    "suffix": (lambda: write_handles("x.txt", task().handles), "are written as .json"),
+    "soft group": (
+        lambda: write_handles("x.json", Handles(HELD, TARGETS, weight=[1.0, 2.0, 1.0, 1.0])),
+        "the soft handles of group 0 differ",
+    ),
+    "binding": (lambda: save_binding("gone/x.npz", sshade.bind(BODY, 40)), "cannot be written"),
+    "component": (
+        lambda: arap(DeformationTask("two", TWO_BODIES, task().handles, carry_unconstrained=True)),
+        "components have no handle",
+    ),
+}
+TWO_BODIES = beside(BODY, shifted(BODY, [5, 0, 0]))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_argument_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call, words = WRONG[name]
+    with pytest.raises(InputError, match=words):
+        call()
+    assert not list(tmp_path.iterdir())
+
+
+NO_MESH = {
+    "bind": lambda: sshade.bind((BODY.V, BODY.F)),
+    "points": lambda: sshade.bind_points((BODY.V, BODY.F), BODY.V),
+    "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),
+    "task": lambda: TransferTask("t", BODY.V, BODY.V, BODY.V),
+    "retargeting": lambda: Retargeting(BODY.V, BODY, np.zeros((4, 2), int)),
+    "binding": lambda: load_binding("gone.npz", BODY.V),
+    "positions": lambda: Handles.from_positions(BODY.V, TWO, TWO),
+}
+
+
+@pytest.mark.parametrize("call", NO_MESH.values(), ids=NO_MESH)
+def test_what_is_no_mesh_is_a_type_error(call):
+    with pytest.raises(TypeError, match=r"takes a sshade\.Mesh"):
+        call()
+
+
+def test_faces_of_another_mesh_are_refused_beside_a_file(tmp_path):
+    sshade.write(tmp_path / "a.ply", BODY.V, BODY.F)
+    sshade.write(tmp_path / "b.ply", BODY.V + 1, BODY.F, like=tmp_path / "a.ply")
+    np.testing.assert_array_equal(sshade.read(tmp_path / "b.ply").V, BODY.V + 1)
+    with pytest.raises(InputError, match="has other faces"):
+        sshade.write(tmp_path / "b.ply", BODY.V, BODY.F[:2], like=tmp_path / "a.ply")
+
+
+def test_equal_slides_are_one_slide_and_poses_need_the_same():
+    def handles(make, index=(0, 3)) -> Handles:
+        return Handles(index, BODY.V[list(index)], slide=[make(), None])
+
+    # Two equal planes of one vertex agree.
+    planes = [Slide.plane([0, 0, 1]), Slide.plane([0, 0, 2])]
+    assert len(Handles([5, 5], BODY.V[[5, 5]], slide=planes)) == 1
+    first, unnamed = handles(lambda: Slide.plane([0, 0, 1])), handles(lambda: Slide(np.eye(3)[:1]))
+    first.require_same(handles(lambda: Slide.plane([0, 0, 3])))
+    for other in (unnamed, handles(lambda: Slide.on(BODY)), handles(lambda: None)):
+        with pytest.raises(InputError, match="other slides"):
+            first.require_same(other)
+    handles(lambda: Slide.on(BODY)).require_same(handles(lambda: Slide.on(Mesh(BODY.V, BODY.F))))
+    with pytest.raises(InputError, match="other slides"):
+        handles(lambda: Slide.on(BODY)).require_same(handles(lambda: Slide.on(shifted(BODY, [1, 0, 0]))))
+
+
+def test_meshes_and_handles_stay_read_only_in_views_and_copies():
+    base = BODY.V.copy()
+    view = refused(base.view())
+    mesh = Mesh(view, BODY.F)
+    base *= 2
+    np.testing.assert_array_equal(mesh.V, BODY.V)
+    assert Mesh(BODY.V, BODY.F).V is BODY.V
+    for made in (mesh, Handles(HELD, TARGETS)):
+        for copied in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
+            arrays = [value for value in vars(copied).values() if isinstance(value, np.ndarray)]
+            assert arrays and not any(array.flags.writeable for array in arrays)
+
+
+def test_a_transfer_task_holds_arrays_of_float64():
+    made = TransferTask("t", BODY, BODY, BODY.V.astype(np.float32).tolist(), BODY.V.astype(np.float32))
+    assert made.posed.dtype == made.truth.dtype == np.float64
+
+
+def test_a_result_of_a_sequence_may_be_changed():
+    poses = [BODY.V[HELD] + share * (TARGETS - BODY.V[HELD]) for share in (0.1, 0.15)]
+    changed = []
+    for result in sshade.deform_sequence(task(), poses, vertices=40):
+        changed.append(result.vertices.copy())
+        result.vertices[:] = 0
+    kept = [result.vertices for result in sshade.deform_sequence(task(), poses, vertices=40)]
+    np.testing.assert_array_equal(changed, kept)
+
+
+def test_hard_groups_that_differ_in_their_handles_are_written_and_large_numbers_stay_apart(tmp_path):
+    groups = np.array([2**60, 2**60 + 1, 5, 5])
+    given = Handles(HELD, TARGETS, [True, False, True, False], groups)
+    write_handles(tmp_path / "h.json", given)
+    read = read_handles(tmp_path / "h.json", BODY)
+    assert sorted(zip(read.index, read.dynamic, strict=True)) == [(0, 1), (3, 0), (7, 1), (20, 0)]
+    assert len(np.unique(read.group)) == 4
+
+
+def test_a_binding_that_cannot_be_saved_leaves_the_old_file(tmp_path):
+    bound = sshade.bind(BODY, 40)
+    save_binding(tmp_path / "a.npz", bound)
+    before = (tmp_path / "a.npz").read_bytes()
+    nameless = sshade.bind(BODY, 40, frames=lambda proxy, samples: Nameless(proxy))
+    with pytest.raises(AttributeError):
+        save_binding(tmp_path / "a.npz", nameless)
+    assert (tmp_path / "a.npz").read_bytes() == before
+
+
+class Nameless:
+    """Frames without a name."""
+
+    def __init__(self, proxy: Mesh) -> None:
+        self.proxy = proxy
+
+    def encode(self, V, on):
+        return V
