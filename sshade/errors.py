@@ -1,4 +1,4 @@
-"""The exception for mistakes in the input."""
+"""The exception for mistakes in the input, and the words of its messages."""
 
 
 class InputError(ValueError):
@@ -7,3 +7,8 @@ class InputError(ValueError):
     The message says what was found and what to do. The command line prints it without a traceback and exits
     with code 2.
     """
+
+
+def counted(number: int, one: str, several: str) -> str:
+    """Return a number with a word: ``1 proxy``, ``2 proxies``."""
+    return f"{number} {one if number == 1 else several}"

@@ -33,6 +33,8 @@ SPHERE = 0.006
 
 #: Percentiles over vertices and over shapes for the end of a colour scale, which ignores few extreme values.
 PERCENTILE, SHAPES = 98, 75
+#: Changes of length, in percent, that are rounding.
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,11 @@ def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
 def colour_range(errors: Iterable[np.ndarray]) -> float:
     """Return the upper end of a common colour scale for several shapes.
 
-    It is the upper quartile over the shapes of the 98th percentile of each shape, or 1 if that is 0.
+    It is the upper quartile over the shapes of the 98th percentile of each shape, or 1 if that is no more
+    than :data:`ROUNDING`.
     """
     top = float(np.percentile([np.percentile(error, PERCENTILE) for error in errors], SHAPES))
-    return top if top > 0 else 1.0
+    return top if top > ROUNDING else 1.0
 
 
 def picture(mesh: Mesh, V: np.ndarray, *, view: View, width: int = 600, **options: Any) -> np.ndarray:

@@ -29,7 +29,9 @@ LARGE = 100_000
 STRIDE, CELLS = 64, 64
 
 
-def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def snap_to_vertices(
+    mesh: Mesh, source: np.ndarray, group: np.ndarray, *, item: str = ""
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances (k,) float64 of positions to their nearest vertices, and the vertices (k,) int64.
 
     Parameters
@@ -40,6 +42,8 @@ def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple
         Positions, in the mesh's coordinates.
     group : (k,) int
         Group of each position, for the error message.
+    item : str
+        What `group` counts, such as "mark", if each position is one of its own; by default groups of handles.
 
     Raises
     ------
@@ -51,7 +55,7 @@ def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple
     near = np.arange(mesh.n) if mesh.n < LARGE else _vertices_around(mesh.V, source)
     distance, place = cKDTree(mesh.V[near]).query(source)
     if distance.max() > FARTHEST_SNAP * mesh.diagonal:
-        _refuse_far(source, distance, group, mesh)
+        _refuse_far(source, distance, group, mesh, item)
     return distance, near[place]
 
 
@@ -157,7 +161,7 @@ def _vertices_around(V: np.ndarray, source: np.ndarray) -> np.ndarray:
     return np.concatenate(in_ranges(flagged, len(V)))
 
 
-def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh) -> None:
+def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh, item: str) -> None:
     """Raise InputError if positions are too far from the mesh; name the worst and the likely cause."""
     from scipy.spatial import cKDTree
 
@@ -178,8 +182,9 @@ def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mes
     else:
         cause = "mend or remove these, the others are near it"
     number = int((group[:worst] == group[worst]).sum())
+    which = f"{item} {group[worst]}" if item else f"handle {number} of group {group[worst]}"
     raise InputError(
-        f"handle {number} of group {group[worst]} is {distance[worst]:.3g} from the nearest vertex, "
-        f"{distance[worst] / mesh.diagonal:.3g} times the mesh's diagonal; {far} of {len(source)} handles "
+        f"{which} is {distance[worst]:.3g} from the nearest vertex, {distance[worst] / mesh.diagonal:.3g} "
+        f"times the mesh's diagonal; {far} of {len(source)} {item or 'handle'}s "
         f"given by position are farther than {limit / mesh.diagonal:.2g} times it: {cause}"
     )

@@ -55,7 +55,9 @@ class VolumeGoal:
 
     def __post_init__(self) -> None:
         if (self.ratio is None) == (self.volume is None):
-            raise InputError(f"the volume goal of {self.title} needs either a ratio or a volume")
+            raise InputError(
+                f'the volume goal of {self.title} needs either a ratio (in a file, "goal") or a volume'
+            )
         goal = self.volume if self.ratio is None else self.ratio
         number = isinstance(goal, int | float | np.number) and not isinstance(goal, bool)
         if not number or not 0 < goal < LARGEST:  # type: ignore[operator]

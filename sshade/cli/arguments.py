@@ -116,7 +116,9 @@ def add_options(
     add_option_file(parser, (*names, *further, "weld", "repair"))
     for name in names:
         option, default = described()[name], defaults.get(name)
-        about: dict[str, Any] = {"default": default, "help": help_text(name, default)}
+        text = help_text(name, default)
+        text = text if "coarser" in names else text.replace(" (see `coarser`)", "")
+        about: dict[str, Any] = {"default": default, "help": text}
         if option.kind == "bool":
             about["action"] = "store_true"
         elif option.choices:
@@ -149,7 +151,7 @@ def with_option_file(
         return options
     from sshade.io.option_files import read_option_file
 
-    given = read_option_file(path)
+    given = read_option_file(path, options.names_in_file)
     with naming(path):
         for name in set(given) & set(OLD_NAMES):
             raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")

@@ -50,7 +50,7 @@ def outputs(options: argparse.Namespace, output: Path) -> list[Path]:
     for source in options.carried:
         check_input(source, SUFFIXES)
         path = output.with_name(f"{output.stem}_{source.name}")
-        check_output(path, SUFFIXES, inputs=inputs)
+        check_output(path, SUFFIXES, inputs=inputs, overwrite=None)
         if path in names or path == output:
             raise InputError(f"{path}: would be the output of two files; rename one of them")
         names.append(path)

@@ -87,7 +87,7 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.notes import announced_warnings, notes
+from sshade.cli.notes import announced_warnings, notes, unused_options
 from sshade.cli.sequence import (
     add_fps,
     deform_poses,
@@ -99,7 +99,7 @@ from sshade.cli.sequence import (
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
-from sshade.io.files import naming
+from sshade.io.files import check_output, naming
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 
 if TYPE_CHECKING:
@@ -158,6 +158,8 @@ def command(options: argparse.Namespace) -> int:
     if sequence:
         return deform_poses(options, values, resolved)
     given = read_handle_file(options.handles, raw=options.raw)
+    for path in (options.output, *companions):
+        check_output(path, SUFFIXES, inputs=given.surfaces, overwrite=None)
     return _deform(options, values, resolved, given, companions)
 
 
@@ -217,7 +219,7 @@ def _deform(
     facts["snap"] = float(handles.snap_distance.max())
     for note in [
         *rounded,
-        *_unused_options(options, given),
+        *unused_options(options, options.handles, given),
         *handle_notes(given, handles, mesh),
         *_at_rest(task, resolved),
         *notes({**result.extra, **whole.facts, **facts}),
@@ -239,12 +241,3 @@ def _at_rest(task: DeformationTask, resolved: Options) -> list[str]:
     if np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max() > AT_REST * mesh.diagonal:
         return []
     return ['no handle moves: give a group a "target", a "translation" or a "rotation"']
-
-
-def _unused_options(options: argparse.Namespace, given: HandleFile) -> list[str]:
-    """Return a note if the options that the editor saved in the handle file differ from the options used."""
-    differ = [name for name, value in given.made.items() if getattr(options, name, value) != value]
-    if not differ or options.options is not None:
-        return []
-    how = f"pass --options {options.handles} to use them"
-    return [f"{options.handles} was saved with other values of {', '.join(differ)}; {how}"]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from sshade.cli.console import say
+from sshade.errors import counted
+from sshade.io.entries import HandleFile
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6
@@ -75,23 +79,34 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
             facts.get("released", 0.0) > 0
         ),
         **on_samples,
-        f"{flat} faces without area were slightly enlarged": flat,
-        f"{dropped} faces that repeat a vertex or another face were ignored": dropped,
-        f"{unused} vertices without a face stay at their places": unused,
+        f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged": flat,
+        f"{counted(dropped, 'face that repeats', 'faces that repeat')} a vertex or another face "
+        f"{'was' if dropped == 1 else 'were'} ignored": dropped,
+        f"{counted(unused, 'vertex without a face stays', 'vertices without a face stay')} in place": unused,
         "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
         "energy is clearly lower, and not from the guide energy": facts.get("proxy_initialisation")
         == "handles",
-        f"{turned} faces were turned around, to agree with their neighbours": turned,
+        f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours": turned,
         f"the surface was cut where it is not manifold: {copies} vertices were duplicated, and joined again "
         f"over gaps of at most {percent['gap']}": copies,
         f"{one_sided} vertices lie on one-sided surfaces: both sides were deformed, and the result is their "
         f"mean, at most {percent['side_gap']} from either side": one_sided,
         f"{bent} components were deformed separately and divide the proxy vertices": bent > 1,
-        f"{rigid} components move rigidly with their handles, without a proxy": rigid,
-        f"{unconstrained} components without handles rigidly follow the nearest component": unconstrained,
+        f"{counted(rigid, 'component moves', 'components move')} rigidly with the handles, without a "
+        "proxy": rigid,
+        f"{counted(unconstrained, 'component without handles follows', 'components without handles follow')} "
+        "the nearest component rigidly": unconstrained,
         f"components that touched came apart by {percent['opening']}": facts.get("opening", 0) > APART,
     }
     return [note for note, holds in found.items() if holds]
+
+
+def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -> list[str]:
+    """Return a note if the options that the editor saved in a handle file differ from the options used."""
+    differ = [name for name, value in given.made.items() if getattr(options, name, value) != value]
+    if not differ or options.options is not None:
+        return []
+    return [f"{path} was saved with other values of {', '.join(differ)}; pass --options {path} to use them"]
 
 
 def _on_samples(

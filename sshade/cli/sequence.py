@@ -18,7 +18,7 @@ from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import CACHES, MORPHS, SUFFIXES, MeshFile
 from sshade.io.files import check_output, naming
-from sshade.io.numbered import NumberedFiles, chained_keys, checksum, has_number
+from sshade.io.numbered import NumberedFiles, chained_keys, has_number, input_checksum
 from sshade.io.poses import Poses, is_animation, read_poses
 from sshade.options import Options
 from sshade.threads import available_cpus
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: Poses per second of files without times, and samples per second of a glTF animation.
 FPS = 24.0
+#: ``seen(number, V, stored)`` is told the positions (n, 3) of a pose, and the positions that its file holds.
+Seen = Callable[[int, np.ndarray, np.ndarray], None]
 #: ``solve(number, before)`` returns the positions of a pose in the order of the mesh file. `before` are the
 #: stored positions of the pose before, None where the pose is the first.
 Solve = Callable[[int, "np.ndarray | None"], np.ndarray]
@@ -71,7 +73,13 @@ def check_sequence(options: argparse.Namespace, inputs: list[Path]) -> None:
 
 
 def write_poses(
-    output: Path, file: MeshFile, solve: Solve, keys: list[str], times: np.ndarray, inputs: list[Path]
+    output: Path,
+    file: MeshFile,
+    solve: Solve,
+    keys: list[str],
+    times: np.ndarray,
+    inputs: list[Path],
+    seen: Seen = lambda number, V, stored: None,
 ) -> str:
     """Solve and write all poses; return the files and the number of poses, for the summary.
 
@@ -87,11 +95,13 @@ def write_poses(
         In seconds.
     inputs : list of path
         Files that numbered files must not replace.
+    seen : Seen
+        Called for each pose that is written.
     """
-    from sshade.cli.accuracy import stored_positions
+    from sshade.cli.accuracy import read_back, stored_positions
     from sshade.io.gltf_morph import write_morphs
-    from sshade.io.meshes import read_file
     from sshade.io.point_cache import write_point_cache
+    from sshade.mesh.surface import as_single
 
     count = len(keys)
     with progress_bar(remaining="poses") as progress:
@@ -102,6 +112,7 @@ def write_poses(
                 for number in range(count):
                     progress("poses", number, count)
                     before = solve(number, before)
+                    seen(number, before, as_single(before))
                     yield before
                 progress("poses", count, count)
 
@@ -112,15 +123,18 @@ def write_poses(
             lost = output.suffix.lower() == ".pc2" and not np.allclose(np.diff(times, n=2), 0)
             return f"{output}: {_poses(count)}{' without their times, which .mdd and .glb keep' * lost}"
         files = NumberedFiles(output, keys)
-        for number in range(count):
-            check_output(files.path(number), SUFFIXES, inputs=inputs)
-        check_output(files.record, (".json",), inputs=inputs)
-        before = read_file(files.path(files.kept - 1)).V if 0 < files.kept < count else None
+        for path, suffixes in [
+            (files.record, (".json",)),
+            *((files.path(i), SUFFIXES) for i in range(count)),
+        ]:
+            check_output(path, suffixes, inputs=inputs if path.exists() else (), overwrite=None)
+        before = read_back(files.path(files.kept - 1), file) if 0 < files.kept < count else None
         for number in range(files.kept, count):
             progress("poses", number, count)
             V = solve(number, before)
             path = files.write(file, V)
             before = stored_positions(path, file, V)
+            seen(number, V, before)
         progress("poses", count, count)
     kept = f", {files.kept} of them kept from an earlier run" if files.kept else ""
     return f"{files.path(0)} to {files.path(count - 1)}: {_poses(count)}{kept}"
@@ -134,7 +148,7 @@ def inputs_key(mesh: Path, **values: Any) -> str:
     """Return a text that changes with the mesh file, the version and the given values."""
     from sshade import __version__
 
-    values |= {"mesh": checksum(mesh), "version": __version__}
+    values |= {"mesh": input_checksum(mesh), "version": __version__}
     return json.dumps(values, sort_keys=True, default=lambda value: np.asarray(value).tolist())
 
 
@@ -143,14 +157,23 @@ def deform_poses(options: argparse.Namespace, values: dict[str, Any], resolved: 
     inputs = [options.mesh, *options.handles, *([options.animation] if options.animation else [])]
     check_sequence(options, inputs)
     given = read_poses(options.handles, animation=options.animation, raw=options.raw, fps=options.fps)
-    return _deform(options, values, resolved, given)
+    inputs += [path for pose in given.poses for path in pose.file.surfaces]
+    if not has_number(options.output):
+        check_output(options.output, (*MORPHS, *CACHES), inputs=inputs[1:], overwrite=None)
+    return _deform(options, values, resolved, given, inputs)
 
 
 @announced_compilation()
-def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Options, given: Poses) -> int:
+def _deform(
+    options: argparse.Namespace,
+    values: dict[str, Any],
+    resolved: Options,
+    given: Poses,
+    inputs: list[Path],
+) -> int:
     """Read the mesh, deform it for all poses, and write the output."""
-    from sshade.cli.accuracy import warnings_of
-    from sshade.cli.notes import announced_warnings, notes
+    from sshade.cli.accuracy import reached, rounding_notes, warnings_of
+    from sshade.cli.notes import announced_warnings, notes, unused_options
     from sshade.io.handles import handle_notes
     from sshade.io.volumes import volumes_on_surface
     from sshade.options import PAPER
@@ -183,7 +206,14 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
         results.append(replace(result, vertices=np.empty((0, 3))))
         return whole.placed(file.V, result.vertices)
 
-    asked = {**values, "method": options.method, **carry, "weld": options.weld, "repair": options.repair}
+    errors, moves = [0.0], [0.0]
+
+    def seen(number: int, V: np.ndarray, stored: np.ndarray) -> None:
+        errors.append(reached(stored, whole, poses[number])[1])
+        moves.append(float(np.linalg.norm(stored - V, axis=1).max()))
+
+    kept = {name: value for name, value in values.items() if name != "workers"}
+    asked = {**kept, "method": options.method, **carry, "weld": options.weld, "repair": options.repair}
     text = inputs_key(options.mesh, **asked, volumes=_record(volumes))
     begin = perf_counter()
     with announced_warnings():
@@ -193,30 +223,37 @@ def _deform(options: argparse.Namespace, values: dict[str, Any], resolved: Optio
             solve,
             chained_keys(text, map(_contents, poses)),
             given.times,
-            [options.mesh],
+            inputs,
+            seen,
         )
     seconds = perf_counter() - begin
-    each = f", {seconds / len(results):.2f} s each" if results else ""
+    each = f", handles reached to {100 * max(errors):.2g} % of the diagonal" if results else ""
+    each += f", {seconds / len(results):.2f} s each" if results else ""
     say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
-    for note in given.notes:
+    for note in [*given.notes, *unused_options(options, options.handles[0], files[0])]:
         say(f"note: {note}")
     if not results:
         return 0
-    error = max(result.extra["hard_handle_error"] for result in results)
-    for warning in warnings_of(error, rounding=0.0, exact=options.method not in PAPER):
+    rounding = max(moves)
+    for warning in warnings_of(
+        max(errors), rounding=rounding / mesh.diagonal, exact=options.method not in PAPER
+    ):
         say(f"warning: {warning}")
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
     for note in [
+        *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal),
         *handle_notes(files[0], poses[0], mesh),
         *notes({**results[0].extra, **whole.facts, **facts}),
     ]:
         say(f"note: {note}")
-    alone = sum(not result.extra["followed"] for result in results)
-    if alone > 1:
-        say(f"note: {alone} poses are far from the pose before, and started as single runs do")
+    later = results[1:] if len(results) == len(poses) else results
+    if alone := sum(not result.extra["followed"] for result in later):
+        far = "is far from the pose before, and started as a single run does"
+        far = far if alone == 1 else "are far from the poses before, and started as single runs do"
+        say(f"note: {_poses(alone)} {far}")
     if missed := sum(result.converged is False for result in results):
-        say(f"note: the iterations of {missed} poses did not converge")
+        say(f"note: the iterations of {_poses(missed)} did not converge")
     return 0
 
 
@@ -239,10 +276,14 @@ def softened(handles: Handles, weight: float) -> Handles:
 
 def _contents(handles: Handles) -> bytes:
     """Return bytes that change with the handles of a pose and their targets."""
-    arrays = handles.index, handles.target, handles.group, handles.weight, handles.rotation
-    slides = [None if one is None else one.record for one in (() if handles.slide is None else handles.slide)]
-    parts = [b"" if array is None else array.tobytes() for array in arrays]
-    return b"".join([*parts, json.dumps(slides).encode()])
+    arrays = [handles.index, handles.target, handles.group, handles.weight, handles.rotation]
+    if handles.slide is not None:
+        from sshade.slides import slide_numbers  # imports large libraries
+
+        arrays.append(slide_numbers(handles.slide))
+        distinct = {id(slide): slide for slide in handles.slide if slide is not None}
+        arrays += [array for slide in distinct.values() for array in slide.arrays]
+    return b"".join(b"" if array is None else array.tobytes() for array in arrays)
 
 
 def _record(goals: Any) -> list[Any]:

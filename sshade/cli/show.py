@@ -47,6 +47,8 @@ VTK = 900_000_000
 
 #: Width of a panel, and its greatest height, in pixels.
 PANEL = 900
+#: Least width of a picture with a colour bar, in pixels.
+LEAST = 450
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +120,8 @@ def draw(
         view = view.with_foot(0.12)  # for the colour bar
     width, height = view.pixels(PANEL)
     scale = min(1.0, PANEL / height)
-    size = (round(len(shapes) * scale * width), round(scale * height))
+    least = 0 if deformed is None else LEAST  # for the words of the colour bar
+    size = (len(shapes) * max(round(scale * width), least), round(scale * height))
     plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
     for column, V in enumerate(shapes):
         plotter.subplot(0, column)

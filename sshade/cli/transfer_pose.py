@@ -3,11 +3,11 @@
   sshade transfer-pose rest.ply posed.ply edited.ply -o edited_posed.ply
 
 moves edited.ply, an edited copy of rest.ply, into the pose of posed.ply. All files have the same number of
-vertices, in the same order.
+vertices, in the same order. The output has the contents of EDITED.
 
-POSED may be a folder of meshes, or several files: a sequence of poses, in the order of their names. OUT is
-then a name with a number, a .glb with a morph target for each pose and an animation, or a .pc2 or .mdd point
-cache:
+POSED may be several files, or a folder of meshes: a sequence of poses, in the order of their names, in which
+pose_2 comes before pose_10. OUT is then a name with a number, a .glb with a morph target for each pose and an
+animation, or a .pc2 or .mdd point cache:
 
   sshade transfer-pose rest.ply poses/ edited.ply -o out_%04d.ply
 
@@ -43,6 +43,7 @@ from sshade.cli.arguments import (
 from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.sequence import add_fps, is_sequence_output, require_no_fps
 from sshade.cli.transfer_sequence import DEFAULTS, OPTIONS, posed_files, transfer_poses
+from sshade.errors import counted
 from sshade.io.document import SUFFIXES, check_input
 from sshade.options import PROXIES, checked
 
@@ -85,8 +86,13 @@ def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     from sshade.io.meshes import write_file
     from sshade.pipeline.transfer import transfer_pose
 
-    shapes = {name: read(path) for name in ("posed", "edited") if (path := getattr(options, name, None))}
-    file, whole = read_surface(options, options.output)
+    kept = {"edited": options.output}  # the output has the contents of EDITED, or of MESH without it
+    shapes = {
+        name: read(path, kept.get(name))
+        for name in ("posed", "edited")
+        if (path := getattr(options, name, None))
+    }
+    file, whole = read_surface(options, None if "edited" in shapes else options.output)
     mesh = whole.mesh
     moved = {
         name: corresponding(shape, getattr(options, name), file, options.mesh, whole)
@@ -98,8 +104,10 @@ def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
         residual = options.residual
         result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
-    write_file(options.output, file, whole.placed(shapes["posed"].V, result.vertices))
-    say(f"{options.output}: {len(file.V)} vertices, {options.samplings} proxies, {seconds:.2f} s")
+    written = shapes.get("edited", file)
+    write_file(options.output, written, whole.placed(shapes["posed"].V, result.vertices))
+    proxies = counted(options.samplings, "proxy", "proxies")
+    say(f"{options.output}: {len(file.V)} vertices, {proxies}, {seconds:.2f} s")
     if edited is None:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
         say(

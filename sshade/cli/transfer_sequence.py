@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -24,7 +25,7 @@ from sshade.errors import InputError
 from sshade.io.document import CACHES, SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output, naming
 from sshade.io.marks import Marks, read_marks
-from sshade.io.numbered import chained_keys, checksum
+from sshade.io.numbered import chained_keys, input_checksum
 from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ OPTIONS = (*DEFAULTS, "workers")
 def posed_files(given: list[Path]) -> list[Path]:
     """Return the files of a sequence; a folder stands for the mesh files in it, in the order of their names.
 
+    Numbers in names are compared as numbers: walk_2.ply comes before walk_10.ply.
+
     Raises
     ------
     InputError
@@ -54,11 +57,18 @@ def posed_files(given: list[Path]) -> list[Path]:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = sorted(one for one in path.iterdir() if one.suffix.lower() in SUFFIXES and one.is_file())
+        inside = [one for one in path.iterdir() if one.suffix.lower() in SUFFIXES and one.is_file()]
+        inside.sort(key=_numbers_as_numbers)
         if not inside:
             raise InputError(f"{path}: the folder has no mesh files ({', '.join(SUFFIXES)})")
         found += inside
     return found
+
+
+def _numbers_as_numbers(path: Path) -> list[tuple[bool, int, str]]:
+    """Return the words and numbers of a name, for an order in which 2 comes before 10."""
+    words = re.split(r"(\d+)", path.name)
+    return [(word.isdecimal(), int(word) if word.isdecimal() else 0, word) for word in words]
 
 
 def transfer_poses(options: argparse.Namespace, posed: list[Path]) -> int:
@@ -98,12 +108,12 @@ def _transfer(
     from sshade.io.meshes import write_file
 
     kept = None if options.output.suffix.lower() in CACHES else options.output
-    file, whole = read_surface(options, kept if marks is None else None)
+    file, whole = read_surface(options)
     for path in posed:  # a bad file ends the command before it writes anything
         corresponding(read(path), path, file, options.mesh, whole)
     begin = perf_counter()
     if marks is None:
-        output, solve = file, _onto_edited(options, posed, sampling, (file, whole))
+        output, solve = _onto_edited(options, posed, sampling, (file, whole), kept)
     else:
         output, solve = _through_marks(options, posed, marks, (file, whole), kept)
     if alone:
@@ -115,27 +125,32 @@ def _transfer(
         text = inputs_key(
             options.mesh,
             **{name: value for name, value in seed.items() if name != "workers"},
-            further=[checksum(path) for path in further],
+            further=[input_checksum(path) for path in further],
             flags=[options.residual, options.weld, options.repair],
         )
-        keys = chained_keys(text, (checksum(path).encode() for path in posed))
+        keys = chained_keys(text, (input_checksum(path).encode() for path in posed))
         times = np.arange(len(posed)) / options.fps
-        inputs = [options.mesh, *posed, options.edited]
+        inputs = [options.mesh, *posed, *further]
         written = write_poses(options.output, output, solve, keys, times, inputs)
     say(f"{written}, {len(output.V)} vertices, {perf_counter() - begin:.2f} s")
     return 0
 
 
 def _onto_edited(
-    options: argparse.Namespace, posed: list[Path], sampling: dict[str, Any], rest: tuple[MeshFile, Surface]
-) -> Solve:
-    """Return a function that transfers a pose to the edited shape, which corresponds to the mesh."""
+    options: argparse.Namespace,
+    posed: list[Path],
+    sampling: dict[str, Any],
+    rest: tuple[MeshFile, Surface],
+    kept: Path | None,
+) -> tuple[MeshFile, Solve]:
+    """Return the edited shape, which corresponds to the mesh, and a function that transfers a pose to it."""
     from sshade.io.meshes import read_file
     from sshade.mesh.mesh import Mesh
     from sshade.pipeline.transfer import PoseTransfer
 
     file, whole = rest
-    edited = corresponding(read(options.edited), options.edited, file, options.mesh, whole)
+    output = read(options.edited, kept)
+    edited = corresponding(output, options.edited, file, options.mesh, whole)
     with naming(options.edited):
         Mesh(edited, whole.mesh.F)
     transfer = PoseTransfer(whole.mesh, edited, residual=options.residual, **sampling)
@@ -145,7 +160,7 @@ def _onto_edited(
         result = transfer(corresponding(shape, posed[number], file, options.mesh, whole))
         return whole.placed(shape.V, result.vertices)
 
-    return solve
+    return output, solve
 
 
 def _through_marks(

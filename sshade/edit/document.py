@@ -28,6 +28,7 @@ from sshade.io.entries import (
     read_handle_file,
 )
 from sshade.io.files import check_output, is_same_file, naming
+from sshade.io.gltf import buffer_files
 from sshade.io.handles import on_mesh, write_handles
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.io.poses import is_animation, poses_of
@@ -125,9 +126,11 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
-        self._opened = _signature(path)
+        opened = _signature(path)
         self.is_in_memory = file is not None
         self._carry, self._file = carry, read_file(path) if file is None else file
+        self._files = [path] if self.is_in_memory else [path, *buffer_files(path)]
+        self._opened = [opened, *map(_signature, self._files[1:])]
         self.notes = self._file.notes
         self._skin: Skin | None = None
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
@@ -354,8 +357,8 @@ class Document:
 
     @property
     def is_changed(self) -> bool:
-        """Whether another program changed or removed the mesh file since it was opened."""
-        return _signature(self._path) != self._opened
+        """Whether another program changed or removed the mesh file, or its buffers, since it was opened."""
+        return list(map(_signature, self._files)) != self._opened
 
     @property
     def neighbours(self) -> list[str]:

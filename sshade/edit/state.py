@@ -185,9 +185,11 @@ class State:
         return target, np.repeat(filled, [len(group.vertices) for group in self.groups], axis=0)
 
     def displaced(self, mesh: Mesh) -> bool:
-        """Whether a group has targets away from rest, or a prescribed rotation."""
+        """Whether a group has targets away from rest, a prescribed rotation, or a surface to slide on."""
         return any(
-            group.rotation is not None or not np.array_equal(group.target, mesh.V[group.vertices])
+            group.rotation is not None
+            or not np.array_equal(group.target, mesh.V[group.vertices])
+            or (group.slide is not None and group.slide.surface not in (None, mesh))
             for group in self.groups
         )
 

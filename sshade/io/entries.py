@@ -107,6 +107,12 @@ class HandleFile(NamedTuple):
     volumes: Sequence[VolumeEntry] = ()
     links: Any = None
 
+    @property
+    def surfaces(self) -> list[Path]:
+        """Mesh files on which handles slide."""
+        slides = [entry.slide.record for entry in self.entries if entry.slide not in (None, REST)]  # type: ignore[union-attr]
+        return [Path(record["slide"]["surface"]) for record in slides if "surface" in record.get("slide", {})]
+
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
     """Read a handle file, and check all that can be checked without the mesh.

@@ -199,7 +199,7 @@ def check_output(
     suffixes: Collection[str],
     *,
     inputs: Iterable[str | os.PathLike[str] | None] = (),
-    overwrite: bool = False,
+    overwrite: bool | None = False,
 ) -> None:
     """Raise InputError unless `path` has one of the suffixes and a file can be written there.
 
@@ -211,16 +211,15 @@ def check_output(
     suffixes : collection of str
     inputs : iterable of path, optional
         Files that the command reads. The output must not be the same file, under any name.
-    overwrite : bool
-        Allow the output to be an input.
+    overwrite : bool, optional
+        Allow the output to be an input. None where --overwrite would not allow it either.
     """
     path = Path(path)
     check_suffix(path, suffixes)
     for given in inputs:
         if given is not None and not overwrite and is_same_file(path, given):
-            raise InputError(
-                f"{path}: is the input {given}; give another name, or pass --overwrite to replace the input"
-            )
+            advice = "" if overwrite is None else ", or pass --overwrite to replace the input"
+            raise InputError(f"{path}: is the input {given}; give another name{advice}")
     try:
         target, _ = _target(path)
     except OSError as error:

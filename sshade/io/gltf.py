@@ -161,6 +161,14 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     return Gltf(path, tree, buffers, further)
 
 
+def buffer_files(path: Path) -> list[Path]:
+    """Return the files beside a readable .gltf file that have its buffers; none for other files."""
+    if path.suffix.lower() != ".gltf":
+        return []
+    uris = [buffer.get("uri", "data:") for buffer in json.loads(path.read_bytes()).get("buffers", [])]
+    return [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+
+
 def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
     uri = buffer.get("uri")
     if uri is None:

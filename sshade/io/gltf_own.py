@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sshade.errors import counted
 from sshade.io.gltf_scene import CHANGED, FLOAT, accessor_bytes, array_of, dense, mesh_matrices, node_matrices
 
 
@@ -95,7 +96,8 @@ def with_own_numbers(
                 converted += not plain
             attributes |= made[use]
     notes = {
-        f"{instances} nodes have a mesh that another node has; each gets a mesh of its own": instances,
+        f"{counted(instances, 'node has', 'nodes have')} a mesh that another node has; each gets a mesh of "
+        "its own": instances,
         f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
     }
     return tree, copies.buffers(), tuple(note for note, there in notes.items() if there)

@@ -75,7 +75,7 @@ class Marks(NamedTuple):
         if positions:
             points = np.array([self.places[number][side] for number in positions])
             with naming(f'"{side}" of the marks'):
-                found[positions] = snap_to_vertices(surface.mesh, points, np.array(positions))[1]
+                found[positions] = snap_to_vertices(surface.mesh, points, np.array(positions), item="mark")[1]
         return found
 
 

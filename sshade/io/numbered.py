@@ -108,6 +108,13 @@ def chained_keys(inputs: str, poses: Iterable[bytes]) -> list[str]:
     return found
 
 
+def input_checksum(path: Path) -> str:
+    """Return a checksum of a mesh file, with the buffers beside a .gltf file."""
+    from sshade.io.gltf import buffer_files  # imports large libraries
+
+    return "".join(checksum(one) for one in (path, *buffer_files(path)))
+
+
 def checksum(path: Path) -> str:
     """Return a checksum of the bytes of a file."""
     return blake2b(path.read_bytes()).hexdigest()[:32]

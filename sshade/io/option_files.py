@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from sshade.io.text import decoded
 FORMATS = (".yaml", ".yml", ".json")
 
 
-def read_option_file(path: Path) -> dict[Any, Any]:
+def read_option_file(path: Path, names: Collection[str]) -> dict[Any, Any]:
     """Return the names and values in a file, unchecked.
 
-    A handle file has them under its key ``made``, which the editor writes.
+    A handle file has them under its key ``made``, which the editor writes for ``sshade deform``: options
+    outside of `names` are left out there.
 
     Raises
     ------
@@ -34,7 +36,7 @@ def read_option_file(path: Path) -> dict[Any, Any]:
                 raise InputError(
                     'it has handles and no options; the editor saves options under the key "made"'
                 )
-            data = data["made"]
+            return {name: value for name, value in data["made"].items() if name in names}
         if not isinstance(data, dict):
             raise InputError("expected names and values of options, such as `volume: 0`")
         return data

@@ -22,8 +22,8 @@ from sshade.io.words import Numbers, Text, edited
 from sshade.mesh.surface import single_steps
 
 _CORNERS = ("vertex_indices", "vertex_index")
-_NORMAL = ["nx", "ny", "nz"]
-_CHANGED = ["x", "y", "z", *_NORMAL]
+_NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
+_CHANGED = ["x", "y", "z", *" ".join(_NORMALS).split()]
 
 
 class Ply(NamedTuple):
@@ -138,7 +138,7 @@ def _strips(element: Element) -> np.ndarray:
 _COLOURS = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")
 #: Properties of vertices and faces by their meaning.
 _MEANING = {
-    "normals": [*_NORMAL, "normal_x", "normal_y", "normal_z"],
+    "normals": _CHANGED[3:],
     "colours": ["red", "green", "blue", "alpha", "r", "g", "b", "a", "diffuse_red", "diffuse_green"]
     + ["diffuse_blue"],
     "texture coordinates": ["s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber"],
@@ -173,16 +173,15 @@ def _content(
 ) -> bytes | memoryview:
     vertices = ply.elements["vertex"]
     changes = [(vertices, vertices.numbers("x y z"), rest, V)]
-    normals = vertices.numbers(" ".join(_NORMAL))
-    if normals:
-        N = vertices.columns(normals)
-        changes.append((vertices, normals, N, turned(vertex_turns(N, F, rest, V), N)))
     faces = ply.elements.get("face")
-    normals = faces.numbers(" ".join(_NORMAL)) if faces and len(F) else []
-    if faces and normals:
-        N = faces.columns(normals)
-        Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
-        changes.append((faces, normals, N, turned(Q, N)))
+    for names in _NORMALS:
+        if normals := vertices.numbers(names):
+            N = vertices.columns(normals)
+            changes.append((vertices, normals, N, turned(vertex_turns(N, F, rest, V), N)))
+        if faces and len(F) and (normals := faces.numbers(names)):
+            N = faces.columns(normals)
+            Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
+            changes.append((faces, normals, N, turned(Q, N)))
     return changed(ply, changes, source, path)
 
 

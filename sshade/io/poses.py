@@ -161,8 +161,11 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
 
     check_input(animation, MORPHS)
     file = read_handle_file(path, raw=raw)
-    number = {entry.name: entry.number for entry in file.entries if entry.name}
+    number = _numbers(file)
     motions = read_node_motions(animation, list(number), fps=fps)
+    with naming(path):
+        for name in motions.maps:
+            _require_one(file, name)
     poses = []
     for frame, time in enumerate(motions.times):
         maps = {number[name]: M[frame] for name, M in motions.maps.items()}
@@ -174,7 +177,7 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
         )
     if still:
         notes.append(
-            f"no node of {animation} moves the groups {', '.join(still)}; their motions are constant"
+            f"no node of {animation} moves {', '.join(still)}: the motion of such a group is constant"
         )
     return Poses(poses, motions.times, notes)
 
@@ -221,10 +224,20 @@ def _time(frame: Any, before: list[float]) -> float:
     return float(time)
 
 
+def _numbers(file: HandleFile) -> dict[str, int]:
+    """Return the number of the entry of each name."""
+    return {entry.name: entry.number for entry in file.entries if entry.name}
+
+
+def _require_one(file: HandleFile, name: str) -> None:
+    """Raise InputError if several groups have a name that is to be moved."""
+    if (count := sum(entry.name == name for entry in file.entries)) > 1:
+        raise InputError(f'{count} groups have the name "{name}", which is moved; give each its own name')
+
+
 def _moved(base: HandleFile, entries: list[Any], frame: dict[str, Any], raw: bool) -> HandleFile:
     """Return the handles of a frame: those of the file, with the motions of the frame."""
-    number = {entry.name: entry.number for entry in base.entries if entry.name}
-    moved = {}
+    number, moved = _numbers(base), {}
     for group in frame.get("handles", []):
         if not isinstance(group, dict) or "landmark" not in group:
             raise InputError('each of its "handles" must be an object with a "landmark"')
@@ -234,6 +247,7 @@ def _moved(base: HandleFile, entries: list[Any], frame: dict[str, Any], raw: boo
             raise InputError(
                 f'there is no group "{name}"; the groups are {", ".join(number) or "without names"}'
             )
+        _require_one(base, name)
         if number[name] in moved:
             raise InputError(f'the group "{name}" occurs twice')
         entry = {key: value for key, value in entries[number[name]].items() if key not in MOTION}

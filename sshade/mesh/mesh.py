@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.errors import InputError, counted
 from sshade.kernels import kernel
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
@@ -253,7 +253,8 @@ class Mesh(Shown):
         if everywhere and len(free):
             sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
             raise InputError(
-                f"{len(free)} of the mesh's {len(sizes)} components have no handle (the first has "
+                f"{len(free)} of the mesh's {counted(len(sizes), 'component', 'components')} "
+                f"{'has' if len(free) == 1 else 'have'} no handle (the first has "
                 f"{sizes[free[0]]} vertices, one of them {first}); {advice}"
             )
 

@@ -110,7 +110,7 @@ WRONG = {
     "binding": (lambda: save_binding("gone/x.npz", sshade.bind(BODY, 40)), "cannot be written"),
     "component": (
         lambda: arap(DeformationTask("two", TWO_BODIES, task().handles, carry_unconstrained=True)),
-        "components have no handle",
+        "components has no handle",
     ),
 }
 TWO_BODIES = beside(BODY, shifted(BODY, [5, 0, 0]))

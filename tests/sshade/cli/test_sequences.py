@@ -1,5 +1,6 @@
 """Sequences on the command line: numbered files, morph targets, point caches, animations, resuming."""
 
+import base64
 import json
 import struct
 from pathlib import Path
@@ -78,7 +79,7 @@ def interrupted_at_the_third_file(monkeypatch) -> list[Path]:
     return paths
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb", ".stl"])
 def test_an_interrupted_run_goes_on_to_the_same_bytes(folder, monkeypatch, capsys, suffix):
     whole, parts = f"whole_%d{suffix}", f"parts_%d{suffix}"
     assert main(["deform", "body.ply", *poses(), "-o", whole, *FAST]) == 0
@@ -112,11 +113,77 @@ def test_files_of_other_inputs_and_changed_files_are_computed_again(folder, monk
     Path("out_2.ply").write_bytes(first)  # a file of somebody else
     assert written() == names[1:]
     assert written("--seed", "1") == names
-    assert written("--seed", "1") == []
+    assert written("--seed", "1", "--workers", "1") == []
     write_mesh("body.ply", BODY.V * 1.001, BODY.F)
     assert written("--seed", "1") == names
     Path("out_sequence.json").write_text("{damaged")
     assert written("--seed", "1") == names
+
+
+def slide_on(path: str) -> None:
+    """Let the upper group of two poses slide on a mesh file."""
+    for number in (0, 1):
+        data = json.loads(Path(f"pose_{number}.json").read_text())
+        data["handles"][1]["slide"] = {"surface": path}
+        Path(f"slide_{number}.json").write_text(json.dumps(data))
+
+
+def test_surfaces_and_buffers_are_inputs_too(folder, monkeypatch, capsys):
+    floor = bumpy(1)
+    write_mesh("floor.ply", floor.V * 1.5, floor.F)
+    slide_on("floor.ply")
+    for output in ("floor.ply", "out_floor.ply"):
+        further = ["--with", "floor.ply"] if output != "floor.ply" else []
+        name = "floor.ply" if output == "floor.ply" else "out.ply"
+        slide_on(output) if further else None
+        write_mesh(output, floor.V * 1.5, floor.F)
+        assert main(["deform", "body.ply", "slide_0.json", "-o", name, *further, *FAST]) == 2
+        assert f"{output}: is the input" in capsys.readouterr().err
+    slide_on("floor.ply")
+    command = ["deform", "body.ply", "slide_0.json", "slide_1.json", "-o", "on_%d.ply", *FAST]
+    assert main(command) == 0
+    before = vertices("on_?.ply")
+    assert main(command) == 0 and "2 of them kept" in capsys.readouterr().err
+    write_mesh("floor.ply", floor.V * 1.6, floor.F)
+    assert main(command) == 0 and "kept" not in capsys.readouterr().err
+    assert np.abs(np.subtract(before, vertices("on_?.ply"))).max() > 0.05
+    # A .gltf with its buffer beside it.
+    write_mesh("part.gltf", BODY.V, BODY.F)
+    tree = json.loads(Path("part.gltf").read_text())
+    content = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
+    Path("part.bin").write_bytes(content)
+    tree["buffers"][0]["uri"] = "part.bin"
+    Path("part.gltf").write_text(json.dumps(tree))
+    command = ["deform", "part.gltf", *poses(0, 1), "-o", "part_%d.ply", *FAST]
+    assert main(command) == 0 and main(command) == 0
+    assert "2 of them kept" in capsys.readouterr().err
+    smaller = (np.frombuffer(content[: 12 * BODY.n], "<f4") * np.float32(0.999)).tobytes()
+    Path("part.bin").write_bytes(smaller + content[12 * BODY.n :])
+    assert main(command) == 0 and "kept" not in capsys.readouterr().err
+
+
+def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, capsys):
+    far = BODY.V + [2e5, 0, 0]
+    write_mesh("far.ply", far, BODY.F)
+    for number in (0, 1):
+        moved = Handles(ENDS.index, targets(STEPS[number]) + [2e5, 0, 0], ENDS.dynamic, ENDS.group)
+        write_handles(f"far_{number}.json", moved)
+    for output in ("far.pc2", "far_%d.stl"):
+        assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", output, *FAST]) == 0
+        said = capsys.readouterr().err
+        assert said.count("stores single precision, which moves positions by up to 0.") == 1
+        assert "handles reached to 0." in said
+    assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", "far_%d.ply", *FAST]) == 0
+    assert "single precision" not in capsys.readouterr().err
+
+
+def test_options_that_the_editor_saved_are_named_where_a_sequence_does_not_use_them(folder, capsys):
+    data = json.loads(Path("pose_0.json").read_text()) | {"made": {"method": "paper", "volume": 0.0}}
+    Path("made.json").write_text(json.dumps(data))
+    assert main(["deform", "body.ply", "made.json", "made.json", "-o", "out_%d.ply", *FAST]) == 0
+    assert "made.json was saved with other values of method, volume; pass" in capsys.readouterr().err
+    # Commands without these options take the others.
+    assert main(["remesh", "body.ply", "--options", "made.json", "-o", "p.ply", "--map", "p.npz"]) == 0
 
 
 def read_pc2(path: str) -> np.ndarray:
@@ -349,7 +416,7 @@ def test_nodes_of_a_gltf_move_the_groups_of_their_names(folder, interpolation, c
     rig_with(interpolation=interpolation)
     command = ["deform", "body.ply", "groups.json", "--animation", "rig.glb", "--fps", "4", *FAST]
     assert main([*command, "-o", "out_%d.ply"]) == 0
-    assert "no node of rig.glb moves the groups low" in capsys.readouterr().err
+    assert "no node of rig.glb moves low: the motion" in capsys.readouterr().err
     found = vertices("out_?.ply")
     assert len(found) == 5
     rest, still = BODY.V[ENDS.index[UP]], np.flatnonzero(~ENDS.dynamic)
@@ -363,6 +430,12 @@ def test_nodes_of_a_gltf_move_the_groups_of_their_names(folder, interpolation, c
 
 def frames_with(*frames) -> None:
     Path("moves.json").write_text(json.dumps(animation(list(frames))))
+
+
+def same_names() -> None:
+    """An animation that moves a group whose name another group has."""
+    frames_with({"time": 0, "handles": [{"landmark": "high", "translation": [0, 0, 1]}]})
+    Path("moves.json").write_text(Path("moves.json").read_text().replace('"low"', '"high"'))
 
 
 def other_mesh() -> None:
@@ -392,6 +465,17 @@ BAD = {
     "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
     "numbered cache": (None, [*poses(), "-o", "out_%d.pc2"], "unknown format '.pc2'"),
     "output is input": (None, [*poses(), "-o", "pose_%d.ply", "--fps", "-1"], "--fps takes a number above 0"),
+    "animation as output": (
+        lambda: (frames_with({"time": 0}), Path("moves.json").rename("run_sequence.json")),
+        ["run_sequence.json", "-o", "run_%d.ply"],
+        "run_sequence.json: is the input run_sequence.json; give another name",
+    ),
+    "rig as output": (
+        lambda: (rig_with(), Path("rig.glb").rename("rig_1.glb")),
+        ["groups.json", "--animation", "rig_1.glb", "-o", "rig_%d.glb"],
+        "rig_1.glb: is the input rig_1.glb; give another name",
+    ),
+    "same names": (same_names, MOVES, '2 groups have the name "high"'),
     "one pose": (None, ["pose_0.json", "-o", "out.ply", "--fps", "10"], "--fps applies to sequences"),
     "other mesh": (other_mesh, [*poses(), *OUT], "pose_1.json: "),
     "other groups": (other_groups, [*poses(), *OUT], "pose_1.json: its handles have other groups"),

@@ -51,6 +51,19 @@ def test_a_folder_of_poses_moves_an_edited_copy_as_single_transfers_do(folder):
     np.testing.assert_allclose(shown, vertices("out_?.ply"), atol=1e-6)
 
 
+def test_the_output_has_the_contents_of_the_edited_shape_and_numbers_are_in_order(folder):
+    lines = Path("edited.ply")
+    write_mesh("edited.obj", BODY.V * [1.0, 1.1, 1.0], BODY.F)
+    Path("edited.obj").write_text("o edited\n" + Path("edited.obj").read_text())
+    lines.unlink()
+    Path("poses/walk_2.ply").rename("poses/walk_10.ply")
+    Path("poses/walk_1.ply").rename("poses/walk_9.ply")
+    assert main(["transfer-pose", "rest.ply", "poses", "edited.obj", "-o", "out_%02d.obj", *SMALL]) == 0
+    assert main(["transfer-pose", "rest.ply", "poses/walk_9.ply", "edited.obj", "-o", "one.obj", *SMALL]) == 0
+    assert Path("out_02.obj").read_bytes() == Path("one.obj").read_bytes()
+    assert Path("one.obj").read_text().startswith("o edited\n")
+
+
 def test_poses_drive_another_mesh_through_marks(folder):
     command = ["transfer-pose", "rest.ply", "poses", "other.ply", "--marks", "marks.json"]
     assert main([*command, "-o", "out_%d.ply"]) == 0
@@ -108,12 +121,17 @@ BAD = {
         "other.ply has 642 vertices and rest.ply has 162; they must correspond",
     ),
     "few marks": (few_marks, MARKS, "marks.json: 1 marks are given, and at least 4 are needed"),
-    "far mark": (lambda: mark(target=[99.0, 0, 0]), MARKS, 'marks.json: "target" of the marks'),
+    "far mark": (lambda: mark(target=[99.0, 0, 0]), MARKS, "the marks: mark 3 is 98"),
     "id out of range": (lambda: mark(source=162), MARKS, 'mark 3: the "source" 162 is not in 0..161'),
     "no place": (lambda: mark(source="nose"), MARKS, 'mark 3: "source" must be the id of a vertex'),
     "unknown key": (lambda: mark(weight=1), MARKS, 'mark 3: there is no key "weight"'),
     "no list": (lambda: Path("marks.json").write_text("[]"), MARKS, 'expected an object with a list "marks"'),
     "no json": (lambda: Path("marks.json").write_text("{"), MARKS, "marks.json: not readable as JSON"),
+    "marks as output": (
+        lambda: Path("marks.json").rename("out_sequence.json"),
+        ["poses", "other.ply", "--marks", "out_sequence.json", "-o", "out_%d.ply"],
+        "out_sequence.json: is the input out_sequence.json; give another name",
+    ),
     "sampling": (None, [*MARKS, "--samplings", "3"], "--samplings does not apply with --marks"),
     "fps": (None, ["poses/walk_1.ply", *ONE, "--fps", "9"], "--fps applies to sequences"),
     "fps with marks": (

@@ -331,6 +331,9 @@ def test_slides_are_drawn_and_a_surface_beside_the_mesh_can_be_chosen(page, sess
         assert (1e-4 if kind == "line" else 2e-3) < changed(before, pixels(stage)) < 0.5
     (group,) = (group for group in session.state.groups if group.slide)
     assert group.slide.surface.n == tool.n and group.slide.record["slide"]["surface"].endswith("tool.ply")
+    page.wait_for_selector("#stage[data-state=converged]")
+    on_tool = group.slide.nearest(session.shown[group.vertices], group.target).position
+    assert abs(on_tool - group.target).max() > 0 and abs(session.shown[group.vertices] - on_tool).max() < 1e-9
     asked(page, "alter", lambda: way.select_option("free"))
     page.wait_for_selector("#stage[data-guides='']")
     with pytest.raises(InputError, match="no mesh file in the folder"):

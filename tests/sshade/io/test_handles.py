@@ -504,7 +504,7 @@ def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
     write_mesh(tmp_path / "bodies.ply", V, F)
     write_handles(tmp_path / "pose.json", Handles([1, 5], V[[1, 5]]))
     files = tmp_path / "bodies.ply", tmp_path / "pose.json"
-    with pytest.raises(InputError, match="1 of the mesh's 2 components have no handle"):
+    with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
         read_task(str(files[0]), handles=str(files[1]))
     task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
     assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]

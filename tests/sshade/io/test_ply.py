@@ -206,3 +206,15 @@ def test_triangle_strips_of_scans(tmp_path, order):
     assert np.array_equal(read_file(tmp_path / "b.ply").F, file.F)
     found = trimesh.load(tmp_path / "b.ply", process=False)
     assert np.array_equal(found.vertices, file.V[:, [1, 2, 0]])
+
+
+@pytest.mark.parametrize("names", ["nx ny nz", "normal_x normal_y normal_z"])
+def test_normals_turn_with_the_surface_under_both_names(tmp_path, names):
+    properties = "".join(f"property double {name}\n" for name in f"x y z {names}".split())
+    head = f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\n"
+    rows = "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n3 0 1 2\n"
+    (tmp_path / "a.ply").write_text(f"{head}property list uchar int vertex_indices\nend_header\n{rows}")
+    file = read_file(tmp_path / "a.ply")
+    write_file(tmp_path / "b.ply", file, file.V[:, [2, 0, 1]])  # turned: z to x, x to y, y to z
+    words = [line.split() for line in (tmp_path / "b.ply").read_text().splitlines()[-4:-1]]
+    np.testing.assert_allclose(np.array(words, dtype=float)[:, 3:], [[1, 0, 0]] * 3, atol=1e-12)

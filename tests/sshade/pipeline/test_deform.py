@@ -160,7 +160,7 @@ def test_edges_of_three_faces_and_several_components_are_taken():
         U = deform(V, F, b, V[b] @ R.T + shift, **options)
         assert np.abs(U - (V @ R.T + shift)).max() < 1e-7 * both.diagonal
         b = np.arange(0, fin.n, 9)
-        with pytest.raises(InputError, match=r"1 of the mesh's 2 components have no handle.*carry"):
+        with pytest.raises(InputError, match=r"1 of the mesh's 2 components has no handle.*carry"):
             deform(V, F, b, V[b], **options)
         U = deform(V, F, b, V[b] + shift, carry_unconstrained=True, **options)
         assert np.abs(U - V - shift).max() < 1e-7 * both.diagonal

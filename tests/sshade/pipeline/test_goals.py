@@ -190,7 +190,7 @@ ENTRIES = {
     "a whole": ({"volume": 7}, ""),
     "negative": ({"goal": -1}, "volume 0: the volume goal of the mesh must be a finite number above 0"),
     "no number": ({"goal": "1"}, "must be a finite number above 0, not '1'"),
-    "no goal": ({"faces": [1]}, "needs either a ratio or a volume"),
+    "no goal": ({"faces": [1]}, "needs either a ratio (in a file"),
     "no faces": ({"vertices": [1], "goal": 1.2}, "volume 0: the volume goal of a part has no faces"),
     "two ways": ({"faces": [1], "vertices": [1], "goal": 2}, 'either as "faces" or as "vertices"'),
     "a key": ({"gaol": 2}, 'did you mean "goal"?'),
