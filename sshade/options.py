@@ -105,7 +105,8 @@ class Options:
         the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
-        of the bounding-box diagonal. Lower it for a more exact minimum; 0 never stops early.
+        of the bounding-box diagonal. Proxies of ``fast`` and ``fine`` stop at three times this value, because
+        their steps are longer. Lower it for a more exact minimum; 0 never stops early.
     max_iterations : int
         Largest number of iterations on each proxy. Lower it to bound the time.
     start : str

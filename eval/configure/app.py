@@ -39,7 +39,7 @@ from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
 from eval.run.targets import code_of, instantiate
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
-from sshade.cli.console import how_to_install, progress_bar
+from sshade.cli.console import Ended, how_to_install, progress_bar
 from sshade.errors import InputError
 from sshade.programs import ALLOWING
 from sshade.progress import Progress, silent
@@ -77,7 +77,7 @@ def main() -> int:
     if sys.path[0] != str(PACKAGES):  # `python -m eval` in a clone, which may not be installed
         # Workers of launchers must not search the current folder first for the project's packages.
         os.environ["PYTHONSAFEPATH"] = "1"
-    interrupted = False
+    interrupted, ended = False, None
     try:
         sys.argv[1:] = _checked(sys.argv[1:])
         Plugins.instance().class_name_to_class[cli_sweep.SWEEPER] = cli_sweep.PlannedSweeper
@@ -88,6 +88,8 @@ def main() -> int:
         _errors.append(error)
     except KeyboardInterrupt:
         interrupted = True
+    except Ended as signal:
+        ended = signal
     except Exception as error:
         if cli_sweep.monitor is not None and type(error).__module__.split(".")[0] in LAUNCHERS:
             _errors.append(WorkerLost(type(error).__name__))
@@ -96,7 +98,11 @@ def main() -> int:
         else:
             raise
     finally:
-        summary = cli_sweep.close_sweep()
+        summary = cli_sweep.close_sweep(killed=ended is not None)
+    if ended is not None:
+        if summary:
+            print(f"{summary}\nended by a signal; the same command goes on from there", file=sys.stderr)  # noqa: T201
+        raise ended
     return _exit(_errors, summary, interrupted=interrupted)
 
 

@@ -212,6 +212,9 @@ def _keep_plans(configs: Iterable[dict[str, Any]]) -> tuple[dict[str, str], list
         check_root(dataset)
         if "cases" in dataset:
             asked, there = tuple(dataset[name] for name in CASE), cases_of(dataset["cases"], dataset["root"])
+            for name, value in zip(CASE, asked, strict=True):
+                if not isinstance(value, int):
+                    _numbers(name, [str(value)])
             if asked not in there:
                 raise InputError(
                     f"the plan names subject {asked[0]}, pose {asked[1]}, which {dataset['root']} does not "
@@ -242,15 +245,18 @@ def _numbers(name: str, values: list[str]) -> list[int] | None:
     return [int(value) for value in values]
 
 
-def close_sweep() -> str:
-    """End the display and the record of a running sweep; return its summary, "" without a sweep."""
+def close_sweep(*, killed: bool = False) -> str:
+    """End the display and the record of a running sweep; return its summary, "" without a sweep.
+
+    The record of a killed sweep stays, as does the record of a sweep whose jobs are in a queue.
+    """
     if monitor is None:
         return ""
     monitor.close()
     sweep, ended = monitor.sweep, monitor.record.ended()
     if len(ended) == len(sweep.runs):
         monitor.record.complete()
-    elif sweep.launcher not in QUEUES:  # runs in a queue continue without this process
+    elif sweep.launcher not in QUEUES and not killed:
         monitor.record.remove()
     return f"{summary(sweep, ended)}; in {', '.join(map(str, monitor.folders))}"
 

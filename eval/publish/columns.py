@@ -83,10 +83,11 @@ COLUMNS = (
     Column("truth", "%", "metric.truth_distance", 2, further=True, main=True),
     Column("truth 95", "%", "metric.truth_distance_95", 2, further=True),
     Column("normal", "deg", "metric.truth_normal", 2, further=True, main=True),
-    Column("D", "", "metric.distortion", 4, further=True),
+    # Neither D nor D max is ranked: a single face decides both.
+    Column("D", "", "metric.distortion", 4, ranked=False, further=True),
     Column("D 95", "", "metric.distortion_95", 3, further=True),
     Column("D 99", "", "metric.distortion_99", 3, further=True, main=True),
-    Column("D max", "", "metric.distortion_max", 1, further=True),
+    Column("D max", "", "metric.distortion_max", 1, ranked=False, further=True),
     Column("collapsed", "", "metric.collapsed", 1, further=True),
     Column("bend", "deg", "metric.bend", 2, further=True),
     Column("bend 99.9", "deg", "metric.bend_tail", 1, further=True, main=True),

@@ -75,7 +75,8 @@ def front(
     """
     columns = [f"metric.{name}" for name in measures]
     setting = f"method.{knob}"
-    rows = valid(rows).reindex(columns=["method.name", setting, "task.checksum", "seed", *columns])
+    kept = ["method.name", setting, "task.name", "task.checksum", "seed", *columns]
+    rows = valid(rows).reindex(columns=kept)
     pairs = zip(rows["method.name"], rows[setting], strict=True)
     rows = rows.assign(family=[_family(name, value) for name, value in pairs])
     rows = rows[~rows["family"].isin(leave_out) & rows[columns].notna().all(axis=1)]
@@ -83,7 +84,15 @@ def front(
     values = rows.drop_duplicates(run, keep="last").set_index(run)[columns].astype(float)
     common = values.unstack(["family", "method.name"]).dropna()
     if common.empty:
-        raise InputError(f"the methods of these rows have no common case with {' and '.join(measures)}")
+        several = (
+            rows.groupby("task.name")["task.checksum"].nunique().max() > 1 if "task.name" in rows else False
+        )
+        why = "; their cases have the same names and other checksums: run all methods with one version of "
+        why += "the program, on one build of the dataset"
+        raise InputError(
+            f"the methods of these rows have no common case with {' and '.join(measures)}"
+            f"{why if several else ''}"
+        )
     means = common.mean().unstack(0)[columns]
     return {
         family: sorted(own.itertuples(index=False, name=None), reverse=True)

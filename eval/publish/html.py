@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import base64
 import html
 import re
@@ -69,7 +70,10 @@ def configuration(rows: pd.DataFrame, method: str) -> str:
         place = settings
         for parent in parents:
             place = place.setdefault(parent, {})
-        place["_target_" if last == "target" else last] = row[name]
+        value = row[name]
+        if isinstance(value, str) and value.startswith("["):  # rows hold lists as text
+            value = ast.literal_eval(value)
+        place["_target_" if last == "target" else last] = value
     text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)
     return f"# configuration {row['method.hash']}, code {row.get('env.version.code')}\n{text}"
 

@@ -159,9 +159,9 @@ def rank_note(comparison: Comparison, columns: Sequence[Column]) -> list[str]:
         count = f"{comparison.subjects} subject{'s' * (comparison.subjects > 1)}"
         return [f"No ranks and no intervals: the means are over {count}, and at least {LEAST} are needed."]
     return [
-        "Best in bold, second best underlined. Methods share a mark if the 95 % interval of their paired "
-        f"difference over the {comparison.subjects} subjects contains zero, and differences with such an "
-        "interval are in italics."
+        "Best in bold, second best underlined. A method shares the mark of a better one if the 95 % interval "
+        f"of their paired difference over the {comparison.subjects} subjects contains zero; differences with "
+        "such an interval are in italics. Two methods with different marks need not differ."
     ]
 
 

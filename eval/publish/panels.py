@@ -66,7 +66,7 @@ def error_label(task: Task) -> str:
     """Return the name and unit of the error of :func:`error_of`."""
     if _has_truth(task):
         return "distance to the ground truth (% of the diagonal)"
-    return "change of edge length at a vertex (%)"
+    return "change of edge length at a vertex (% of each edge; EL: % of the longest)"
 
 
 def _has_truth(task: Task) -> bool:

@@ -254,9 +254,18 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
         )
     hashes = begun(rows).groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
+        own = begun(rows)[begun(rows)["method.name"] == hashes.idxmax()]
+        settings = [
+            name for name in own if name.startswith("method.") and name not in ("method.hash", "method.note")
+        ]
+        differ = [
+            f"{name.removeprefix('method.')} {' and '.join(map(str, found))}"
+            for name in settings
+            if len(found := own[name].astype(str).unique()) > 1
+        ]
         raise InputError(
-            f"method {hashes.idxmax()!r} has rows of different parameters: give each another label=..., "
-            "or remove the old runs"
+            f"method {hashes.idxmax()!r} has rows of different parameters ({'; '.join(differ[:3])}): give "
+            "each another label=..., or remove the folders of the old runs"
         )
     repeated = rows[rows.duplicated(["method.name", *CASE])].sort_values(["method.name", *CASE])
     if len(repeated):

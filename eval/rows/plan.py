@@ -12,6 +12,7 @@ import json
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from eval.rows.files import PLANS, write_text
 from eval.rows.store import MISSING, Row
@@ -80,11 +81,12 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
     """
     rows = list(rows)
     names = {_case(row): row["task.name"] for row in rows}
+    known = {_dataset(row): row for row in rows if _dataset(row)}
     done = {(row["method.name"], row["task.name"], row["seed"]) for row in rows}
     missing = {}
     for run in planned:
         case = _case(run)
-        name = names.get(case) or run.get("task.name") or case
+        name = names.get(case) or run.get("task.name") or _name_like(known.get(_dataset(run)), run) or case
         run_of = (run["method.name"], name, run["seed"])
         if run_of not in done:
             facts = {"task.name": name, "status": MISSING, "reason": "planned, never run"}
@@ -94,9 +96,32 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
 
 def _case(run: Row) -> str:
     """Return the settings that load a task as text, without the folder: copies of a dataset share cases."""
+    settings = " ".join(f"{name}={value}" for name, value in _source(run).items() if name != "root")
+    return settings or run.get("task.source") or run["task.name"]
+
+
+def _source(run: Row) -> dict[str, Any]:
+    """Return the settings that load a task; none if they are missing or damaged."""
     try:
         source = json.loads(run.get("task.source") or "")
-        settings = " ".join(f"{name}={value}" for name, value in source.items() if name != "root")
-    except (ValueError, AttributeError):  # the settings are missing or damaged
-        settings = ""
-    return settings or run.get("task.source") or run["task.name"]
+    except ValueError:
+        return {}
+    return source if isinstance(source, dict) else {}
+
+
+def _dataset(run: Row) -> str:
+    """Return the settings of a run's dataset as text; empty without subject and pose."""
+    source = _source(run)
+    if not {"subject", "pose"} <= set(source):
+        return ""
+    return json.dumps({name: value for name, value in source.items() if name not in ("subject", "pose")})
+
+
+def _name_like(row: Row | None, run: Row) -> str:
+    """Return the name of a run's task, by the name of another task of its dataset; empty if it has none."""
+    if row is None:
+        return ""
+    own, other = _source(run), _source(row)
+    beginning, _, rest = row["task.name"].partition(f"subject_{other['subject']:02}/pose_{other['pose']}")
+    named = row["task.name"] != beginning and not rest[:1].isdigit()
+    return f"{beginning}subject_{own['subject']:02}/pose_{own['pose']}{rest}" if named else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import math
 import os
 import platform
 import re
@@ -19,6 +20,7 @@ import psutil
 from eval.run.code import digest, imported_libraries
 from eval.run.targets import code_of, flat, settings
 from sshade.cli.configuration import PACKAGES
+from sshade.errors import InputError
 from sshade.memory import give_back
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
@@ -66,9 +68,18 @@ def task_facts(task: DeformationTask | TransferTask) -> dict[str, Any]:
 
 
 def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the columns ``method.*``, and the versions of the libraries that the method uses."""
+    """Return the columns ``method.*``, and the versions of the libraries that the method uses.
+
+    Raises
+    ------
+    InputError
+        When a setting is NaN, which no row can hold.
+    """
     plain = settings(config)
     facts = {"method.name": name, "method.hash": config_hash(plain)} | flat(plain, "method")
+    for setting, value in facts.items():
+        if isinstance(value, float) and math.isnan(value):
+            raise InputError(f"{setting} is NaN; give it a number")
     return facts | library_facts(code_of(config))
 
 

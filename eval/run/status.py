@@ -25,7 +25,8 @@ def report(record: SweepRecord) -> str:
     if ended:
         text += f", last run ended {ended[-1].end.astimezone():%H:%M:%S}"
     if record.given_up():
-        text += "; its process is gone: the same command goes on from there"
+        text += "; its process is gone: the same command goes on from there, and with run.fresh=true each "
+        text += "run has a process of its own, which a method may crash"
     return f"{text})"
 
 

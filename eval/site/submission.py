@@ -254,14 +254,17 @@ def _task(official: Mapping[str, Row], row: Row) -> Task:
     return load_task(case | {"task.checksum": row["task.checksum"]})
 
 
-def _agree(name: str, value: float | None, reported: float | None) -> bool:
-    """Whether a measure of vertices in single precision can be the reported measure."""
+def _agree(name: str, value: float | None, row: Row) -> bool:
+    """Whether a measure of vertices in single precision can be the measure in a row."""
+    reported = row.get(f"metric.{name}")
     if value is None or reported is None:
         return value is reported
     near, relative = COUNTED if name in COUNTS else ABSOLUTE, RELATIVE
     if name.startswith("distortion"):
-        # 1 / s^2 of a face that is squashed by s: the rounding of s counts 1 / s times as much.
-        relative *= max(1.0, math.sqrt(reported))
+        # 1 / s^2 of a face that is squashed by s: the rounding of s counts 1 / s times as much. A mean may
+        # consist of a single such face.
+        worst = row.get("metric.distortion_max") if name == "distortion" else reported
+        relative *= max(1.0, math.sqrt(worst or reported))
     return math.isclose(value, reported, rel_tol=relative, abs_tol=near)
 
 
@@ -276,8 +279,8 @@ def _remeasure(runs: Path, rows: list[Row], official: Mapping[str, Row], progres
     load = partial(_task, official)
     for row, folder, values in measured_again(found, stage="measuring again", progress=progress, load=load):
         for name, value in values.items():
-            reported = row.get(f"metric.{name}")
-            if not _agree(name, value, reported):
+            if not _agree(name, value, row):
+                reported = row.get(f"metric.{name}")
                 raise InputError(f"{folder}: the vertices have {name} {value}, and the row says {reported}")
     return len(found)
 

@@ -158,6 +158,8 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
+        (["-m", "dataset=listed", "subject=[0,1]", "pose=1"], "subject=[0, 1] does not fit"),
+        (["dataset=bumpy", "method=stretching", "method.factor=nan"], "method.factor is NaN"),
         (
             ["-m", "dataset=listed", "subject=0,1", "pose=2"],
             "subject 1, pose 2, which . does not have; it has 3",

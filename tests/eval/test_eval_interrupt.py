@@ -83,6 +83,19 @@ def test_ctrl_c_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fres
     ]
 
 
+def test_a_killed_sweep_says_so_and_is_listed_once_until_it_is_done(tmp_path):
+    overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless"]
+    for _ in range(2):
+        with start_eval(tmp_path, *overrides) as process:
+            assert "[1 done, 0 failed, 1 remaining]" in process.stdout.readline()
+            sleep(1.0)  # the endless run has then begun
+            process.terminate()
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 143 and "ended by a signal; the same command goes on from there" in err
+    done = subprocess.run([*RUN[:3], "status"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.stdout.count("single: 1 done, 0 failed, 1 remaining") == 1 and "run.fresh=true" in done.stdout
+
+
 def test_a_terminal_shows_bars_and_a_file_the_lines(tmp_path):
     ours, theirs = pty.openpty()
     overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=arap", "seed=0,1", "run.fresh=true"]

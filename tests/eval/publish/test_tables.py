@@ -99,8 +99,9 @@ def test_pose_transfers_without_a_truth_show_what_changed():
 
 
 def test_rows_of_two_configurations_are_no_one_method():
-    with pytest.raises(InputError, match="'a' has rows of different parameters"):
-        table_of(row("a"), row("a", "t2", method__hash="other"))
+    rows = row("a", method__stiffness=1.0), row("a", "t2", method__hash="other", method__stiffness=2.0)
+    with pytest.raises(InputError, match=r"'a' has rows of different parameters \(stiffness 1.0 and 2.0\)"):
+        table_of(*rows)
 
 
 def test_two_rows_of_one_case_are_refused():

@@ -50,3 +50,20 @@ def test_what_no_row_answers_for_is_missing():
     assert one["task.source"] == planned(pose=3)["task.source"]
     assert missing_rows([one], [done("t3", pose=3)]) == []
     assert missing_rows([one | {"task.name": "t3"}], rows)[0]["task.name"] == "t3"
+
+
+@pytest.mark.parametrize(
+    ("known", "name"),
+    [
+        ("set/subject_00/pose_1", "set/subject_07/pose_12"),
+        ("set/subject_00/pose_1/points", "set/subject_07/pose_12/points"),
+        ("mine_1", "_target_=load subject=7 pose=12"),
+    ],
+)
+def test_planned_cases_have_the_names_of_other_cases_of_their_dataset(known, name):
+    def of(subject, pose):
+        source = {"_target_": "load", "root": "data", "subject": subject, "pose": pose}
+        return {"method.name": "a", "seed": 0, "task.source": json.dumps(source)}
+
+    rows = [row("a", known, task__source=of(0, 1)["task.source"])]
+    assert [one["task.name"] for one in missing_rows([of(0, 1), of(7, 12)], rows)] == [name]

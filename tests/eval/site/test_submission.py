@@ -168,7 +168,13 @@ def test_a_measure_that_is_not_that_of_the_vertices_is_refused(folder, published
     ],
 )
 def test_measures_agree_as_far_as_single_precision_goes(name, value, reported, same):
-    assert module._agree(name, value, reported) == same
+    assert module._agree(name, value, {f"metric.{name}": reported}) == same
+
+
+@pytest.mark.parametrize(("worst", "same"), [(2.67e6, True), (60.0, False)])
+def test_a_mean_distortion_agrees_as_far_as_its_worst_face(worst, same):
+    row = {"metric.distortion": 56.402, "metric.distortion_max": worst}
+    assert module._agree("distortion", 55.429, row) == same
 
 
 def test_the_name_of_a_method_of_the_project_is_refused(folder, published):
