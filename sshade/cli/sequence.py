@@ -227,8 +227,9 @@ def _deform(
             seen,
         )
     seconds = perf_counter() - begin
-    each = f", handles reached to {100 * max(errors):.2g} % of the diagonal" if results else ""
-    each += f", {seconds / len(results):.2f} s each" if results else ""
+    each = f", {seconds / len(results):.2f} s each" if results else ""
+    if results and poses[0].exact.any():
+        each = f", hard handles reached to {100 * max(errors):.2g} % of the diagonal{each}"
     say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     for note in [*given.notes, *unused_options(options, options.handles[0], files[0])]:
         say(f"note: {note}")
