@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,9 @@ LABELS = {
 }
 #: Default setting, and default measures: the first measure is the horizontal axis of all panels.
 KNOB, MEASURES = "volume", ("volume", "edge", "angle")
+
+#: Places of the values at the ends of curves, above and below by turns.
+ENDS: list[dict[str, Any]] = [{"xytext": (0, 5), "va": "bottom"}, {"xytext": (0, -5), "va": "top"}]
 
 #: The mean of each measure.
 Point = tuple[float, ...]
@@ -73,6 +76,25 @@ def front(
     InputError
         If no case has a valid row of every method.
     """
+    curves = _means(rows, knob, measures, leave_out).groupby(level="family")
+    return {family: list(own.itertuples(index=False, name=None)) for family, own in curves}
+
+
+def knob_values(
+    rows: pd.DataFrame, *, knob: str, measures: tuple[str, ...], leave_out: tuple[str, ...]
+) -> dict[str, list[str]]:
+    """Return the numbers in the labels of each method, in the order of the points of :func:`front`."""
+    curves = _means(rows, knob, measures, leave_out).groupby(level="family")
+    return {
+        family: ["" if split_label(name)[1] is None else name.rpartition("-")[2] for _, name in own.index]
+        for family, own in curves
+    }
+
+
+def _means(
+    rows: pd.DataFrame, knob: str, measures: tuple[str, ...], leave_out: tuple[str, ...]
+) -> pd.DataFrame:
+    """Return the means of the measures by family and method, in falling order; see :func:`front`."""
     columns = [f"metric.{name}" for name in measures]
     setting = f"method.{knob}"
     kept = ["method.name", setting, "task.name", "task.checksum", "seed", *columns]
@@ -93,11 +115,7 @@ def front(
             f"the methods of these rows have no common case with {' and '.join(measures)}"
             f"{why if several else ''}"
         )
-    means = common.mean().unstack(0)[columns]
-    return {
-        family: sorted(own.itertuples(index=False, name=None), reverse=True)
-        for family, own in means.groupby("family")
-    }
+    return common.mean().unstack(0)[columns].sort_values(columns, ascending=False)
 
 
 def _family(name: str, value: Any) -> str:
@@ -139,12 +157,13 @@ def draw(
     points: dict[str | None, dict[str, list[Point]]],
     measures: tuple[str, ...] = MEASURES,
     *,
+    values: Mapping[str | None, Mapping[str, list[str]]] | None = None,
     machine: str = "",
 ) -> Figure:
     """Draw a line of panels for each half of the cases, with a panel for each measure but the first.
 
-    A legend names curves; points have their names beside them. `machine` stands below a time. A grey line
-    is the front of quality against time.
+    A legend names curves, and their ends have their `values`; points have their names beside them. `machine`
+    stands below a time. A grey line is the front of quality against time.
     """
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -157,6 +176,20 @@ def draw(
         for i, (name, axes) in enumerate(zip(others, panels, strict=True), start=1):
             curves = {method: [(point[0], point[i]) for point in own] for method, own in methods.items()}
             plot_points(axes, curves, looks)
+            lines_of = [method for method, own in curves.items() if len(own) > 1] if values else []
+            for number, method in enumerate(lines_of):
+                own, side = curves[method], ENDS[number % 2]
+                for end in (0, -1):
+                    axes.annotate(
+                        values[half][method][end],
+                        own[end],
+                        textcoords="offset points",
+                        color=looks[method]["color"],
+                        ha="center",
+                        fontsize=7,
+                        in_layout=False,
+                        **side,
+                    )
             axes.set(xlabel=_label(first), ylabel=_label(name))
             axes.grid(alpha=0.3)
             axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -226,10 +259,15 @@ def command(options: argparse.Namespace) -> int:
     if options.knob != KNOB and f"method.{options.knob}" not in rows:
         raise InputError(f"--knob {options.knob}: no method of these rows has this setting")
     halves = rows["task.name"].map(split_of)
-    points = {
-        half: front(own, knob=options.knob, measures=measures, leave_out=tuple(options.leave_out))
+    asked = {"knob": options.knob, "measures": measures, "leave_out": tuple(options.leave_out)}
+    of_half = {
+        half: own
         for half in sorted(HALVES, key=lambda half: half != TUNING)
         if len(own := rows[halves.isna() if half is None else halves == half])
     }
-    save(draw(points, measures, machine=machine), options.out or FIGURES / f"{options.rows[0].stem}.png")
+    points, values = (
+        {half: read(own, **asked) for half, own in of_half.items()} for read in (front, knob_values)
+    )
+    figure = draw(points, measures, values=values, machine=machine)
+    save(figure, options.out or FIGURES / f"{options.rows[0].stem}.png")
     return 0
