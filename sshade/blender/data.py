@@ -168,9 +168,15 @@ def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion
 
 
 def add_key(obj: bpy.types.Object) -> bpy.types.ShapeKey:
-    """Add a shape key with the value 1 to an object, and a basis if it has none."""
+    """Add a shape key with the value 1 to an object, and a basis if it has none.
+
+    Blender adds up shape keys, so earlier keys of this extension get the value 0.
+    """
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
+    for earlier in obj.data.shape_keys.key_blocks:
+        if earlier.name.partition(".")[0] == KEY:
+            earlier.value = 0.0
     key = obj.shape_key_add(name=KEY, from_mix=False)
     key.value = 1.0
     return key

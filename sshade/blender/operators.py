@@ -88,7 +88,14 @@ class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
     needs_live = True
 
     def run(self, obj: bpy.types.Object) -> None:
-        live.RUNNING[obj.session_uid].finish(obj.sshade.method, obj.sshade.output)
+        running = live.RUNNING[obj.session_uid]
+        try:
+            running.require_unchanged(obj)
+            running.key(obj)
+        except InputError:  # the mode cannot go on
+            del live.RUNNING[obj.session_uid]
+            raise
+        running.finish(obj.sshade.method, obj.sshade.output)
         del live.RUNNING[obj.session_uid]
 
 

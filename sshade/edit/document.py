@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from contextlib import suppress
 from dataclasses import replace
@@ -374,13 +375,25 @@ class Document:
         return self._path.parent
 
     @property
+    def recovery_folders(self) -> list[Path]:
+        """Folders with recovery files, the folder of this session's first.
+
+        It is the folder of the mesh, where each later session looks; the folder of the handles if the mesh is
+        in memory or its folder is read-only.
+        """
+        handles, mesh = self.outputs["handles"].parent, self.folder
+        first = handles if self.is_in_memory or not os.access(mesh, os.W_OK) else mesh
+        return list(dict.fromkeys((first, handles, mesh)))
+
+    @property
     def command(self) -> str:
         """Command line that computes the same shape from the saved handles and their options.
 
         For a mesh in memory, the line of Python that reads the saved handles.
         """
         if self.is_in_memory:
-            return f"handles = sshade.io.handles.read_handles({str(self.outputs['handles'])!r}, mesh)"
+            handles = str(self.outputs["handles"])
+            return f"from sshade.io.handles import read_handles; handles = read_handles({handles!r}, mesh)"
         return self._command(self.outputs["handles"], self.outputs["mesh"])
 
     @property

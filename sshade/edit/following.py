@@ -16,6 +16,9 @@ from sshade.mesh.rigid import rigid_motion
 
 #: Largest difference of equal positions, as a fraction of the diagonal, and of equal rotations.
 SAME = 1e-12
+#: Largest distance of a follower in a file from where its leader takes it, as a fraction of the diagonal. A
+#: group farther away keeps its place and follows no longer: its leader lost vertices since they were linked.
+FOLLOWS = 1e-6
 
 
 def recorded(groups: Sequence[Group]) -> list[Any]:
@@ -26,6 +29,8 @@ def recorded(groups: Sequence[Group]) -> list[Any]:
 
 def linked(mesh: Mesh, groups: tuple[Group, ...], record: Any) -> tuple[Group, ...]:
     """Return groups with the links of :func:`recorded`, or without links if another program changed the file.
+
+    All groups stay at their targets.
 
     Parameters
     ----------
@@ -45,7 +50,14 @@ def linked(mesh: Mesh, groups: tuple[Group, ...], record: Any) -> tuple[Group, .
             case [int(place), None, int() | float() as distance] if 0 <= place < len(made) and distance > 0:
                 away = distances(mesh, made[place].vertices, distance)[group.vertices]
                 link = Link(made[place].number, None, distance, falloff(away, distance))
-        made.append(replace(group, link=link))
+        if link is not None:
+            # The rotations of a file are prescribed; these come from the motion of the leader.
+            place = next(i for i, one in enumerate(made) if one.number == link.leader)
+            made[place] = replace(made[place], is_prescribed=False)
+            moved = _follow(mesh, replace(group, is_prescribed=False, link=link), link, made[place])
+            if np.abs(moved.target - group.target).max() <= FOLLOWS * mesh.diagonal:
+                group = replace(group, is_prescribed=False, link=link)
+        made.append(group)
     return tuple(made)
 
 

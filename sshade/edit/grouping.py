@@ -99,7 +99,9 @@ class Grouping(Work):
         return Group(number, (name or f"group {number}")[:LONGEST], kind, vertices, target, **fields)
 
     def limit(self, number: int, distance: float) -> int:
-        """Fix everything farther than a distance from a group, except other groups; return the new number.
+        """Fix everything farther than a distance from a group and its mirror image; return the new number.
+
+        Other groups stay as they are.
 
         The surface in between then bends, so that a move falls off within the distance.
 
@@ -109,8 +111,13 @@ class Grouping(Work):
             See :func:`sshade.edit.selection.near`; also when no vertex is so far away.
         """
         with self._lock:
-            group = self.state.group(number)
-            far = ~near(self.mesh, group.vertices, distance)
+            group, _ = self.state.led(number)
+            images = [
+                g for g in self.state.groups if g.link and g.link.leader == group.number and not g.fades
+            ]
+            far = np.ones(self.mesh.n, dtype=bool)
+            for one in (group, *images):
+                far &= ~near(self.mesh, one.vertices, distance)
             for other in self.state.groups:
                 far[other.vertices] = False
             if not far.any():

@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 import secrets
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from glob import escape
@@ -62,8 +63,8 @@ class Recovery:
 
     Parameters
     ----------
-    folder : path
-        Folder of the recovery files.
+    folders : sequence of path
+        Folders with recovery files; this session writes into the first.
     name : str
         File name of the mesh, with which the names of the recovery files begin.
     mesh : Mesh
@@ -76,12 +77,12 @@ class Recovery:
         Files of earlier sessions, latest first.
     """
 
-    def __init__(self, folder: Path, name: str, mesh: Mesh) -> None:
+    def __init__(self, folders: Sequence[Path], name: str, mesh: Mesh) -> None:
         self._mesh = mesh
         self._digest = ""
-        self.path = folder / f"{name}.recovery-{secrets.token_hex(3)}.npz"
+        self.path = folders[0] / f"{name}.recovery-{secrets.token_hex(3)}.npz"
         self.offers: list[Offer] = []
-        for path in folder.glob(f"{escape(name)}.recovery-*.npz"):
+        for path in [one for folder in folders for one in folder.glob(f"{escape(name)}.recovery-*.npz")]:
             with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
                 facts = json.loads(str(read_npz(path, "facts", what=WHAT)["facts"]))
                 if path in _ENDED or not _is_running(facts["process"]):

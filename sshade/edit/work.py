@@ -43,7 +43,7 @@ class Work:
     mesh : Mesh
         The surface in the file that can be deformed.
     recovery : Recovery
-        Keeps the unsaved work in a file beside the handles.
+        Keeps the unsaved work in a file beside the mesh.
     version : int
         Increases with each change that a page shows, except for steps of a drag.
     trouble : str
@@ -54,7 +54,7 @@ class Work:
 
     def __init__(self, document: Document, settings: Settings) -> None:
         self.document, self.mesh = document, document.mesh
-        self.recovery = Recovery(document.outputs["handles"].parent, document.name, self.mesh)
+        self.recovery = Recovery(document.recovery_folders, document.name, self.mesh)
         self.trouble = ""
         self.version = 0
         self.shown = self.mesh.V

@@ -284,7 +284,7 @@ def write_handles(
                 raise InputError(
                     "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
                 )
-            entry |= slide.record
+            entry |= _beside(slide.record, Path(path).resolve().parent)
         if "free" in entry:
             entry.pop("target", None)  # it has no effect, and files do not have it
         entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
@@ -292,6 +292,14 @@ def write_handles(
     texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"
     with replacing(path) as temporary:
         temporary.write_text(_lines(texts, "") + "\n", encoding="utf-8")
+
+
+def _beside(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the record of a slide; a surface in or below the folder of the file is named from there."""
+    named = record.get("slide", {}).get("surface", REST)
+    if named == REST or not Path(named).is_relative_to(folder):
+        return dict(record)
+    return {"slide": {"surface": Path(named).relative_to(folder).as_posix()}}
 
 
 def _lines(texts: Mapping[str, str], indent: str) -> str:

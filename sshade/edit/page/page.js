@@ -108,7 +108,9 @@ function unpack(buffer) {
 }
 
 function complain(error) {
-  if (error.superseded) return null;
+  if (error.superseded || document.body.classList.contains("ended")) return null;
+  panel.forget(); // a refused value does not stay in its field
+  if (facts) panel.show(facts, active);
   const text = error.message;
   say(`${text}${/[.?!]$/.test(text) ? "" : "."}`); // not capitalised: it may begin with the name of a file
   return null;
@@ -310,6 +312,7 @@ view.gizmo.addEventListener("objectChange", () => {
 for (const input of document.querySelectorAll("input[name=tool]")) {
   input.addEventListener("change", () => {
     picking.use(input.value);
+    view.gizmo.enabled = input.value === "view"; // strokes over the arrows pick
     byId("hint").textContent = HINTS[input.value];
   });
 }
@@ -362,14 +365,17 @@ byId("reach").addEventListener("submit", (event) => {
 });
 byId("errors").addEventListener("change", () => arrays.change || settle());
 
+let saving = Promise.resolve(); // the save that runs
 for (const what of ["handles", "mesh", "animation"]) {
   const form = byId(`save-${what}`), { name, rate } = form.elements;
   name.addEventListener("input", () => {
     name.dataset.edited = "yes";
   });
-  form.addEventListener("submit", async (event) => {
+  form.addEventListener("submit", (event) => {
     event.preventDefault();
-    const given = { what, name: name.value, ...(rate && { rate: Number(rate.value) }) };
+    saving = store({ what, name: name.value, ...(rate && { rate: Number(rate.value) }) });
+  });
+  async function store(given) {
     say(null);
     byId("saved").textContent = "";
     try {
@@ -384,9 +390,10 @@ for (const what of ["handles", "mesh", "animation"]) {
       byId("command").hidden = !facts.groups.length || (what === "mesh" && facts.unsaved);
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
-      complain(error);
+      if (error.superseded) say(`${given.name} was not saved, because the handles moved meanwhile; save it again.`);
+      else complain(error);
     }
-  });
+  }
 }
 
 async function save(given) {
@@ -400,8 +407,11 @@ async function save(given) {
 }
 
 byId("open").addEventListener("change", async ({ target }) => {
-  const [file] = target.files;
-  if (!file) return;
+  const [file] = target.files, lost = facts.unsaved ? "The handles are not saved. Undo brings them back. " : "";
+  if (!file || (lost && !window.confirm(`${lost}Open ${file.name} in their place?`))) {
+    target.value = "";
+    return;
+  }
   order += 1;
   say(null);
   await send(`open?name=${encodeURIComponent(file.name)}`, await file.arrayBuffer());
@@ -414,17 +424,18 @@ const KEYS = {
   n: "#snap", p: "#pivot", k: "#play",
 };
 window.addEventListener("keydown", (event) => {
-  if (event.target.matches("input[type=text], input[type=number], select")) return;
-  const key = event.key.toLowerCase();
+  if (event.target.matches("input[type=text], input[type=number]")) return;
+  const key = event.key.toLowerCase(), list = event.target.matches("select");
   if ((event.ctrlKey || event.metaKey) && (key === "z" || key === "y")) {
     event.preventDefault();
     byId(key === "y" || event.shiftKey ? "redo" : "undo").click();
-  } else if (!event.ctrlKey && !event.metaKey && !event.altKey && KEYS[key]) {
+  } else if (!list && !event.ctrlKey && !event.metaKey && !event.altKey && KEYS[key]) {
     document.querySelector(KEYS[key]).click();
   } else if (key === "escape") picking.cancel();
 });
 
 byId("quit").addEventListener("click", async () => {
+  await saving;
   const unsaved = facts?.unsaved && !facts.returns;
   if (unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
   await request("quit", "").catch(() => {});

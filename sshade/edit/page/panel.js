@@ -89,6 +89,11 @@ export class Panel {
     this.list(facts, active);
   }
 
+  // List the groups anew at the next change, also where nothing changed.
+  forget() {
+    this.listed = null;
+  }
+
   list({ mesh, groups, files, scale, returns }, active) {
     const text = JSON.stringify([groups, files, active]);
     if (text === this.listed) return; // keep an input in which the user is typing

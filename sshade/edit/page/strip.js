@@ -2,6 +2,7 @@
 import { byId } from "./panel.js";
 
 const ROOM = 1; // seconds behind the last key that the slider reaches
+const rounded = (time) => Number(time.toFixed(3));
 const near = (a, b) => Math.abs(a - b) < 5e-3;
 
 export class Strip {
@@ -11,6 +12,7 @@ export class Strip {
     Object.assign(this, { ask, seek, draw, begin, complain });
     this.keys = [];
     this.playing = false;
+    this.at = 0; // the exact time, which the field rounds
     this.wanted = null; // the time to show next
     this.busy = null; // the loop that shows times
     byId("slider").addEventListener("input", ({ target }) => this.scrub(Number(target.value)));
@@ -20,14 +22,15 @@ export class Strip {
       if (this.keys.length) this.stay(Number(target.value));
     });
     byId("key").addEventListener("click", async () => {
-      if (await this.ask("key", { time: this.time })) byId("key").focus();
+      if (this.moves) await this.stop();
+      if (await this.ask("key", { time: this.keyAt(this.time) ?? this.time })) byId("key").focus();
     });
     byId("unkey").addEventListener("click", () => this.ask("unkey", { time: this.keyAt(this.time) }));
     byId("play").addEventListener("click", () => (this.playing ? this.stop() : this.play()));
   }
 
   get time() {
-    return Number(byId("time").value);
+    return this.at;
   }
 
   get last() {
@@ -45,6 +48,7 @@ export class Strip {
   show({ keys, groups }) {
     const shown = JSON.stringify([keys, groups.length > 0]);
     this.keys = keys;
+    if (keys.length < 2) this.playing = false;
     if (shown === this.shown) return;
     this.shown = shown;
     const focused = document.activeElement?.dataset.key;
@@ -55,9 +59,9 @@ export class Strip {
     byId("save-animation").hidden = keys.length === 0;
     byId("key").disabled = groups.length === 0;
     byId("keys").replaceChildren(...keys.map((time) => {
-      const button = Object.assign(document.createElement("button"), { type: "button", textContent: `${Number(time.toFixed(2))} s` });
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: `${rounded(time)} s` });
       button.dataset.key = time;
-      button.setAttribute("aria-label", `go to the key at ${Number(time.toFixed(2))} s`);
+      button.setAttribute("aria-label", `go to the key at ${rounded(time)} s`);
       button.addEventListener("click", () => this.stay(time));
       return button;
     }));
@@ -67,7 +71,8 @@ export class Strip {
 
   // Show the time, and whether a key is there.
   moveTo(time) {
-    byId("time").value = Number(time.toFixed(2));
+    this.at = time;
+    byId("time").value = rounded(time);
     byId("slider").value = time;
     this.mark();
   }
@@ -103,7 +108,7 @@ export class Strip {
   }
 
   stop() {
-    return this.stay(this.time);
+    return this.stay(rounded(this.time)); // the time that the field shows
   }
 
   // Show one time after the other until none is wanted.

@@ -174,7 +174,9 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
     def act(server):
         mark_and_lift(server, LOW, HIGH)
         said = command(server, "save", {"what": "handles", "name": "mine.json"})
-        assert said["command"] == f"handles = sshade.io.handles.read_handles({str(saved)!r}, mesh)"
+        assert said["command"] == (
+            f"from sshade.io.handles import read_handles; handles = read_handles({str(saved)!r}, mesh)"
+        )
 
     user(act)
     handles = sshade.edit_handles(BODY)

@@ -240,3 +240,36 @@ def test_a_mesh_without_symmetry_has_no_images():
     number = added(session, np.arange(BODY.n, BODY.n + 5), "moving")
     with pytest.raises(InputError, match="no vertices on the other side"):
         session.mirror(number, 0)
+
+
+def test_a_limit_spares_the_surroundings_of_the_image_too():
+    session = begun(BALL)
+    session.mirror_picks(0)
+    session.select(caps(both=False), "replace")
+    number = session.mark("moving")
+    session.limit(number, 0.3)
+    one, other, fixed = session.state.groups
+    away = along_edges(BALL, np.concatenate([one.vertices, other.vertices]))
+    assert (away[fixed.vertices] > 0.3).all() and len(fixed.vertices) > 100
+
+
+@pytest.mark.parametrize("loses", [False, True])
+def test_followers_of_a_single_vertex_are_where_they_were_when_a_file_is_opened_again(loses):
+    session = begun(BODY)
+    added(session, np.flatnonzero(BODY.V[:, 2] < -0.8), "static")
+    top = int(BODY.V[:, 2].argmax())
+    near = np.flatnonzero(np.linalg.norm(BODY.V - BODY.V[top], axis=1) < 0.3)
+    number = added(session, near if loses else np.array([top]), "moving")
+    session.fade(number, 0.8)
+    session.release(
+        number, Motion.about(BODY.V[top], Rotation.from_rotvec([1, 0, 0]).as_quat(), [0, 0.2, 0.3])
+    )
+    if loses:
+        added(session, near[:5], "moving")
+    session.settle()
+    session.save("handles", "pose.json")
+    again = Session(Path("body.ply"), handles=Path("pose.json"))
+    again.settle()
+    assert np.abs(again.shown - session.shown).max() < 1e-9
+    fading = [group for group in again.state.groups if group.fades]
+    assert len(fading) == (0 if loses else 1)

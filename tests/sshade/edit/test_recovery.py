@@ -7,6 +7,7 @@ import pytest
 
 from sshade import InputError, Slide
 from sshade.edit import recovery
+from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
 from sshade.io.meshes import write_mesh
@@ -120,3 +121,23 @@ def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(mo
     monkeypatch.setattr(session.recovery, "write", refused)
     added(session, np.arange(5), "moving")
     assert len(session.state.groups) == 1 and "No space left" in session.trouble
+
+
+def test_the_file_is_beside_the_mesh_where_the_next_session_looks(monkeypatch):
+    Path("out").mkdir()
+    session = begun(BODY, handles_output=Path("out/pose.json"))
+    added(session, np.arange(5), "moving")
+    assert abandoned(session, monkeypatch).parent == Path() and files() == [session.recovery.path]
+    assert [offer.path for offer in Session(Path("body.ply")).recovery.offers] == [session.recovery.path]
+
+
+def test_a_surface_beside_the_handles_is_named_from_there(monkeypatch):
+    write_mesh("tool.ply", BODY.V * 1.2, BODY.F)
+    session = begun(BODY)
+    number = added(session, np.arange(5), "moving")
+    added(session, np.arange(20, 30), "static")
+    session.alter(number, slide=slide_of({"slide": {"surface": "tool.ply"}}, session.mesh, Path().resolve()))
+    session.save("handles", "pose.json")
+    assert '{"surface": "tool.ply"}' in Path("pose.json").read_text()
+    again = Session(Path("body.ply"), handles=Path("pose.json"))
+    assert again.state.groups[0].slide.moves_as(session.state.groups[0].slide)
