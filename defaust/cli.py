@@ -141,6 +141,12 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
     from defaust.schema import mismatch
     from sshade.cli.configuration import CONFIGURATION, named_functions, one_sentence, unreadable_override
 
+    for override in overrides:
+        name, _, value = override.partition("=")
+        if name == "source" and ("," in value or value.startswith("[")):
+            raise InputError(
+                f"{override} names several sources; choose one, and build each into its own folder"
+            )
     try:
         with initialize_config_dir(str(CONFIGURATION / "defaust"), version_base="1.3"):
             config = compose("build", overrides=list(overrides))
@@ -162,7 +168,9 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
         raise InputError(one_sentence(str(error))) from error
-    out, settings = Path(str(plain.pop("out"))), {name: plain.pop(name) for name in ("workers", "strict")}
+    if not isinstance(plain["out"], str):
+        raise InputError(f"out={plain['out']} is no folder; give a name")
+    out, settings = Path(plain.pop("out")), {name: plain.pop(name) for name in ("workers", "strict")}
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:

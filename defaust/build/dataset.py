@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -19,7 +20,7 @@ from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
 from defaust.folder.croissant import croissant
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
-from defaust.sources.source import Source
+from defaust.sources.source import Source, SourcePose
 from sshade import InputError
 from sshade.io.files import make_folder
 from sshade.progress import Progress, silent
@@ -29,6 +30,8 @@ log = logging.getLogger(__name__)
 
 #: File in WORK with everything that determines the result.
 RECIPE = "recipe.json"
+#: Names of folders of subjects, and of what a killed build leaves.
+SUBJECT, LEFTOVER = re.compile(r"subject_\d+"), re.compile(r"\..*\.partial.*")
 #: Packages whose versions can change the result.
 TOOLS = ("numpy", "scipy", "pymeshlab")
 
@@ -75,7 +78,7 @@ def build(
     """
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
-    recipe = _recipe(source, options)
+    recipe, unusable = _recipe(source, options, strict=strict)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
     with sole_builder(out):
@@ -85,8 +88,9 @@ def build(
         done = _finished(out, subjects)
         if strict:
             done = {s: record for s, record in done.items() if "left_out" not in record}
-        unusable: dict[int, UnusableError] = {}
-        missing = [s for s in subjects if s not in done]
+        for error in unusable.values():
+            log.warning("left out: %s", error)
+        missing = [s for s in subjects if s not in done and s not in unusable]
         log.info("%d of %d subjects are already built", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
         workers = min(workers, max(1, len(missing)))
@@ -122,17 +126,30 @@ def _report_left_out(source: dict[str, Any], *, strict: bool) -> None:
         log.warning("left out: %s: %s", name, why)
 
 
-def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
-    """Everything that determines the result: the first part of dataset.json, as JSON reads it back."""
+def _recipe(
+    source: Source, options: BuildOptions, *, strict: bool
+) -> tuple[dict[str, Any], dict[int, UnusableError]]:
+    """Everything that determines the result: the first part of dataset.json, as JSON reads it back.
+
+    Also returns the subjects whose poses cannot be read, which have no poses there.
+    """
     for subject in options.subjects or ():
         if subject not in source.subjects:
             raise InputError(
                 f"the source {source.name} has no subject {subject}; it has {list(source.subjects)}"
             )
     subjects = source.subjects if options.subjects is None else options.subjects
+    poses, unusable = dict[int, tuple[SourcePose, ...]](), dict[int, UnusableError]()
+    for s in subjects:
+        try:
+            poses[s] = source.poses(s)
+        except InputError as error:
+            if strict:
+                raise
+            poses[s], unusable[s] = (), UnusableError(str(error))
     files = source.checksums(subjects)
     build = asdict(options) | {"subjects": list(subjects), "window": list(options.window)}
-    return {
+    recipe = {
         "format": layout.FORMAT,
         "name": f"defaust-{source.name}",
         "source": {"name": source.name, **source.provenance, **({"files": dict(files)} if files else {})},
@@ -142,21 +159,30 @@ def _recipe(source: Source, options: BuildOptions) -> dict[str, Any]:
         "poses": {
             str(s): [
                 {"pose": k, "name": p.name, "aligned": p.aligned, "landmarks": list(p.landmarks)}
-                for k, p in enumerate(source.poses(s), start=1)
+                for k, p in enumerate(poses[s], start=1)
             ]
             for s in subjects
         },
     }
+    return recipe, unusable
 
 
 def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     """Check that the folder was built by the same recipe, and begin or resume the build."""
     started, finished = out / layout.WORK / RECIPE, out / layout.DATASET
-    others = [path for path in out.iterdir() if path.name not in (LOCK, layout.WORK)]
+    others = [
+        path
+        for path in out.iterdir()
+        if path.name not in (LOCK, layout.WORK) and not LEFTOVER.fullmatch(path.name)
+    ]
     if others and not started.is_file() and not finished.is_file():
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    # A recipe without a finished subject may be replaced.
-    begun = any((out / layout.WORK).glob("subject_*.json"))
+    last = (layout.CARD, layout.CROISSANT)  # files that a build writes at its end
+    strange = [path.name for path in others if not SUBJECT.fullmatch(path.name) and path.name not in last]
+    if strange and not finished.is_file():
+        raise InputError(f"{out} holds {strange[0]}, which no build has written; give another out")
+    # A recipe may be replaced where it has built nothing.
+    begun = any((out / layout.WORK).glob("subject_*.json")) or bool(others)
     for path in (started, finished) if begun else (finished,):
         if path.is_file():
             before = read_json(path)
@@ -170,7 +196,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                 )
     make_folder(out / layout.WORK)
     for folder in (out, out / layout.WORK):
-        for path in folder.glob(".*.partial*"):  # leftovers of a killed build
+        for path in [path for path in folder.iterdir() if LEFTOVER.fullmatch(path.name)]:
             if path.is_dir():
                 shutil.rmtree(path)
             else:

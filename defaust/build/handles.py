@@ -141,7 +141,8 @@ def handle_records(
         size, threshold = rest.diagonal, options.static_below
         return {"landmark": landmark} | displacement(source, target, diagonal=size, static_below=threshold)
 
-    records = {name: _unused(name) for name in regions}
+    still = {"boxes": [], "rotation": np.eye(3).tolist(), "translation": [0.0, 0.0, 0.0]}
+    records = {name: _unused(name, still) for name in regions}
     for region in pose.regions:
         source = rest.V[vertices_in(rest.V, region.boxes)]
         target = rigidly_moved(source, region.rotation, region.translation)
@@ -151,7 +152,7 @@ def handle_records(
             "translation": region.translation.tolist(),
         }
     for name, index in chosen.items() if posed is not None else ():
-        records[name] = _unused(name)
+        records[name] = _unused(name, {"source": [], "target": []})
         if name in pose.landmarks:
             source, target = rest.V[index], posed.V[index]
             positions = {"source": source.tolist(), "target": target.tolist()}
@@ -159,6 +160,6 @@ def handle_records(
     return list(records.values())
 
 
-def _unused(landmark: str) -> dict[str, Any]:
-    no_motion = {"kind": UNUSED, "delta": None, "delta_mean": None}
-    return {"landmark": landmark} | no_motion | {"source": [], "target": []}
+def _unused(landmark: str, place: dict[str, Any]) -> dict[str, Any]:
+    """Return the entry of a landmark without handles, which has the keys of the others, as tables need."""
+    return {"landmark": landmark, "kind": UNUSED, "delta": None, "delta_mean": None} | place

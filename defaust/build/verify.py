@@ -139,6 +139,8 @@ def _check_handles(
     vertex = {tuple(p): i for i, p in enumerate(rest.V.tolist())}
     taken, taken_high = np.zeros(rest.n, dtype=bool), np.zeros(high.n, dtype=bool)
     for handle in handles:
+        if handle["kind"] == UNUSED and handle.get("boxes") == []:
+            continue  # a region of another pose
         try:
             if "boxes" in handle:
                 index = vertices_in(rest.V, handle["boxes"])

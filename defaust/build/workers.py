@@ -6,6 +6,7 @@ import multiprocessing
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
+from sshade.errors import InputError
 from sshade.processes import end_with_parent
 from sshade.progress import Progress
 
@@ -75,6 +77,11 @@ def build_subjects(
                     progress(*stages.get())
                 for finished in done:
                     yield jobs[finished], finished.result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "a process of the build was killed, perhaps for lack of memory; the same command continues, "
+                "with fewer workers if you give workers=1"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

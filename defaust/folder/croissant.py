@@ -142,7 +142,10 @@ def _handles(*, regions: bool) -> dict[str, Any]:
     else:
         texts |= {
             "source": ("sc:Float", "Positions at rest, three coordinates each."),
-            "target": ("sc:Float", "Positions in the pose, three coordinates each."),
+            "target": (
+                "sc:Float",
+                "Positions in the pose, three coordinates each; static handles stay at source.",
+            ),
         }
     fields = [
         _field("handles/file", "sc:Text", "File of the pose.")

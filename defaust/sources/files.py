@@ -64,7 +64,7 @@ class Shape:
             if self.array:
                 with _open_archive(self.path) as archive:
                     V, F = _reading(self.path, lambda: (archive[self.array], archive["F"]))
-                    return V.astype(np.float64), F.astype(np.int64)
+                    return _numbers(V, F)
             if self.frame is not None:
                 return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
@@ -83,9 +83,23 @@ class Shape:
             raise InputError(text) from error
 
 
+def _numbers(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions as float64 and faces as int64; raise InputError on other numbers."""
+    if V.dtype.kind not in "fiu":
+        raise InputError(f"its positions are {V.dtype}, no real numbers")
+    if F.dtype.kind not in "fiu" or not np.array_equal(F, np.trunc(F)):
+        raise InputError("its faces F are no whole numbers")
+    return V.astype(np.float64), F.astype(np.int64)
+
+
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
     """Find the meshes in a folder by name without suffix; earlier `suffixes` take precedence."""
     paths = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
+    for path in paths:
+        try:
+            path.name.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{ascii(path.name)}: its name is not UTF-8; rename the file") from error
     paths.sort(key=lambda path: suffixes.index(path.suffix.lower()), reverse=True)
     return {path.stem: path for path in paths if path.is_file()}
 

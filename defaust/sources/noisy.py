@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from defaust.schema import mismatch
 from defaust.sources.choices import OneTemplate
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
@@ -98,6 +99,9 @@ class NoisyBodies(OneTemplate):
     more_landmarks = SyntheticBodies.more_landmarks
 
     def __post_init__(self) -> None:
+        given = {"noise": self.noise, "seed": self.seed}
+        if problem := mismatch(given, {"noise": float, "seed": int}, "source"):
+            raise InputError(problem)
         if not 0 <= self.noise <= 10:
             raise InputError(f"source.noise is {self.noise}; give millimetres from 0 to 10")
         if self.seed < 0:
@@ -106,7 +110,8 @@ class NoisyBodies(OneTemplate):
     @property
     def name(self) -> str:  # type: ignore[override]
         """``noisy_2mm`` for a noise of 2 mm: levels of noise never share the name of a task."""
-        return f"noisy_{self.noise:g}mm"
+        short = f"{self.noise:g}"
+        return f"noisy_{short if float(short) == self.noise else repr(self.noise)}mm"
 
     @property
     def provenance(self) -> Mapping[str, object]:

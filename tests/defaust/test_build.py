@@ -1,7 +1,10 @@
 """Builds: determinism, resuming, and refused configurations."""
 
 import json
+import multiprocessing
+import os
 import shutil
+import signal
 from dataclasses import replace
 
 import pytest
@@ -15,7 +18,7 @@ from defaust.folder.record import read_dataset
 from sshade import InputError
 from sshade.io.meshes import read_mesh
 from tests.defaust.registrations import contents
-from tests.defaust.toy import OPTIONS, Balls, flip_a_byte
+from tests.defaust.toy import KEPT, OPTIONS, Balls, flip_a_byte
 
 
 def test_folder(finished):
@@ -122,6 +125,53 @@ def test_a_recipe_without_a_finished_subject_is_replaced(tmp_path):
     assert not list(out.glob("subject*"))
     build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
     assert verify(out) == []
+
+
+def test_files_that_no_build_wrote_and_subjects_of_another_recipe_stay(tmp_path):
+    out = tmp_path / "balls"
+    with pytest.raises(InputError, match="can be reached"):
+        build(Balls(), out, options=replace(OPTIONS, subjects=(0,), neighbourhood=1000), workers=1)
+    (out / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"holds notes\.txt, which no build has written; give another out"):
+        build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
+    (out / "notes.txt").rename(tmp_path / "notes.txt")
+    (out / "subject_02").mkdir()  # a build ended between a subject and its record
+    with pytest.raises(InputError, match="was built with another configuration"):
+        build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
+    assert (out / "subject_02").is_dir()
+
+
+def test_a_subject_without_readable_poses_is_left_out(tmp_path):
+    with pytest.raises(InputError, match="subject 1 has none"):
+        build(Unposed(), tmp_path / "strict", options=KEPT, workers=1, strict=True)
+    build(Unposed(), tmp_path / "balls", options=KEPT, workers=1)
+    document = read_dataset(tmp_path / "balls")
+    assert [one["subject"] for one in document["subjects"]] == [0, 2]
+    assert document["left_out"] == [{"subject": 1, "reason": "subject 1 has none"}]
+    assert verify(tmp_path / "balls") == []
+
+
+class Unposed(Balls):
+    """Balls of which one has no poses."""
+
+    def poses(self, subject):
+        if subject == 1:
+            raise InputError("subject 1 has none")
+        return super().poses(subject)
+
+
+def test_a_killed_process_of_a_build_is_told(tmp_path):
+    with pytest.raises(InputError, match="a process of the build was killed, perhaps for lack of memory"):
+        build(Killed(), tmp_path / "balls", options=KEPT, workers=2)
+
+
+class Killed(Balls):
+    """Balls whose process ends."""
+
+    def rest(self, subject):
+        if multiprocessing.parent_process() is not None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().rest(subject)
 
 
 def test_errors_of_a_subject_name_it(tmp_path):

@@ -63,6 +63,8 @@ def test_noise_depends_on_seed_subject_and_pose():
     [
         ({"noise": -1.0}, r"source.noise is -1.0; give millimetres from 0 to 10"),
         ({"noise": float("nan")}, "source.noise is nan"),
+        ({"noise": True}, "source.noise is True, not a number"),
+        ({"seed": 1.5}, "source.seed is 1.5, not"),
         ({"seed": -1}, "source.seed is -1; it must be at least 0"),
     ],
 )

@@ -79,7 +79,7 @@ def test_json_nested_too_deeply_is_no_json(dataset):
     (dataset / "dataset.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match="nested too deeply"):
         read_dataset(dataset)
-    (dataset / "dataset.json").rename(dataset / "recipe.json")
+    (dataset / "dataset.json").unlink()
     (dataset / ".build").mkdir()
     (dataset / ".build/subject_00.json").write_text("{}")
     (dataset / ".build/recipe.json").write_text("[]")

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from defaust.build.verify import verify
 from defaust.cli import main
+from defaust.folder.record import read_dataset
 from defaust.sources import scans
 from defaust.sources.scans import NAMES, SCANS, SHIPPED, Scans, identity, shipped
 from defaust.sources.winding import same_triangles
@@ -156,5 +157,12 @@ def test_another_armadillo_is_refused(armadillo, tmp_path, refused, change, mess
     file.unlink()
     if change:
         write_mesh(file, *change(mesh))
-    refused(["source=scans", f"source.root={armadillo}", f"out={out}", "workers=1"], message)
+    arguments = ["source=scans", f"source.root={armadillo}", f"out={out}", "workers=1"]
+    refused([*arguments, "strict=true"], message)
     assert not out.exists()
+    if change:  # the scans of the package are built without it
+        assert main(["build", *arguments, "subjects=[1,3]"]) == 0
+        document = read_dataset(out)
+        assert [one["subject"] for one in document["subjects"]] == [1]
+        ((left,),) = (document["left_out"],)
+        assert left["subject"] == 3 and message in left["reason"]

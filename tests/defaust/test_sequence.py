@@ -105,6 +105,13 @@ def test_archive(tmp_path):
     np.savez(tmp_path / "walk.npz", V_0=ball.V[:, :2], F=ball.F)
     with pytest.raises(InputError, match="walk.npz, V_0: "):
         sequence(tmp_path / "walk.npz").rest(0)
+    for wrong, words in (
+        ({"V_0": ball.V * 1j}, "no real numbers"),
+        ({"F": ball.F + 0.5}, "no whole numbers"),
+    ):
+        np.savez(tmp_path / "walk.npz", **{"V_0": ball.V, "V_1": ball.V, "F": ball.F} | wrong)
+        with pytest.raises(InputError, match=f"walk.npz, V_0: its .*{words}"):
+            sequence(tmp_path / "walk.npz").rest(0)
     with (tmp_path / "walk.npz").open("wb") as file:
         np.save(file, ball.V)
     with pytest.raises(InputError, match="walk.npz: not an .npz file; give a folder"):
