@@ -152,7 +152,11 @@ def _recipe(
     recipe = {
         "format": layout.FORMAT,
         "name": f"defaust-{source.name}",
-        "source": {"name": source.name, **source.provenance, **({"files": dict(files)} if files else {})},
+        "source": {
+            "name": source.name,
+            **source.provenance_of(subjects),
+            **({"files": dict(files)} if files else {}),
+        },
         "build": build,
         "tools": {name: metadata.version(name) for name in TOOLS},
         "landmarks": list(source.landmark_names),

@@ -69,17 +69,24 @@ class Scans(Source):
     @property
     def provenance(self) -> Mapping[str, Any]:
         """Facts for the dataset card, including the credits of each scan."""
-        texts, names = provenance_texts("scans"), [NAMES[s] for s in self.subjects]
+        return self.provenance_of(self.subjects)
+
+    def provenance_of(self, subjects: Sequence[int]) -> Mapping[str, Any]:
+        """Facts for the card of a dataset of some scans, which has the credits of no other scan."""
+        texts, names = provenance_texts("scans"), [NAMES[s] for s in subjects]
         origin, licence, citation = (
             "; ".join(f"{name}: {SCANS[name][fact]}" for name in names)
             for fact in ("origin", "licence", "credit")
         )
         return {
-            **texts,
+            **{name: text for name, text in texts.items() if name != "kinds"},
             "origin": f"{origin}; as collected in https://github.com/odedstein/meshes",
             "licence": licence,
             "citation": citation,
-            "limits": [limit.format(steps=STEPS) for limit in texts["limits"]],
+            "limits": [
+                limit.format(steps=STEPS, kinds="; ".join(f"{n}: {texts['kinds'][n]}" for n in names))
+                for limit in texts["limits"]
+            ],
             "classes": list(NAMES),
             "scans": {name: dict(SCANS[name]) for name in names},
         }

@@ -100,6 +100,10 @@ class Source:
         """
         raise NotImplementedError
 
+    def provenance_of(self, subjects: Sequence[int]) -> Mapping[str, Any]:
+        """Facts for the card of a dataset of some subjects; `provenance` unless subjects differ in them."""
+        return self.provenance
+
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """sha256 of each file that the subjects are read from, by file name; InputError if one is missing."""
         return {}

@@ -166,3 +166,10 @@ def test_another_armadillo_is_refused(armadillo, tmp_path, refused, change, mess
         assert [one["subject"] for one in document["subjects"]] == [1]
         ((left,),) = (document["left_out"],)
         assert left["subject"] == 3 and message in left["reason"]
+
+
+def test_a_dataset_of_some_scans_has_the_credits_of_no_other():
+    facts = Scans().provenance_of([2])
+    assert facts["licence"] == f"hand: {SCANS['hand']['licence']}" and facts["classes"] == list(NAMES)
+    told = {name: value for name, value in facts.items() if name != "classes"}
+    assert not any(name in str(told) for name in ("koala", "armadillo"))
