@@ -16,6 +16,7 @@ const HINTS = {
   lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
 };
 const stage = byId("stage");
+const BACK = ["undo", "redo", "restore"]; // commands that take groups back
 const ROLL = Math.PI / 12; // a step of a roll, and of a turn that snaps
 // Attempts to reach the program again, and milliseconds between them.
 const TRIES = 4, WAIT = 500;
@@ -77,6 +78,7 @@ function send(path, body) {
 
 function ask(command, given = {}) {
   order += 1;
+  if (BACK.includes(command)) pivots.clear(); // the places of moved pivots are not in the history
   say(null);
   return send(command, JSON.stringify(given));
 }

@@ -130,6 +130,7 @@ export class Panel {
     }));
     kinds.setAttribute("role", "radiogroup");
     kinds.setAttribute("aria-label", `${group.name} is`);
+    kinds.hidden = group.fades !== null; // surroundings move with their group
     const remove = button("", "delete the group; its vertices become unconstrained", () => this.ask("remove", { group: number }));
     remove.className = "delete";
     remove.append(icon("delete"), " Delete");
