@@ -99,8 +99,9 @@ class SweepRecord:
     def create(cls, experiment: Path, sweep: Sweep) -> SweepRecord:
         """Create the record of a sweep in the folder of its experiment; it replaces a killed sweep's."""
         for other in records(experiment):
-            if other.given_up() and other.sweep().runs == sweep.runs:
-                other.remove()
+            with suppress(FileNotFoundError):  # the other sweep has just ended
+                if other.given_up() and other.sweep().runs == sweep.runs:
+                    other.remove()
         record = cls(experiment / RECORDS / f"{sweep.begin:%Y%m%dT%H%M%S.%f}_{os.getpid()}")
         content = vars(sweep) | {"begin": sweep.begin.isoformat(), "code": dict(sweep.code)}
         content["host"] = sweep.host or socket.gethostname()
