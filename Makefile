@@ -3,7 +3,7 @@
 # make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
 # make scaling      the cost model of docs/scaling.md (a quarter of an hour)
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
-# make corpus       mesh and handle files of all kinds by three methods, checked (two minutes)
+# make corpus       mesh and handle files of all kinds by three methods, checked (a minute or two)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # make cover        the picture of the README, by methods at full size (ten minutes)
