@@ -79,6 +79,8 @@ def build(
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
     recipe, unusable = _recipe(source, options, strict=strict)
+    if len(unusable) == len(recipe["build"]["subjects"]):
+        raise next(iter(unusable.values()))
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
     with sole_builder(out):

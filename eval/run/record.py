@@ -148,11 +148,15 @@ class SweepRecord:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def complete(self) -> None:
-        """Delete the record and older records of the same runs, which are now finished."""
-        runs = self.sweep().runs
-        for other in records(self.folder.parents[1]):
-            if other.folder.name < self.folder.name and other.sweep().runs == runs:
-                other.remove()
+        """Delete the record, and older records of the same runs whose sweeps do not go on."""
+        with suppress(FileNotFoundError):  # another sweep of the same runs has ended first
+            runs = self.sweep().runs
+            for other in records(self.folder.parents[1]):
+                with suppress(FileNotFoundError):
+                    sweep, older = other.sweep(), other.folder.name < self.folder.name
+                    goes_on = sweep.host == socket.gethostname() and not other.given_up()
+                    if older and sweep.runs == runs and not goes_on:
+                        other.remove()
         self.remove()
 
 

@@ -75,6 +75,9 @@ def test_runs_come_in_the_order_of_discovery(tmp_path):
     assert [run.number for run in record.ended()] == [2, 0]
 
 
+MOST_PROCESSES = 2**22  # of Linux; no process has a larger number
+
+
 def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_path):
     begins = [BEGIN + timedelta(seconds=i) for i in range(4)]
     killed, other, record, later = (
@@ -83,8 +86,11 @@ def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_pa
     )
     names = [r.folder.name for r in (killed, other, record, later)]
     assert names == sorted(names) == [r.folder.name for r in records(tmp_path)]
-    record.complete()
-    assert [r.folder.name for r in records(tmp_path)] == [other.folder.name, later.folder.name]
+    record.complete()  # the first sweep goes on: its process, this one, exists
+    assert [r.folder.name for r in records(tmp_path)] == [names[0], names[1], names[3]]
+    killed.folder.rename(killed.folder.with_name(f"{names[0].rpartition('_')[0]}_{MOST_PROCESSES + 1}"))
+    later.complete()
+    assert [r.folder.name for r in records(tmp_path)] == [other.folder.name]
 
 
 def test_the_monitor_tells_of_runs_of_other_processes(tmp_path, capsys):
