@@ -17,8 +17,14 @@ ROTATION = 1e-6
 NO_HANDLES = "there are no handles; at least one vertex needs a prescribed position"
 
 
-def checked_index(index: Any) -> np.ndarray:
-    """Return a copy of vertex ids (k,) as int64; raise InputError if they are no ids, or there are none."""
+def checked_index(index: Any, *, once: bool = False) -> np.ndarray:
+    """Return a copy of vertex ids (k,) as int64.
+
+    Raises
+    ------
+    InputError
+        If they are no ids, or there are none; with `once`, also if an id is given twice.
+    """
     index = np.asarray(index)
     if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
         raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
@@ -28,6 +34,8 @@ def checked_index(index: Any) -> np.ndarray:
         raise InputError(f"handle id {index.min()} is negative")
     if index.max() > np.iinfo(np.int64).max:
         raise InputError(f"handle id {index.max()} is no id of a vertex")
+    if once and len(np.unique(index)) < len(index):
+        raise InputError("a handle vertex is given twice")
     return index.astype(np.int64)
 
 

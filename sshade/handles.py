@@ -154,6 +154,14 @@ class Handles:
         """(k,) bool: hard handles, at their targets or on the sets on which they slide."""
         return np.isinf(self.weight)
 
+    @property
+    def slide_arrays(self) -> list[np.ndarray]:
+        """All arrays that determine how the handles slide; none if no handle does."""
+        if self.slide is None:
+            return []
+        distinct = {id(one): one for one in self.slide if one is not None}.values()
+        return [slide_numbers(self.slide), *(array for one in distinct for array in one.arrays)]
+
     def goals(self, V: np.ndarray) -> np.ndarray:
         """Return the targets (k, 3), and for handles that slide the nearest allowed positions to V (n, 3)."""
         if self.slide is None:

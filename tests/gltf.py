@@ -1,6 +1,8 @@
 """glTF files for the tests: put together and taken apart."""
 
+import base64
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +23,17 @@ def glb(tree: dict, buffer: bytes, further: bytes = b"") -> bytes:
 def taken_apart(data: bytes) -> tuple[dict, bytes]:
     length = int.from_bytes(data[12:16], "little")
     return json.loads(data[20 : 20 + length]), data[28 + length :]
+
+
+def buffer_beside(name: str) -> bytes:
+    """Move the buffer of a .gltf file into a .bin file beside it; return its bytes."""
+    path = Path(name)
+    tree = json.loads(path.read_text())
+    data = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
+    path.with_suffix(".bin").write_bytes(data)
+    tree["buffers"][0]["uri"] = path.with_suffix(".bin").name
+    path.write_text(json.dumps(tree))
+    return data
 
 
 def with_arrays(tree: dict, *arrays: np.ndarray) -> bytes:

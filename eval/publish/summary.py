@@ -252,9 +252,10 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
             f"the rows are of {len(datasets)} datasets ({', '.join(datasets)}), and means over several "
             "datasets say nothing: run each dataset under another name, run.experiment=..."
         )
-    hashes = begun(rows).groupby("method.name")["method.hash"].nunique()
+    started = begun(rows)
+    hashes = started.groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
-        own = begun(rows)[begun(rows)["method.name"] == hashes.idxmax()]
+        own = started[started["method.name"] == hashes.idxmax()]
         settings = [
             name for name in own if name.startswith("method.") and name not in ("method.hash", "method.note")
         ]

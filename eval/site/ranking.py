@@ -96,10 +96,7 @@ def _ranking(title: str, table: Table, by: Column, seconds: Mapping[str, float])
             texts.append("-" if method == table.reference else difference_text(by, of_method))
         texts += _numbers(table, method, others)
         lines.append((rank, texts + _time(method, seconds)))
-    note = (
-        f"A method shares the place (=) of a better one where {table.subjects} subjects cannot tell the two "
-    )
-    note += "apart."
+    note = f"A method shares the place (=) of a better one if {table.subjects} subjects cannot decide."
     if places.isna().all():
         note = "No ranks, because there are fewer than three subjects or two methods: sorted by the mean."
     labels = ["rank", "method", by.label, *reference, *(c.label for c in others), *[TIME] * bool(seconds)]

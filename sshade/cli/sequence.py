@@ -277,13 +277,8 @@ def softened(handles: Handles, weight: float) -> Handles:
 
 def _contents(handles: Handles) -> bytes:
     """Return bytes that change with the handles of a pose and their targets."""
-    arrays = [handles.index, handles.target, handles.group, handles.weight, handles.rotation]
-    if handles.slide is not None:
-        from sshade.slides import slide_numbers  # imports large libraries
-
-        arrays.append(slide_numbers(handles.slide))
-        distinct = {id(slide): slide for slide in handles.slide if slide is not None}
-        arrays += [array for slide in distinct.values() for array in slide.arrays]
+    kinds = handles.index, handles.target, handles.group, handles.weight, handles.rotation
+    arrays = *kinds, *handles.slide_arrays
     return b"".join(b"" if array is None else array.tobytes() for array in arrays)
 
 

@@ -52,7 +52,7 @@ def linked(mesh: Mesh, groups: tuple[Group, ...], record: Any) -> tuple[Group, .
                 link = Link(made[place].number, None, distance, falloff(away, distance))
         if link is not None:
             # The rotations of a file are prescribed; these come from the motion of the leader.
-            place = next(i for i, one in enumerate(made) if one.number == link.leader)
+            place = entry[0]
             made[place] = replace(made[place], is_prescribed=False)
             moved = _follow(mesh, replace(group, is_prescribed=False, link=link), link, made[place])
             if np.abs(moved.target - group.target).max() <= FOLLOWS * mesh.diagonal:

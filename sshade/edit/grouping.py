@@ -101,20 +101,17 @@ class Grouping(Work):
     def limit(self, number: int, distance: float) -> int:
         """Fix everything farther than a distance from a group and its mirror image; return the new number.
 
-        Other groups stay as they are.
-
-        The surface in between then bends, so that a move falls off within the distance.
+        Other groups stay as they are. The surface in between then bends, so that a move falls off within the
+        distance.
 
         Raises
         ------
         InputError
-            See :func:`sshade.edit.selection.near`; also when no vertex is so far away.
+            See :func:`sshade.edit.selection.near`; also when no vertex is so far away, or the group surrounds
+            another group.
         """
         with self._lock:
-            group, _ = self.state.led(number)
-            images = [
-                g for g in self.state.groups if g.link and g.link.leader == group.number and not g.fades
-            ]
+            group, *images = self._cores(number)
             far = np.ones(self.mesh.n, dtype=bool)
             for one in (group, *images):
                 far &= ~near(self.mesh, one.vertices, distance)
@@ -123,6 +120,12 @@ class Grouping(Work):
             if not far.any():
                 raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
             return self._mark(self.state, "static", np.flatnonzero(far), f"beyond {group.name}")
+
+    def _cores(self, number: int) -> list[Group]:
+        """Return the leader of a group and its mirror images; refuse a group that surrounds another."""
+        leader, _ = self.state.led(number)
+        linked = [one for one in self.state.groups if one.link and one.link.leader == leader.number]
+        return [leader, *(one for one in linked if not one.fades)]
 
     def fade(self, number: int, distance: float) -> int:
         """Let the surroundings of a group make its motion in part; return the number of the new group.
@@ -139,9 +142,7 @@ class Grouping(Work):
             another group.
         """
         with self._lock:
-            group, _ = self.state.led(number)
-            family = [group, *(g for g in self.state.groups if g.link and g.link.leader == group.number)]
-            cores = [one for one in family if not one.fades]
+            cores = self._cores(number)
             state = replace(
                 self.state, groups=tuple(g for g in self.state.groups if not _surrounds(g, cores))
             )

@@ -110,8 +110,11 @@ class HandleFile(NamedTuple):
     @property
     def surfaces(self) -> list[Path]:
         """Mesh files on which handles slide."""
-        slides = [entry.slide.record for entry in self.entries if entry.slide not in (None, REST)]  # type: ignore[union-attr]
-        return [Path(record["slide"]["surface"]) for record in slides if "surface" in record.get("slide", {})]
+        slides = [entry.slide for entry in self.entries]
+        records = [
+            one.record.get("slide", {}) for one in slides if one is not None and not isinstance(one, str)
+        ]
+        return [Path(record["surface"]) for record in records if "surface" in record]
 
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:

@@ -357,9 +357,7 @@ def _at_rest(
     slide: Slide | Sequence[Slide | None] | None,
 ) -> Handles:
     require_mesh(mesh, "Deformer")
-    index = checked_index(index)
+    index = checked_index(index, once=True)
     mesh.require_handles(index)
-    if len(np.unique(index)) < len(index):
-        raise InputError("a handle vertex is given twice")
     handles = Handles(index, mesh.V[index], group=group, weight=weight, slide=slide)  # type: ignore[arg-type]
     return DeformationTask("drag", mesh, handles).handles

@@ -26,7 +26,6 @@ from sshade.pipeline.drag import Drag
 from sshade.pipeline.engine import BoundProxy, Engine, deform_once
 from sshade.pipeline.regions import all_on_targets
 from sshade.progress import Progress, silent
-from sshade.slides import slide_numbers
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam, in_threads
 
@@ -197,11 +196,8 @@ class _Bindings:
         if hooks or options.coarse is not None or not options.accelerate:
             return deform_once(task, options, progress=progress, **hooks)
         mesh, handles = task.mesh, task.handles
-        slides = [] if handles.slide is None else [one for one in handles.slide if one is not None]
-        parts = [array for one in {id(one): one for one in slides}.values() for array in one.arrays]
-        sliding = [] if handles.slide is None else [handles.slides, slide_numbers(handles.slide), *parts]
         kinds = handles.index, handles.group, handles.weight, handles.has_rotation
-        arrays = mesh.V, mesh.F, *kinds, *sliding
+        arrays = mesh.V, mesh.F, *kinds, *handles.slide_arrays
         key = blake2b(repr(options).encode())
         for array in arrays:
             key.update(np.ascontiguousarray(array).tobytes())

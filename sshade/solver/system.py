@@ -189,10 +189,8 @@ class System:
     def _take_handles(
         self, index: np.ndarray, stiffness: np.ndarray | None, slide: np.ndarray | None
     ) -> None:
-        index = checked_index(index)
+        index = checked_index(index, once=True)
         self.mesh.require_handles(index)
-        if len(np.unique(index)) < len(index):
-            raise InputError("a handle vertex is given twice")
         stiffness = np.full(len(index), np.inf) if stiffness is None else stiffness
         slides = np.zeros(len(index), dtype=bool)
         self.index, self.sliding, self._loose = index, None, index[:0]

@@ -1,7 +1,5 @@
 """The commands write a copy of the file that they read, with new positions."""
 
-import base64
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ from sshade.cli.main import main
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from sshade.task import Handles
+from tests.gltf import buffer_beside
 from tests.shapes import as_obj, bumpy, end_handles, torn
 
 BODY = bumpy(2)
@@ -75,11 +74,7 @@ def test_remesh_carry_and_transfers_keep_the_file_too(folder, capsys):
 
 def test_buffers_beside_a_gltf_are_never_written(folder):
     write_mesh("body.gltf", BODY.V, BODY.F)
-    tree = json.loads(Path("body.gltf").read_text())
-    data = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
-    Path("body.bin").write_bytes(data)
-    tree["buffers"][0]["uri"] = "body.bin"
-    Path("body.gltf").write_text(json.dumps(tree))
+    data = buffer_beside("body.gltf")
     Path("far").mkdir()
     for output in ("out.gltf", "far/body.gltf", "body.gltf"):
         line = ["deform", "body.gltf", "whole.json", "-o", output, "--vertices", "60", "--overwrite"]

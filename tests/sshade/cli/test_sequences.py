@@ -1,6 +1,5 @@
 """Sequences on the command line: numbered files, morph targets, point caches, animations, resuming."""
 
-import base64
 import json
 import struct
 from pathlib import Path
@@ -14,7 +13,7 @@ from sshade.io import gltf_morph, meshes, point_cache
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
-from tests.gltf import with_arrays
+from tests.gltf import buffer_beside, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles, tube
 
@@ -149,11 +148,7 @@ def test_surfaces_and_buffers_are_inputs_too(folder, monkeypatch, capsys):
     assert np.abs(np.subtract(before, vertices("on_?.ply"))).max() > 0.05
     # A .gltf with its buffer beside it.
     write_mesh("part.gltf", BODY.V, BODY.F)
-    tree = json.loads(Path("part.gltf").read_text())
-    content = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
-    Path("part.bin").write_bytes(content)
-    tree["buffers"][0]["uri"] = "part.bin"
-    Path("part.gltf").write_text(json.dumps(tree))
+    content = buffer_beside("part.gltf")
     command = ["deform", "part.gltf", *poses(0, 1), "-o", "part_%d.ply", *FAST]
     assert main(command) == 0 and main(command) == 0
     assert "2 of them kept" in capsys.readouterr().err
