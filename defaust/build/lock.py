@@ -7,8 +7,8 @@ import os
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import FileIO
 from pathlib import Path
-from typing import IO
 
 from sshade import InputError
 from sshade.io.files import make_folder
@@ -39,10 +39,9 @@ def sole_builder(out: Path) -> Iterator[None]:
     new = not out.exists()
     make_folder(out)
     file = _locked(out)
-    file.truncate(0)
-    file.write(f"process {os.getpid()} on {platform.node()}")
-    file.flush()
     try:
+        file.truncate(0)
+        file.write(f"process {os.getpid()} on {platform.node()}".encode())
         yield
     finally:
         if fcntl is None:
@@ -55,11 +54,11 @@ def sole_builder(out: Path) -> Iterator[None]:
                 out.rmdir()
 
 
-def _locked(out: Path) -> IO[str]:
+def _locked(out: Path) -> FileIO:
     """Open and lock the lock file of a folder."""
     path = out / LOCK
     while True:
-        file = path.open("a+", encoding="utf-8")
+        file = path.open("a+b", buffering=0)
         _lock(file, out)
         with suppress(FileNotFoundError):
             if os.path.samestat(path.stat(), os.fstat(file.fileno())):
@@ -67,7 +66,7 @@ def _locked(out: Path) -> IO[str]:
         file.close()  # another process removed the file between opening and locking
 
 
-def _lock(file: IO[str], out: Path) -> None:
+def _lock(file: FileIO, out: Path) -> None:
     if fcntl is None:
         log.warning("%s: this system has no file locks; start no second build there", out)
         return
@@ -75,7 +74,7 @@ def _lock(file: IO[str], out: Path) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError) as error:
         file.seek(0)
-        who = file.read().strip() or "another process"
+        who = file.read().decode(errors="replace").strip() or "another process"
         file.close()
         raise InputError(f"{out}: {who} builds there; wait until it is done, or give another out") from error
     except OSError as error:  # a file system without locks, such as some network file systems

@@ -109,9 +109,10 @@ class NoisyBodies(OneTemplate):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """``noisy_2mm`` for a noise of 2 mm: levels of noise never share the name of a task."""
+        """``noisy_2mm``, or ``noisy_2mm_seed1`` with seed 1: two kinds of noise never share a name."""
         short = f"{self.noise:g}"
-        return f"noisy_{short if float(short) == self.noise else repr(self.noise)}mm"
+        level = f"noisy_{short if float(short) == self.noise else repr(self.noise)}mm"
+        return f"{level}_seed{self.seed}" if self.seed else level
 
     @property
     def provenance(self) -> Mapping[str, object]:

@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+from io import FileIO
 
 import pytest
 
@@ -74,5 +75,19 @@ def test_a_lock_file_that_was_removed_meanwhile_locks_nothing(tmp_path, monkeypa
 
 def test_a_new_folder_that_stays_empty_is_removed(tmp_path):
     with sole_builder(tmp_path / "out"):
+        pass
+    assert not (tmp_path / "out").exists()
+
+
+class Full(FileIO):
+    """File on a full disk."""
+
+    def write(self, _):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_leaves_no_lock(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_locked", lambda out: Full(out / LOCK, "a+"))
+    with pytest.raises(OSError, match="No space left"), sole_builder(tmp_path / "out"):
         pass
     assert not (tmp_path / "out").exists()
