@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,13 @@ from tools.corpus.shapes import body, soup
 
 V, F = body(2)
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
-#: Words of the refusal of a file that is no mesh file at all.
-UNREADABLE = ("not a readable", "no triangles", "is empty", "at least one triangle")
+#: Words of the refusal of a damaged file, and of a file that is no mesh file at all.
+BROKEN = "not a readable"
+UNREADABLE = (BROKEN, "no triangles", "is empty", "at least one triangle")
 NUMBERS = ("NaN or infinite",)
 NOTHING = ("no triangles", "at least one triangle")
+#: Address of the buffer of a .gltf file, which holds too few bytes.
+EMBEDDED = b"data:application/octet-stream;base64,AAAA"
 
 
 def _sound(suffix: str, shape: Any = (V, F)) -> bytes:
@@ -26,7 +28,7 @@ def _sound(suffix: str, shape: Any = (V, F)) -> bytes:
         return content(shape, suffix)
     gltf = write.Gltf()
     gltf.mesh(*shape)
-    return gltf.json("data:application/octet-stream;base64,AAAA")
+    return gltf.json(EMBEDDED.decode())
 
 
 def _damages(suffix: str) -> dict[str, bytes]:
@@ -72,135 +74,116 @@ def _header(*lines: str, rows: str = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n") -> bytes:
     return ("ply\n" + "\n".join(head) + "\nend_header\n" + rows).encode()
 
 
-#: Contents by name of the file and words of the refusal.
-Table = dict[str, tuple[str, Callable[[], bytes], tuple[str, ...]]]
+#: Suffix and contents of files by name. The words of the refusal follow, if they are not those of the table.
+Table = dict[str, tuple[Any, ...]]
 VALUES: Table = {
-    "NaN in PLY": (".ply", lambda: _sound(".ply", _at((V, F), 5, np.nan)), NUMBERS),
-    "infinity in PLY": (".ply", lambda: _sound(".ply", _at((V, F), 5, np.inf)), NUMBERS),
-    "nan in text PLY": (".ply", lambda: write.mesh_ply(*_at((V, F), 5, np.nan), ""), NUMBERS),
-    "nan in OBJ": (".obj", lambda: _sound(".obj", _at((V, F), 5, np.nan)), (*NUMBERS, "not a readable")),
-    "1e999 in OBJ": (
-        ".obj",
-        lambda: _sound(".obj").replace(b"v ", b"v 1e999 ", 1),
-        (*NUMBERS, "not a readable"),
-    ),
-    "inf in OFF": (".off", lambda: _sound(".off", _at((V, F), 5, np.inf)), (*NUMBERS, "not a readable")),
-    "NaN in STL": (".stl", lambda: _sound(".stl", _at((V, F), 5, np.nan)), NUMBERS),
-    "NaN in GLB": (".glb", lambda: _sound(".glb", _at((V, F), 5, np.nan)), (*NUMBERS, "not a readable")),
-    "a word in OBJ": (".obj", lambda: _sound(".obj").replace(b"v ", b"v x", 1), ("not a readable",)),
-    "a comma in OBJ": (".obj", lambda: _sound(".obj").replace(b".", b","), ("not a readable",)),
+    "NaN in PLY": (".ply", lambda: _sound(".ply", _at((V, F), 5, np.nan))),
+    "infinity in PLY": (".ply", lambda: _sound(".ply", _at((V, F), 5, np.inf))),
+    "nan in text PLY": (".ply", lambda: write.mesh_ply(*_at((V, F), 5, np.nan), "")),
+    "nan in OBJ": (".obj", lambda: _sound(".obj", _at((V, F), 5, np.nan)), *NUMBERS, BROKEN),
+    "1e999 in OBJ": (".obj", lambda: _sound(".obj").replace(b"v ", b"v 1e999 ", 1), *NUMBERS, BROKEN),
+    "inf in OFF": (".off", lambda: _sound(".off", _at((V, F), 5, np.inf)), *NUMBERS, BROKEN),
+    "NaN in STL": (".stl", lambda: _sound(".stl", _at((V, F), 5, np.nan))),
+    "NaN in GLB": (".glb", lambda: _sound(".glb", _at((V, F), 5, np.nan)), *NUMBERS, BROKEN),
+    "a word in OBJ": (".obj", lambda: _sound(".obj").replace(b"v ", b"v x", 1), BROKEN),
+    "a comma in OBJ": (".obj", lambda: _sound(".obj").replace(b".", b","), BROKEN),
 }
 RANGES: Table = {
-    "PLY face beyond the vertices": (".ply", lambda: _sound(".ply", _faces([0, 1, 999])), ("ids go from",)),
-    "PLY face before the vertices": (".ply", lambda: _sound(".ply", _faces([0, 1, -1])), ("ids go from",)),
-    "OFF face beyond the vertices": (".off", lambda: _sound(".off", _faces([0, 1, 162])), ("ids go from",)),
-    "OBJ face beyond the vertices": (".obj", lambda: _sound(".obj", _faces([0, 1, 162])), ("ids go from",)),
-    "OBJ face of number 0": (".obj", lambda: _sound(".obj", _faces([0, 1, -1])), ("counted from 1",)),
+    "PLY face beyond the vertices": (".ply", lambda: _sound(".ply", _faces([0, 1, 999]))),
+    "PLY face before the vertices": (".ply", lambda: _sound(".ply", _faces([0, 1, -1]))),
+    "OFF face beyond the vertices": (".off", lambda: _sound(".off", _faces([0, 1, 162]))),
+    "OBJ face beyond the vertices": (".obj", lambda: _sound(".obj", _faces([0, 1, 162]))),
+    "OBJ face of number 0": (".obj", lambda: _sound(".obj", _faces([0, 1, -1])), "counted from 1"),
     "OBJ face far back": (
         ".obj",
         lambda: _sound(".obj", _faces([0, 1, -999])),
-        ("ids go from", "more vertices than"),
+        "ids go from",
+        "more vertices than",
     ),
     "GLB triangle beyond the vertices": (
         ".glb",
         lambda: _sound(".glb", _faces([0, 1, 999])),
-        ("refers to vertex 999",),
+        "refers to vertex 999",
     ),
-    "PLY face of two corners": (".ply", lambda: write.mesh_ply(V, [*F.tolist(), [1, 2]]), ("2 corners",)),
-    "OBJ face of two corners": (".obj", lambda: write.obj(V, [*F.tolist(), [1, 2]]), ("three vertices",)),
-    "PLY corner 1.5": (".ply", lambda: _header(rows="0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n"), ("whole number",)),
+    "PLY face of two corners": (".ply", lambda: write.mesh_ply(V, [*F.tolist(), [1, 2]]), "2 corners"),
+    "OBJ face of two corners": (".obj", lambda: write.obj(V, [*F.tolist(), [1, 2]]), "three vertices"),
+    "PLY corner 1.5": (".ply", lambda: _header(rows="0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n"), "whole number"),
 }
 NONE: Table = {
-    "PLY of points": (".ply", lambda: write.mesh_ply(V, []), NOTHING),
-    "OBJ of points": (".obj", lambda: write.lines(write.rows("v ", V)), NOTHING),
-    "OBJ of lines": (".obj", lambda: write.lines(write.rows("v ", V), ["l 1 2 3"]), NOTHING),
-    "OBJ of comments": (".obj", lambda: b"# an empty scene\n", NOTHING),
-    "OFF of points": (".off", lambda: write.off(V, []), NOTHING),
-    "STL without facets": (".stl", lambda: write.stl(np.zeros((0, 3, 3))), NOTHING),
-    "text STL without facets": (".stl", lambda: b"solid a\nendsolid a\n", (*NOTHING, "not a readable")),
-    "GLB without meshes": (".glb", lambda: write.Gltf().glb(), NOTHING),
-    "PLY of no vertices": (".ply", lambda: write.mesh_ply(np.zeros((0, 3)), []), NOTHING),
-    "all faces repeat a vertex": (".ply", lambda: write.mesh_ply(V, F[:, [0, 1, 0]]), ("repeat a vertex",)),
-    "all corners equal in OBJ": (".obj", lambda: write.obj(V, F[:, [1, 1, 1]]), ("repeat a vertex",)),
-    "all vertices in one place": (".ply", lambda: write.mesh_ply(np.ones_like(V), F), ("faces are points",)),
-    "all facets are points": (
-        ".stl",
-        lambda: write.stl(V[F][:, [0, 0, 0]]),
-        ("faces are points",),
-    ),
-    "all zeros in STL": (".stl", lambda: write.stl(np.zeros((40, 3, 3))), ("faces are points",)),
-    "two vertices": (".ply", lambda: write.mesh_ply(V[:2], [[0, 1, 0]]), ("repeat a vertex",)),
+    "PLY of points": (".ply", lambda: write.mesh_ply(V, [])),
+    "OBJ of points": (".obj", lambda: write.lines(write.rows("v ", V))),
+    "OBJ of lines": (".obj", lambda: write.lines(write.rows("v ", V), ["l 1 2 3"])),
+    "OBJ of comments": (".obj", lambda: b"# an empty scene\n"),
+    "OFF of points": (".off", lambda: write.off(V, [])),
+    "STL without facets": (".stl", lambda: write.stl(np.zeros((0, 3, 3)))),
+    "text STL without facets": (".stl", lambda: b"solid a\nendsolid a\n", *NOTHING, BROKEN),
+    "GLB without meshes": (".glb", lambda: write.Gltf().glb()),
+    "PLY of no vertices": (".ply", lambda: write.mesh_ply(np.zeros((0, 3)), [])),
+}
+REPEATED: Table = {
+    "all faces repeat a vertex": (".ply", lambda: write.mesh_ply(V, F[:, [0, 1, 0]])),
+    "all corners equal in OBJ": (".obj", lambda: write.obj(V, F[:, [1, 1, 1]])),
+    "two vertices": (".ply", lambda: write.mesh_ply(V[:2], [[0, 1, 0]])),
+}
+POINTS: Table = {
+    "all vertices in one place": (".ply", lambda: write.mesh_ply(np.ones_like(V), F)),
+    "all facets are points": (".stl", lambda: write.stl(V[F][:, [0, 0, 0]])),
+    "all zeros in STL": (".stl", lambda: write.stl(np.zeros((40, 3, 3)))),
 }
 HEADERS: Table = {
-    "PLY without an end of its header": (
-        ".ply",
-        lambda: _header().replace(b"end_header\n", b""),
-        ("not a readable",),
-    ),
+    "PLY without an end of its header": (".ply", lambda: _header().replace(b"end_header\n", b"")),
     "PLY of an unknown encoding": (
         ".ply",
         lambda: _header("format binary 1.0").replace(b"format ascii 1.0\n", b""),
-        ("not a readable",),
     ),
     "PLY of an unknown type": (
         ".ply",
         lambda: _header("property float y").replace(b"float y", b"half y"),
-        ("not a readable",),
     ),
-    "PLY without z": (".ply", lambda: _header().replace(b"property float z\n", b""), ("not a readable",)),
-    "PLY that announces more vertices": (".ply", lambda: _header("element vertex 4"), ("not a readable",)),
-    "PLY that announces 10^12 vertices": (
-        ".ply",
-        lambda: _header("element vertex 1000000000000"),
-        ("not a readable",),
-    ),
-    "PLY that announces 10^12 faces": (
-        ".ply",
-        lambda: _header("element face 1000000000000"),
-        ("not a readable",),
-    ),
-    "PLY that announces -1 faces": (".ply", lambda: _header("element face -1"), ("not a readable",)),
-    "OFF that announces more faces": (
-        ".off",
-        lambda: write.off(V, F).replace(b" 320 0", b" 321 0"),
-        ("not a readable",),
-    ),
-    "OFF without counts": (".off", lambda: b"OFF\n", ("not a readable",)),
-    "4OFF": (".off", lambda: write.off(V, F, keyword="4OFF"), ("not a readable",)),
-    "STL with bytes behind its end": (".stl", lambda: _sound(".stl") + b"abc", ("not a readable",)),
+    "PLY without z": (".ply", lambda: _header().replace(b"property float z\n", b"")),
+    "PLY that announces more vertices": (".ply", lambda: _header("element vertex 4")),
+    "PLY that announces 10^12 vertices": (".ply", lambda: _header("element vertex 1000000000000")),
+    "PLY that announces 10^12 faces": (".ply", lambda: _header("element face 1000000000000")),
+    "PLY that announces -1 faces": (".ply", lambda: _header("element face -1")),
+    "OFF that announces more faces": (".off", lambda: write.off(V, F).replace(b" 320 0", b" 321 0")),
+    "OFF without counts": (".off", lambda: b"OFF\n"),
+    "4OFF": (".off", lambda: write.off(V, F, keyword="4OFF")),
+    "STL with bytes behind its end": (".stl", lambda: _sound(".stl") + b"abc"),
     "text STL of squares": (
         ".stl",
         lambda: write.lines(write.solid(V[F])).replace(b" endloop", b" vertex 0 0 0\n endloop", 1),
-        ("not a readable",),
     ),
-    "GLB longer than it says": (".glb", lambda: _sound(".glb") + bytes(4), ("not a readable",)),
-    "GLB of version 1": (
-        ".glb",
-        lambda: _sound(".glb").replace(b"glTF\2", b"glTF\1", 1),
-        ("not a readable",),
-    ),
+    "GLB longer than it says": (".glb", lambda: _sound(".glb") + bytes(4)),
+    "GLB of version 1": (".glb", lambda: _sound(".glb").replace(b"glTF\2", b"glTF\1", 1)),
     "glTF without its buffer": (
         ".gltf",
-        lambda: _sound(".gltf").replace(b"data:application/octet-stream;base64,AAAA", b"gone.bin"),
-        ("gone.bin is missing",),
+        lambda: _sound(".gltf").replace(EMBEDDED, b"gone.bin"),
+        "gone.bin is missing",
     ),
     "glTF on the web": (
         ".gltf",
-        lambda: _sound(".gltf").replace(
-            b"data:application/octet-stream;base64,AAAA", b"https://example.org/a.bin"
-        ),
-        ("not a file beside it",),
+        lambda: _sound(".gltf").replace(EMBEDDED, b"https://example.org/a.bin"),
+        "not a file beside it",
     ),
-    "glTF of a short buffer": (".gltf", lambda: _sound(".gltf"), ("not a readable",)),
-    "OBJ in UTF-16": (".obj", lambda: write.obj(V, F).decode().encode("utf-16"), UNREADABLE),
+    "glTF of a short buffer": (".gltf", lambda: _sound(".gltf")),
+    "OBJ in UTF-16": (".obj", lambda: write.obj(V, F).decode().encode("utf-16"), *UNREADABLE),
 }
+#: Each table, and the words of its refusals.
+TABLES = (
+    (VALUES, NUMBERS),
+    (RANGES, ("ids go from",)),
+    (NONE, NOTHING),
+    (REPEATED, ("repeat a vertex",)),
+    (POINTS, ("faces are points",)),
+    (HEADERS, (BROKEN,)),
+)
 SUFFIX = {"mesh.fbx": ".fbx", "mesh": "unknown format", "mesh.ply.zip": ".zip", "mesh.vtk": ".vtk"}
 
 
 def _far_soup() -> bytes:
     """Triangles far apart: most have no handle, and no repair can change that."""
     W, G = soup((V, F))
-    return write.mesh_ply(W + 0.5 * W.repeat(1, axis=0)[G].mean(axis=1).repeat(3, axis=0), G)
+    return write.mesh_ply(W + 0.5 * W[G].mean(axis=1).repeat(3, axis=0), G)
 
 
 CASES = [
@@ -215,9 +198,9 @@ CASES = [
         for name in _damages(suffix)
     ),
     *(
-        one(f"bad/{name}", f"mesh{suffix}", make, refused=words)
-        for table in (VALUES, RANGES, NONE, HEADERS)
-        for name, (suffix, make, words) in table.items()
+        one(f"bad/{name}", f"mesh{suffix}", make, refused=tuple(words) or usual)
+        for table, usual in TABLES
+        for name, (suffix, make, *words) in table.items()
     ),
     *(
         one(f"bad/suffix of {name}", name, lambda: _sound(".ply"), refused=(word,))
