@@ -27,8 +27,6 @@ class Case:
         Returns the contents (bytes) of all files by name.
     refused : tuple of str
         If the case must be refused: words, one of which the message has to contain.
-    may : tuple of str
-        If the case may be refused: words, one of which the message has to contain.
     says : tuple of str
         Words that the messages must contain if the mesh is deformed.
     handles : bytes, optional
@@ -37,26 +35,19 @@ class Case:
         Vertices, and where they must be. Needed beside `handles`, unless the case is refused.
     within : float
         Greatest distance from there, as a fraction of the diagonal.
-    handle_file : str
-        Name of the handle file.
     output : str
         Suffix of the output, if another than that of the mesh.
-    options : tuple of str
-        Further options of the command.
     """
 
     name: str
     file: str
     files: Callable[[], dict[str, bytes]]
     refused: tuple[str, ...] = ()
-    may: tuple[str, ...] = ()
     says: tuple[str, ...] = ()
     handles: bytes | None = None
     expected: tuple[np.ndarray, np.ndarray] | None = None
     within: float = 1e-6
-    handle_file: str = "handles.json"
     output: str = ""
-    options: tuple[str, ...] = ()
 
     def write(self, folder: Path) -> None:
         """Write all files of the case."""

@@ -90,7 +90,7 @@ def _try_mesh(case: Case, mesh: Path, methods: Sequence[str], *, own: bool = Fal
                 handles = Made(index, target, np.zeros(len(index)), slope, complete=False)
     except Exception as error:  # the file may be damaged: then the command has to refuse it
         unread = f"{type(error).__name__}: {error}"
-    file = mesh.parent / case.handle_file
+    file = mesh.parent / "handles.json"
     content = handles.content(rest, mesh) if rest and handles else ANY_HANDLES
     file.write_bytes(content if case.handles is None else case.handles)
     return [
@@ -111,7 +111,7 @@ def _ended(
     """Return the verdict on a run and its reason."""
     output = mesh.parent / f"deformed_{method}{case.output or mesh.suffix}"
     before = _contents(mesh.parent)
-    arguments = ["deform", str(mesh), str(file), "-o", str(output), "--method", method, *case.options]
+    arguments = ["deform", str(mesh), str(file), "-o", str(output), "--method", method]
     code, printed, lines = call(arguments)
     after = _contents(mesh.parent)
     left = sorted(
@@ -161,10 +161,10 @@ def _refused(
         return WRONG, f"ended with exit code {code} and {len(lines)} lines: {text[:300]}"
     if left:
         return WRONG, f"was refused, but left {', '.join(left)}"
-    words, reason = case.refused or case.may, text.replace(str(mesh.parent), "")
-    if own or any(word in reason for word in words):
+    reason = text.replace(str(mesh.parent), "")
+    if own or any(word in reason for word in case.refused):
         return REFUSED, text.removeprefix("error: ")
-    return WRONG, f"{'refused for another reason' if words else 'refused'}: {text}"
+    return WRONG, f"{'refused for another reason' if case.refused else 'refused'}: {text}"
 
 
 def _said(case: Case, output: Path, lines: list[str]) -> list[str]:
