@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from tools.corpus.document_gltf import read_gltf, triangles_of_strip
+
 #: Properties of PLY that a deformation changes.
 GEOMETRY = ("x", "y", "z", "nx", "ny", "nz")
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
@@ -44,8 +46,6 @@ class Document:
 
 def read(path: Path) -> Document:
     """Read a mesh file. Any error means that the file is damaged, or in a dialect that is not known here."""
-    from tools.corpus.document_gltf import read_gltf
-
     suffix = path.suffix.lower()
     if suffix in (".glb", ".gltf"):
         V, F, rest, size = read_gltf(path)
@@ -97,7 +97,7 @@ def _ply(data: bytes) -> tuple[np.ndarray, Any, Any, bool]:
     faces = tables.get("face", {})
     polygons = faces.get("vertex_indices", faces.get("vertex_index", []))
     for strip in tables.get("tristrips", {}).get("vertex_indices", []):
-        polygons = [*polygons, *_triangles_of_strip(strip)]
+        polygons = [*polygons, *triangles_of_strip(strip)]
     V = np.array([vertex[axis] for axis in "xyz"], dtype=np.float64).T.reshape(-1, 3)
     return V, polygons, rest, _TYPES[kinds["x"]] == "f4"
 
@@ -133,16 +133,6 @@ def _binary_rows(
             row.append(values if kind[0] == "list" else values[0])
         table.append(row)
     return table, at
-
-
-def _triangles_of_strip(strip: Sequence[int]) -> list[tuple[int, int, int]]:
-    found, run = [], []
-    for i in [*strip, -1]:
-        run = [*run, i] if i >= 0 else []
-        if len(run) >= 3:
-            a, b, c = run[-3:]
-            found.append((a, b, c) if len(run) % 2 else (b, a, c))
-    return found
 
 
 def _obj(data: bytes) -> tuple[np.ndarray, Any, Any, bool]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -126,16 +128,22 @@ def _shown(tree: dict[str, Any]) -> list[tuple[str, int, np.ndarray]]:
 def _matrix(node: dict[str, Any]) -> np.ndarray:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
     M = np.eye(4)
-    M[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    M[:3, :3] = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
     M[:3, :3] *= np.array(node.get("scale", (1, 1, 1)))
     M[:3, 3] = node.get("translation", (0, 0, 0))
     return M
+
+
+def triangles_of_strip(strip: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Return the triangles of a strip; -1 ends a strip, and another one follows."""
+    found, run = [], 0
+    for k, c in enumerate(strip):
+        run = run + 1 if c >= 0 else 0
+        if run >= 3:
+            a, b = strip[k - 2 : k]
+            found.append((a, b, c) if run % 2 else (b, a, c))
+    return found
 
 
 def _triangles(ids: np.ndarray, mode: int) -> np.ndarray:
@@ -145,10 +153,5 @@ def _triangles(ids: np.ndarray, mode: int) -> np.ndarray:
         return np.zeros((0, 3), dtype=np.int64)
     if mode == 6:
         return np.array([(ids[0], b, c) for b, c in zip(ids[1:], ids[2:], strict=False)])
-    F = np.array(
-        [
-            (a, b, c) if k % 2 == 0 else (b, a, c)
-            for k, (a, b, c) in enumerate(zip(ids, ids[1:], ids[2:], strict=False))
-        ]
-    )
+    F = np.array(triangles_of_strip(ids.tolist()))
     return F[(F[:, 0] != F[:, 1]) & (F[:, 1] != F[:, 2]) & (F[:, 0] != F[:, 2])]
