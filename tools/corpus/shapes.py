@@ -93,19 +93,15 @@ def twisted(around: int, across: int, half_turns: int, *, width: float = 0.4) ->
     )
     r, angle = 2 + width * v * np.cos(half_turns * u / 2), half_turns * u / 2
     V = np.stack([r * np.cos(u), r * np.sin(u), width * v * np.sin(angle)], axis=1)
-    faces = []
-    for i in range(around):
-        for j in range(across - 1):
-            ends = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-            a, b, c, d = (_on_band(p, q, around, across, half_turns) for p, q in ends)
-            faces += [(a, b, c), (a, c, d)]
-    return V, np.array(faces)
+    end = np.arange(across)
+    return V, _closed(shapes.quads(around + 1, across), end[::-1] if half_turns % 2 else end)
 
 
-def _on_band(i: int, j: int, around: int, across: int, half_turns: int) -> int:
-    if i == around:
-        i, j = 0, across - 1 - j if half_turns % 2 else j
-    return i * across + j
+def _closed(F: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Put vertices (k,) of the first row of a lattice in place of its last row of k vertices."""
+    vertex = np.arange(F.max() + 1)
+    vertex[-len(end) :] = end
+    return vertex[F]
 
 
 def klein(nu: int = 40, nv: int = 16) -> Shape:
@@ -113,14 +109,8 @@ def klein(nu: int = 40, nv: int = 16) -> Shape:
     u, v = (2 * np.pi * a.ravel() for a in np.meshgrid(np.arange(nu) / nu, np.arange(nv) / nv, indexing="ij"))
     r = 2 + np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
     z = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
-    faces = []
-    for i in range(nu):
-        for j in range(nv):
-            ends = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-            # After one turn, v becomes -v.
-            a, b, c, d = (p * nv + q % nv if p < nu else -q % nv for p, q in ends)
-            faces += [(a, b, c), (a, c, d)]
-    return np.stack([r * np.cos(u), r * np.sin(u), z], axis=1), np.array(faces)
+    F = _closed(shapes.quads(nu + 1, nv, wrap_v=True), -np.arange(nv) % nv)  # after one turn, v becomes -v
+    return np.stack([r * np.cos(u), r * np.sin(u), z], axis=1), F
 
 
 def projective_plane(level: int = 3) -> Shape:
