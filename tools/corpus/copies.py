@@ -61,22 +61,24 @@ def _copies() -> list[Case]:
         for whole in (True,) if suffix == ".stl" else (False, True):
             label = f"{suffix[-7:].strip('.')} {'soup' if whole else 'split'} of float32"
             found += surface_cases("copies", {label: _stepped(lambda: body(2), whole=whole)}, suffix)
-    found += surface_cases("copies", {"soup of random orientation": _turned_soup}, ".stl")
-    found += surface_cases(
-        "copies", {"torus with noise": _near(lambda: of(shapes.torus()), 1e-9, whole=True)}
-    )
-    found += surface_cases("copies", {"open sheet with noise": _near(sheet, 1e-12, whole=True)})
-    found += surface_cases("copies", {"plate with noise": _near(lambda: plate(5), 1e-9, whole=False)})
-    found += surface_cases(
-        "copies", {"cubes with noise": _near(lambda: cubes((0, 0, 0), (2, 0, 0)), 1e-12, whole=True)}
-    )
-    found += surface_cases("copies", {"body in STL": lambda r: shuffled(body(), r)}, ".stl")
     return found
 
 
 def _turned_soup(random: Random) -> Shape:
     V, F = soup(body(2))
     return V, np.where(random.random((len(F), 1)) < 0.5, F, F[:, ::-1])
+
+
+NOISY: Shapes = {
+    "torus with noise": _near(lambda: of(shapes.torus()), 1e-9, whole=True),
+    "open sheet with noise": _near(sheet, 1e-12, whole=True),
+    "plate with noise": _near(lambda: plate(5), 1e-9, whole=False),
+    "cubes with noise": _near(lambda: cubes((0, 0, 0), (2, 0, 0)), 1e-12, whole=True),
+}
+SOUPS: Shapes = {
+    "soup of random orientation": _turned_soup,
+    "body in STL": lambda r: shuffled(body(), r),
+}
 
 
 def _at(distance: float, scale: float = 1.0) -> Callable[[Random], Shape]:
@@ -130,6 +132,8 @@ def _octahedron() -> np.ndarray:
 
 CASES = [
     *_copies(),
+    *surface_cases("copies", NOISY),
+    *surface_cases("copies", SOUPS, ".stl"),
     *surface_cases("far", FAR),
     *surface_cases("far", FAR_SINGLE, "f4.ply"),
     *surface_cases("scale", SCALES),

@@ -48,15 +48,31 @@ def _moved(targets: np.ndarray) -> dict[str, Any]:
     return {**HEAD, "target": targets.tolist()}
 
 
-#: The handle file, the vertices whose targets are known, and the targets.
-Taken = tuple[bytes, np.ndarray, np.ndarray]
-TAKEN: dict[str, Taken] = {
-    "ids": (_file(FOOT, _moved(LIFTED)), HIGH, LIFTED),
-    "positions": (
-        _file({"source": V[LOW].tolist()}, {"source": V[HIGH].tolist(), "target": LIFTED.tolist()}),
-        HIGH,
-        LIFTED,
+#: Handle files that lift the upper end.
+LIFTS = {
+    "ids": _file(FOOT, _moved(LIFTED)),
+    "positions": _file({"source": V[LOW].tolist()}, {"source": V[HIGH].tolist(), "target": LIFTED.tolist()}),
+    "ids that only move": _file(FOOT, {**HEAD, "translation": SHIFT}),
+    "positions that only move": _file(FOOT, {"source": V[HIGH].tolist(), "translation": SHIFT}),
+    "runs": _file(FOOT, {**HEAD, "vertices": RUNS, "translation": SHIFT}),
+    "arrays": _file(FOOT, {"vertices": _array(HIGH, "<i4"), "target": _array(LIFTED, "<f8")}),
+    "keys of one's own": _file({**FOOT, "_note": "mine"}, _moved(LIFTED), _tool="x"),
+    "keys that the project writes": _file(
+        {**FOOT, "delta": 0.1}, {**_moved(LIFTED), "delta_mean": [0, 0, 1]}, source_pose="rest", made="today"
     ),
+    "unused groups": _file(FOOT, {"kind": "unused", "vertices": [1]}, _moved(LIFTED)),
+    "a byte-order mark": b"\xef\xbb\xbf" + _file(FOOT, _moved(LIFTED)),
+    "UTF-16": _file(FOOT, _moved(LIFTED)).decode().encode("utf-16"),
+    "UTF-16 big endian": b"\xfe\xff" + _file(FOOT, _moved(LIFTED)).decode().encode("utf-16-be"),
+    "CRLF and other scripts": json.dumps(
+        {"handles": [{**FOOT, "landmark": "стопа 足"}, _moved(LIFTED)]}, ensure_ascii=False, indent=1
+    )
+    .replace("\n", "\r\n")
+    .encode(),
+    "the same vertex twice": _file(FOOT, _moved(LIFTED), _moved(LIFTED)),
+}
+#: The handle file, the vertices whose targets are known, and the targets.
+TAKEN: dict[str, tuple[bytes, np.ndarray, np.ndarray]] = {
     "boxes that turn": (
         _file(FOOT, {"boxes": [BOX], "rotation": R, "translation": SHIFT}),
         IN_BOX,
@@ -73,7 +89,6 @@ TAKEN: dict[str, Taken] = {
         IN_BOX,
         V[IN_BOX],
     ),
-    "ids that only move": (_file(FOOT, {**HEAD, "translation": SHIFT}), HIGH, LIFTED),
     "ids that turn": (_file(FOOT, {**HEAD, "rotation": R, "translation": SHIFT}), HIGH, TURNED),
     "ids that turn about a point": (
         _file(FOOT, {**HEAD, "rotation": R, "translation": SHIFT, "center": CENTER.tolist()}),
@@ -85,43 +100,7 @@ TAKEN: dict[str, Taken] = {
         HIGH,
         ABOUT_CENTER,
     ),
-    "positions that only move": (
-        _file(FOOT, {"source": V[HIGH].tolist(), "translation": SHIFT}),
-        HIGH,
-        LIFTED,
-    ),
     "prescribed rotation": (_file(FOOT, {**_moved(ABOUT_CENTER), "rotation": Q}), HIGH, ABOUT_CENTER),
-    "runs": (_file(FOOT, {**HEAD, "vertices": RUNS, "translation": SHIFT}), HIGH, LIFTED),
-    "arrays": (_file(FOOT, {"vertices": _array(HIGH, "<i4"), "target": _array(LIFTED, "<f8")}), HIGH, LIFTED),
-    "keys of one's own": (_file({**FOOT, "_note": "mine"}, _moved(LIFTED), _tool="x"), HIGH, LIFTED),
-    "keys that the project writes": (
-        _file(
-            {**FOOT, "delta": 0.1},
-            {**_moved(LIFTED), "delta_mean": [0, 0, 1]},
-            source_pose="rest",
-            made="today",
-        ),
-        HIGH,
-        LIFTED,
-    ),
-    "unused groups": (_file(FOOT, {"kind": "unused", "vertices": [1]}, _moved(LIFTED)), HIGH, LIFTED),
-    "a byte-order mark": (b"\xef\xbb\xbf" + _file(FOOT, _moved(LIFTED)), HIGH, LIFTED),
-    "UTF-16": (_file(FOOT, _moved(LIFTED)).decode().encode("utf-16"), HIGH, LIFTED),
-    "UTF-16 big endian": (
-        b"\xfe\xff" + _file(FOOT, _moved(LIFTED)).decode().encode("utf-16-be"),
-        HIGH,
-        LIFTED,
-    ),
-    "CRLF and other scripts": (
-        json.dumps(
-            {"handles": [{**FOOT, "landmark": "стопа 足"}, _moved(LIFTED)]}, ensure_ascii=False, indent=1
-        )
-        .replace("\n", "\r\n")
-        .encode(),
-        HIGH,
-        LIFTED,
-    ),
-    "the same vertex twice": (_file(FOOT, _moved(LIFTED), _moved(LIFTED)), HIGH, LIFTED),
     "static groups alone": (_file(FOOT, {**HEAD, "kind": "static"}), HIGH, V[HIGH]),
     "one vertex": (_file({"vertices": [int(HIGH[0])], "target": [LIFTED[0].tolist()]}), HIGH[:1], LIFTED[:1]),
     "all vertices": (
@@ -215,6 +194,7 @@ def _case(name: str, content: bytes, **more: Any) -> Case:
 
 
 CASES = [
+    *(_case(name, content, expected=(HIGH, LIFTED)) for name, content in LIFTS.items()),
     *(_case(name, content, expected=(index, target)) for name, (content, index, target) in TAKEN.items()),
     *(
         _case(name, content, expected=(HIGH, LIFTED), within=within)
