@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 
 
 def filled(text: str, blocks: dict[str, str]) -> str:
@@ -35,7 +35,7 @@ def fill(page: Path, blocks: dict[str, str]) -> None:
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; all columns but the first are aligned as numbers."""
-    return "\n".join(markdown_lines(head, rows, left=head[:1]))
+    return markdown_table(head, rows, left=head[:1])
 
 
 def circumstances(rows: pd.DataFrame) -> str:

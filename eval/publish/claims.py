@@ -29,7 +29,7 @@ import yaml
 from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS
 from eval.publish.comparison import subjects_of
 from eval.publish.intervals import LEAST, interval
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.rows.files import ROWS, RUNS, add_out, write_text
 from eval.rows.frame import CASE, newest, numbers, read_csv, valid
 from sshade.cli.configuration import CONFIGURATION
@@ -133,7 +133,7 @@ def table(dataset: str, folder: Path = ROWS) -> str:
         yours = f"{found.left:.4g} {seen} {found.right:.4g}" if found.cases else ""
         facts = str(found.subjects), str(found.cases), found.result
         body.append((claim["says"], f"{claim['measure']}{unit}", yours, str(claim.get("paper", "")), *facts))
-    return "\n".join(markdown_lines(LABELS, body, left=(*LABELS[:2], LABELS[-1])))
+    return markdown_table(LABELS, body, left=(*LABELS[:2], LABELS[-1]))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import Column
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
 from eval.rows.experiment import read_experiments
 from eval.rows.files import ROWS_HELP, add_out, rows_file, write_text
@@ -56,7 +56,7 @@ def to_markdown(table: Table) -> str:
     for part in (table, *table.parts):
         for heading, labels, body in printed(part, marks, not_available="n/a"):
             out += [f"{'####' if out else '###'} {heading}", ""]
-            out += [*markdown_lines(labels, body, left=["method"]), ""]
+            out += [markdown_table(labels, body, left=["method"]), ""]
         out += [f"- {note}" for note in part.notes] + [""] * bool(part.notes)
     return "\n".join(out)
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.studies.thickness import local_thickness, opposite_points
 from sshade.mesh.mesh import Mesh
 from sshade.pipeline.deform import deform
@@ -248,8 +248,8 @@ def command(options: argparse.Namespace) -> int:
     left = ["case", "held out", "method", "goal of"]
     header = [*left, "asked", "reached", "error", "handle error", "seconds"]
     print("Volumes as multiples of the volumes at rest\n")  # noqa: T201
-    print("\n".join(markdown_lines(header, volumes(methods), left=left)), flush=True)  # noqa: T201
+    print(markdown_table(header, volumes(methods), left=left), flush=True)  # noqa: T201
     left = ["case", "held out", "method", "volume goal"]
     print("\nThickness as a fraction of the thickness at rest, bent by 90 degrees\n")  # noqa: T201
-    print("\n".join(markdown_lines([*left, "5 %", "median", "95 %"], thickness(methods), left=left)))  # noqa: T201
+    print(markdown_table([*left, "5 %", "median", "95 %"], thickness(methods), left=left))  # noqa: T201
     return 0

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.run.targets import instantiate
 from sshade import DeformationTask, Handles, Mesh, deform, deform_sequence, retarget
 from sshade.cli.console import progress_bar
@@ -123,10 +123,10 @@ def command(options: argparse.Namespace) -> int:
     left = ["motion", "vertices", "method", "run", "followed"]
     header = [*left, "s a pose", "jump of handles (%)", "of truth (%)", "of result (%)", "truth (%)"]
     print("Motions of bodies\n")  # noqa: T201
-    print("\n".join(markdown_lines(header, rows, left=left)), flush=True)  # noqa: T201
+    print(markdown_table(header, rows, left=left), flush=True)  # noqa: T201
     left = ["from, to", "pose"]
     header = [*left, "marks", "vertices", "s a pose", "mean error (%)", "largest (%)"]
     header += ["displacements: mean (%)", "largest (%) ", "at rest: mean (%)", "largest (%)  ", "volume (%)"]
     print("\nPoses that drive another mesh\n")  # noqa: T201
-    print("\n".join(markdown_lines(header, driven, left=left)))  # noqa: T201
+    print(markdown_table(header, driven, left=left))  # noqa: T201
     return 0

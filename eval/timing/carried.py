@@ -27,7 +27,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.timing.warps import MAPS, QUICK_LEVEL, ellipsoid
 from sshade.carry.blended import nearest_rotations
 from sshade.carry.points import PointBinder, PosedPoints, bind_points
@@ -166,7 +166,7 @@ def _compared(
         size = mesh.diagonal
         body += [[name, label, *errors(points, true, shapes, size)] for label, points in found.items()]
     labels = [kind, "method", "position (%)", "rotation (deg)", "covariance (%)"]
-    return "\n".join(markdown_lines(labels, body, left=(kind, "method")))
+    return markdown_table(labels, body, left=(kind, "method"))
 
 
 def times(mesh: Mesh, points: int) -> str:
@@ -193,7 +193,7 @@ def times(mesh: Mesh, points: int) -> str:
         row.append(perf_counter() - begin)
         body.append([label, *(f"{value:.3f}" for value in row)])
     labels = ["points", "bind (s)", "bind (CPU s)", "positions (CPU s)", "with maps (CPU s)", "splats (s)"]
-    return "\n".join(markdown_lines(labels, body, left=("points",)))
+    return markdown_table(labels, body, left=("points",))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

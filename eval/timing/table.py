@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
@@ -229,7 +229,7 @@ def to_markdown(table: TimeTable) -> str:
     headings, body = cells(table.lines)
     left = [heading for heading, form in _COLUMNS.values() if form is str]
     notes = [f"- {note}" for note in table.notes]
-    lines = [f"### {table.title}", "", *markdown_lines(headings, body, left=left), "", *notes]
+    lines = [f"### {table.title}", "", markdown_table(headings, body, left=left), "", *notes]
     return "\n".join(lines) + "\n"
 
 

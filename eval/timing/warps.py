@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eval.publish.markdown import markdown_lines
+from eval.publish.markdown import markdown_table
 from eval.rows.files import ROWS
 from eval.rows.frame import to_frame, write_csv
 from eval.run.warmup import icosphere
@@ -166,7 +166,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             continue
         numbers = [f"{row['mean']:.5f}", f"{row['largest']:.4f}", f"{row['volume']:+.3f}"]
         body.append([*first, *numbers, f"{100 * row['warped']:.0f}", f"{row['cpu']:.2f}"])
-    return "\n".join(markdown_lines(labels, body, left=("map", "method")))
+    return markdown_table(labels, body, left=("map", "method"))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
