@@ -24,15 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS
 from eval.publish.comparison import subjects_of
 from eval.publish.intervals import LEAST, interval
 from eval.publish.markdown import markdown_table
-from eval.rows.files import ROWS, RUNS, add_out, write_text
+from eval.rows.files import ROWS, RUNS, add_out, read_conf, write_text
 from eval.rows.frame import CASE, newest, numbers, read_csv, valid
-from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
 #: Columns of rows by the measures that claims name.
@@ -55,10 +53,7 @@ class Finding(NamedTuple):
 
 def read_claims() -> dict[str, list[dict[str, str]]]:
     """Return the claims by dataset."""
-    claims: dict[str, list[dict[str, str]]] = yaml.safe_load(
-        (CONFIGURATION / "claims.yaml").read_text("utf-8")
-    )
-    return claims
+    return read_conf("claims")
 
 
 def examine(claim: Mapping[str, str], dataset: str, folder: Path = ROWS) -> Finding:

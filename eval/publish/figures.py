@@ -16,18 +16,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from eval.metrics import Task
 from eval.publish import panels
 from eval.publish.plotting import FIGURES, add_camera, camera, save
 from eval.rows.collect import collect
 from eval.rows.experiment import Experiment
-from eval.rows.files import FOLDER_HELP, experiment_folder
+from eval.rows.files import FOLDER_HELP, experiment_folder, read_conf
 from eval.rows.frame import numbers, records
 from eval.rows.store import VALID, Row
 from eval.run.recall import load_task
-from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 from sshade.figures import colour_range
 
@@ -103,8 +101,7 @@ def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -
 
 def read_picture(name: str) -> dict[str, Any]:
     """Return the entry of an experiment in ``conf/pictures.yaml``; it may be empty."""
-    text = (CONFIGURATION / "pictures.yaml").read_text(encoding="utf-8")
-    return dict(yaml.safe_load(text).get(name, {}))
+    return dict(read_conf("pictures").get(name, {}))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

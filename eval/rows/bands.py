@@ -16,7 +16,7 @@ import yaml
 
 from eval.metrics import METRICS
 from eval.rows.csv_rows import read_rows
-from eval.rows.files import ROWS_HELP, rows_file
+from eval.rows.files import ROWS_HELP, read_conf, rows_file
 from eval.rows.store import VALID, Row
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
@@ -101,10 +101,9 @@ def read_bands(name: str) -> Bands:
     InputError
         When there is no such file.
     """
-    path = CONFIGURATION / f"bands_{name}.yaml"
-    if not path.is_file():
+    if not (CONFIGURATION / f"bands_{name}.yaml").is_file():
         raise InputError(f"there are no bands {name!r}: conf has no bands_{name}.yaml")
-    return yaml.safe_load(path.read_text())
+    return read_conf(f"bands_{name}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
@@ -91,6 +92,13 @@ def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
         return own if own.is_file() else published
     own, published = of_dataset(own), of_dataset(published)
     return published if published.is_file() and not own.is_file() else own
+
+
+def read_conf(name: str) -> Any:
+    """Return the content of the file ``conf/<name>.yaml``."""
+    import yaml
+
+    return yaml.safe_load((CONFIGURATION / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
 @contextmanager

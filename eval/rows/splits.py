@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cache
 
-from sshade.cli.configuration import CONFIGURATION
+from eval.rows.files import read_conf
 from sshade.errors import InputError
 
 #: Names of the halves.
@@ -66,6 +66,4 @@ def require_split(task: str, split: str | None) -> None:
 @cache
 def read_splits() -> Mapping[str, Sequence[str]]:
     """Return the patterns of ``conf/splits.yaml`` by half."""
-    import yaml
-
-    return yaml.safe_load((CONFIGURATION / "splits.yaml").read_text())
+    return read_conf("splits")

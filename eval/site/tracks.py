@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
-import yaml
 
-from eval.rows.files import PUBLISHED
+from eval.rows.files import PUBLISHED, read_conf
 from eval.rows.frame import read_csv
-from sshade.cli.configuration import CONFIGURATION
 from sshade.errors import InputError
 
 #: End of the message about missing rows: a wheel does not contain them.
@@ -42,8 +40,7 @@ class Track(NamedTuple):
 
 def read_tracks() -> dict[str, Track]:
     """Return the tracks by name, in their order."""
-    text = (CONFIGURATION / "tracks.yaml").read_text(encoding="utf-8")
-    return {name: Track(name, **facts) for name, facts in yaml.safe_load(text).items()}
+    return {name: Track(name, **facts) for name, facts in read_conf("tracks").items()}
 
 
 def published(track: Track) -> pd.DataFrame:
