@@ -106,15 +106,13 @@ def _means(
     values = rows.drop_duplicates(run, keep="last").set_index(run)[columns].astype(float)
     common = values.unstack(["family", "method.name"]).dropna()
     if common.empty:
-        several = (
-            rows.groupby("task.name")["task.checksum"].nunique().max() > 1 if "task.name" in rows else False
-        )
-        why = "; their cases have the same names and other checksums: run all methods with one version of "
-        why += "the program, on one build of the dataset"
-        raise InputError(
-            f"the methods of these rows have no common case with {' and '.join(measures)}"
-            f"{why if several else ''}"
-        )
+        why = ""
+        if rows.groupby("task.name")["task.checksum"].nunique().max() > 1:
+            why = (
+                "; their cases have the same names and other checksums: run all methods with one version of "
+                "the program, on one build of the dataset"
+            )
+        raise InputError(f"the methods of these rows have no common case with {' and '.join(measures)}{why}")
     return common.mean().unstack(0)[columns].sort_values(columns, ascending=False)
 
 
