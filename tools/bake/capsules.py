@@ -91,16 +91,10 @@ class Rig(NamedTuple):
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of a box that contains the surface and leaves a margin."""
         capsules = [capsule for chain in self.chains for capsule in chain.capsules]
-        reach = [
-            capsule.radius.max() * max(1.0, capsule.width.max()) + 2.0 * self.blend[1] for capsule in capsules
-        ]
-        low = np.min(
-            [capsule.ends.min(axis=0) - r for capsule, r in zip(capsules, reach, strict=True)], axis=0
-        )
-        high = np.max(
-            [capsule.ends.max(axis=0) + r for capsule, r in zip(capsules, reach, strict=True)], axis=0
-        )
-        return low, high
+        ends = np.array([capsule.ends for capsule in capsules])
+        widest = np.array([capsule.radius.max() * max(1.0, capsule.width.max()) for capsule in capsules])
+        reach = (widest + 2.0 * self.blend[1])[:, None]
+        return (ends.min(axis=1) - reach).min(axis=0), (ends.max(axis=1) + reach).max(axis=0)
 
 
 def make_rig(species: dict[str, Any]) -> Rig:
