@@ -24,16 +24,19 @@ from sshade.io.files import replacing
 
 
 def bake_command(
-    program: str, text: str | None, bake: Callable[[], Mapping[str, np.ndarray]], argv: Sequence[str] | None
+    parser: argparse.ArgumentParser,
+    bake: Callable[[argparse.Namespace], None],
+    argv: Sequence[str] | None,
+    *,
+    out: str = "the .npz to write",
 ) -> int:
-    """Run a command with the option ``--out`` alone: bake the arrays of an asset, and write it."""
-    parser = argparse.ArgumentParser(prog=program, description=text)
-    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
+    """Parse the command line with the option ``--out``, described by `out`; bake and write an asset."""
+    parser.add_argument("--out", type=Path, required=True, help=out)
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
 
     def work() -> int:
-        write_asset(args.out, bake())
+        bake(args)
         return 0
 
     return run_command(work)

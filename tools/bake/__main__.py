@@ -15,8 +15,7 @@ from defaust.sources.source import read_asset
 from defaust.sources.synthetic import QUANTUM, SHA256, Bodies
 from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
-from sshade.cli.console import run_command
-from tools.bake import write_asset
+from tools.bake import bake_command, write_asset
 from tools.bake.landmarks import find_landmarks
 from tools.bake.morphs import (
     BONES,
@@ -185,21 +184,16 @@ def main(argv: list[str] | None = None) -> int:
         help="folder with 3dobjs, rigs and targets; by default the package's bodies and their first four "
         "poses are kept, and the other poses are made from bake.yaml",
     )
-    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    return bake_command(parser, lambda args: write_asset(args.out, _arrays(args.mpfb2)), argv)
 
-    def work() -> int:
-        if args.mpfb2 is None:
-            arrays = add_poses(without_reaches(read_asset("bodies", sha256=SHA256)))
-        elif not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
-            raise InputError(f"{args.mpfb2}: holds no 3dobjs/base.obj; give the folder of MPFB2's data")
-        else:
-            arrays = bake(args.mpfb2)
-        write_asset(args.out, arrays)
-        return 0
 
-    return run_command(work)
+def _arrays(root: Path | None) -> dict[str, np.ndarray]:
+    """Make the arrays of the asset from MPFB2's data, or from the bodies of the package."""
+    if root is None:
+        return add_poses(without_reaches(read_asset("bodies", sha256=SHA256)))
+    if not (root / "3dobjs" / "base.obj").is_file():
+        raise InputError(f"{root}: holds no 3dobjs/base.obj; give the folder of MPFB2's data")
+    return bake(root)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Run this only to change the animals, after an edit of tools/bake/animals.yaml::
 
 from __future__ import annotations
 
+import argparse
 import logging
 import sys
 from pathlib import Path
@@ -22,7 +23,7 @@ from defaust.build.upsample import remesh, self_intersecting
 from defaust.sources.scans import unpack
 from defaust.sources.skinning import apply_motions, bone_motions
 from sshade import InputError, Mesh
-from tools.bake import bake_command
+from tools.bake import bake_command, write_asset
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.scans import pack
 from tools.bake.template import neighbour_average, quantise_weights
@@ -176,7 +177,8 @@ def bake() -> dict[str, np.ndarray]:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the command line, and write the asset."""
-    return bake_command("python -m tools.bake.animals", __doc__, bake, argv)
+    parser = argparse.ArgumentParser(prog="python -m tools.bake.animals", description=__doc__)
+    return bake_command(parser, lambda args: write_asset(args.out, bake()), argv)
 
 
 if __name__ == "__main__":

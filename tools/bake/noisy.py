@@ -6,6 +6,7 @@ subject. The result is committed, because it depends on the optimiser; run this 
 
 from __future__ import annotations
 
+import argparse
 import logging
 import sys
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from scipy.optimize import least_squares
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import Bodies, load_bodies
-from tools.bake import bake_command
+from tools.bake import bake_command, write_asset
 from tools.bake.morphs import BONES
 from tools.bake.poses import JITTER, _both_sides
 
@@ -166,7 +167,8 @@ def bake() -> dict[str, np.ndarray]:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the command line, and write the asset."""
-    return bake_command("python -m tools.bake.noisy", __doc__, bake, argv)
+    parser = argparse.ArgumentParser(prog="python -m tools.bake.noisy", description=__doc__)
+    return bake_command(parser, lambda args: write_asset(args.out, bake()), argv)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ NOTICE names their authors. The assets are committed; run this only to change th
 from __future__ import annotations
 
 import argparse
-import logging
 import sys
 from pathlib import Path
 
@@ -16,10 +15,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from defaust.sources.scans import SHIPPED, STEPS
 from sshade import Mesh
-from sshade.cli.console import run_command
 from sshade.io.meshes import read_mesh
 from sshade.mesh.adjacency import edge_graph
-from tools.bake import write_asset
+from tools.bake import bake_command, write_asset
 
 #: Size of a stored difference, in bytes.
 BYTES = 3
@@ -61,20 +59,17 @@ def _planes(integers: np.ndarray) -> np.ndarray:
     return np.stack([(unsigned >> 8 * k & 0xFF).astype(np.uint8) for k in range(BYTES)])
 
 
+def bake(args: argparse.Namespace) -> None:
+    """Pack each scan and write its asset."""
+    for name in SHIPPED:
+        write_asset(args.out / f"{name}.npz", pack(read_mesh(args.meshes / f"{name}.ply")))
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Parse the command line, pack each scan, and write its asset."""
+    """Parse the command line, and write the assets."""
     parser = argparse.ArgumentParser(prog="python -m tools.bake.scans", description=__doc__)
     parser.add_argument("--meshes", type=Path, required=True, help="folder of the meshes")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the .npz files to write")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-
-    def work() -> int:
-        for name in SHIPPED:
-            write_asset(args.out / f"{name}.npz", pack(read_mesh(args.meshes / f"{name}.ply")))
-        return 0
-
-    return run_command(work)
+    return bake_command(parser, bake, argv, out="folder of the .npz files to write")
 
 
 if __name__ == "__main__":
