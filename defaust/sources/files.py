@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from defaust.sources.animations import SUFFIX, read_counts, read_frame
 from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
 from sshade import InputError
+from sshade.io.files import read_npz
 from sshade.io.meshes import read_arrays
 
 #: Mesh formats that keep shared vertices, in order of preference.
@@ -62,9 +64,8 @@ class Shape:
         """Read vertices and faces without validating them; an InputError names the file."""
         with self.named():
             if self.array:
-                with _open_archive(self.path) as archive:
-                    V, F = _reading(self.path, lambda: (archive[self.array], archive["F"]))
-                    return _numbers(V, F)
+                arrays = read_npz(self.path, self.array, "F", what="readable as .npz")
+                return _numbers(arrays[self.array], arrays["F"])
             if self.frame is not None:
                 return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
@@ -193,25 +194,15 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 
 def _archive_shapes(path: Path) -> tuple[Shape, ...]:
-    with _open_archive(path) as archive:
-        names = [name for name in archive.files if re.fullmatch(r"V_\d+", name)]
-        if not names or "F" not in archive.files:
-            raise InputError(
-                f"{path}: holds {shortened(archive.files) or 'nothing'}; it needs positions V_0, V_1, ... "
-                "and triangles F"
-            )
+    if not is_zipfile(path):
+        raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+    with _reading(path, lambda: ZipFile(path)) as archive:
+        arrays = [name.removesuffix(".npy") for name in archive.namelist()]
+    names = [name for name in arrays if re.fullmatch(r"V_\d+", name)]
+    if not names or "F" not in arrays:
+        held = shortened(arrays) or "nothing"
+        raise InputError(f"{path}: holds {held}; it needs positions V_0, V_1, ... and triangles F")
     return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
-
-
-@contextmanager
-def _open_archive(path: Path) -> Iterator[np.lib.npyio.NpzFile]:
-    """Open an .npz file, and close it even if NumPy cannot read it."""
-    with _reading(path, lambda: path.open("rb")) as file:
-        archive = _reading(path, lambda: np.load(file, allow_pickle=False))
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
-        with archive:
-            yield archive
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
