@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.arap import require_areas
-from baselines.start_motion import start_motion
+from baselines.iteration import start_motion
 from baselines.stopwatch import Stopwatch
 from sshade.errors import InputError
 from sshade.options import Start

@@ -1,16 +1,36 @@
-"""Plain local/global iterations in the loop of :mod:`sshade.solver.run`, and their results."""
+"""Plain iterations in the loop of :mod:`sshade.solver.run`: their start, their steps, their results."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rigid_motion
+from sshade.options import Start
 from sshade.solver.run import Run, largest_move
-from sshade.task import DeformationResult
+from sshade.task import DeformationResult, DeformationTask
+
+
+def start_motion(task: DeformationTask, start: Start) -> tuple[np.ndarray, np.ndarray]:
+    """Return R (3, 3) and t (3,), by which methods start whose unknowns are not the vertices of the mesh.
+
+    "rest" is the identity, and "rigid" the best rigid motion of the handles.
+
+    Raises
+    ------
+    InputError
+        If the start is unknown.
+    """
+    if start not in get_args(Start):
+        raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")
+    if start == "rest":
+        return np.eye(3), np.zeros(3)
+    return rigid_motion(task.mesh.V[task.handles.index], task.handles.target)
 
 
 class Plain:

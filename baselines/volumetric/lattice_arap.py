@@ -21,9 +21,8 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.sparse import csc_array
 
-from baselines.iteration import Plain, iterated
+from baselines.iteration import Plain, iterated, start_motion
 from baselines.local_step import LocalStep, blend, spokes
-from baselines.start_motion import start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles

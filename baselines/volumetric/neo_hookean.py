@@ -21,8 +21,7 @@ from typing import Any, Unpack
 import numpy as np
 from scipy.sparse import csc_array, csr_array, eye_array, kron
 
-from baselines.iteration import handle_error
-from baselines.start_motion import start_motion
+from baselines.iteration import handle_error, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import require_handles

@@ -16,8 +16,7 @@ from typing import Unpack
 
 import numpy as np
 
-from baselines.iteration import Plain, handle_error, iterated
-from baselines.start_motion import start_motion
+from baselines.iteration import Plain, handle_error, iterated, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles
