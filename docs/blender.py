@@ -135,15 +135,13 @@ def table_of_methods(rows: pd.DataFrame) -> str:
     """Return the comparison: fastest times, largest memory, and means of other columns over the poses."""
     head = ["method", "vertices", "bind (s)", "deform (s)", "peak (MiB)", "volume (%)", "EL (%)"]
     head += ["truth (%)", "handles off (%)", "failures"]
+    over_poses = {"bind": "min", "deform": "min", "peak": "max"} | dict.fromkeys(MEASURES, "mean")
     lines = []
     for (vertices, method), some in rows.groupby(["vertices", "method"], sort=False):
-        means = some.mean(numeric_only=True)
-        means = pd.concat([means, some[["bind", "deform"]].min(), some[["peak"]].max()])
-        means = means[~means.index.duplicated(keep="last")]
         texts = [
-            "-" if pd.isna(means.get(name)) else f"{means[name]:.{digits}g}"
-            for name, digits in (("bind", 2), ("deform", 2), ("peak", 4), ("volume", 2), ("edge", 2))
-        ] + ["-" if pd.isna(means[name]) else f"{means[name]:.2g}" for name in ("truth", "handle")]
+            "-" if pd.isna(value) else f"{value:.{4 if name == 'peak' else 2}g}"
+            for name, value in some.agg(over_poses).items()
+        ]
         failures = some["failure"].dropna().unique()
         lines.append([METHODS[method], f"{vertices:,}", *texts, "; ".join(failures) or "none"])
     note = "Times are the fastest of all poses, with up to 5 runs each. Memory is the largest peak. "
