@@ -34,6 +34,7 @@ from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
 from eval.rows.splits import require_split
 from eval.run.allowed import OVERRIDE, allow_from, check_folders
+from eval.run.attempt import WROTE
 from eval.run.code import CodeChanged, require_unchanged
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
@@ -258,6 +259,8 @@ def _outcome(
         shared=Path(plain["paths"]["runs"], plain["run"]["shared"]) if plain["run"]["shared"] else None,
         progress=progress,
     )
+    if outcome.row.get("reason") == WROTE:
+        _load_task.cache_clear()
     if outcome.failed:
         return outcome, [outcome.row["reason"]]
     return outcome, out_of_band(outcome.row, plain["bands"]) if plain.get("bands") else []

@@ -40,7 +40,7 @@ def collect(*folders: Path) -> pd.DataFrame:
                 f"`sshade-eval run -m experiment={name} run.experiment=my_{name}` makes runs of your own"
             )
         raise InputError(f"{folders[0]}: no runs there; {again}")
-    return newest(rows)
+    return newest(rows, [run for folder in folders for run in read_plans(folder)])
 
 
 def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
@@ -65,7 +65,8 @@ def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
 
 def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
     """Return the newest rows, and a row with status ``missing`` for each planned run without a row."""
-    rows = records(newest(to_frame(rows)))
+    planned = list(planned)
+    rows = records(newest(to_frame(rows), planned))
     return to_frame([*rows, *missing_rows(planned, rows)])
 
 

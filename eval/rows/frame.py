@@ -16,7 +16,7 @@ import pandas as pd
 
 from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
-from eval.rows.store import VALID, Row, in_order
+from eval.rows.store import VALID, Row, in_order, version_of
 from sshade.errors import InputError
 
 #: This project's methods, in the order of tables.
@@ -56,8 +56,11 @@ def valid(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["status"].isin(VALID)]
 
 
-def newest(rows: pd.DataFrame) -> pd.DataFrame:
+def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
     """Return the latest row of each method with its parameters, task and seed, in a fixed order.
+
+    A row with the version of its planned run comes before later rows of other versions: code that was edited
+    and then restored gives no new runs. Of several plans of a run, the last one counts.
 
     Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
     join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
@@ -75,12 +78,19 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
             f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
             "the clock"
         )
+    versions = {_run_of(run): version_of(run) for run in planned if version_of(run)[0]}
+    asked = [versions.get(_run_of(row)) == version_of(row) for row in records(rows)]
+    rows = rows.assign(asked=asked).sort_values(["asked", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]
         run = [name for name in run if name in rows]
-        rows = rows.sort_values(["date", "key"], kind="stable").drop_duplicates(run, keep="last")
-        rows = rows.sort_values(run, na_position="first")
-    return rows.reset_index(drop=True)
+        rows = rows.drop_duplicates(run, keep="last")
+    return rows.drop(columns="asked").sort_values(run, na_position="first").reset_index(drop=True)
+
+
+def _run_of(row: Row) -> tuple[Any, ...]:
+    """Return what a row and its planned run have in common."""
+    return row["method.name"], row["seed"], row.get("task.source")
 
 
 def split_label(name: str) -> tuple[str, float | None]:

@@ -39,14 +39,15 @@ def write_plan(experiment: Path, runs: Sequence[Row]) -> None:
 
 
 def read_plans(experiment: Path) -> list[Row]:
-    """Return the planned runs of an experiment's sweeps; none before its first sweep.
+    """Return the planned runs of an experiment's sweeps, oldest plan first; none before its first sweep.
 
     Raises
     ------
     InputError
         When a file there is damaged.
     """
-    return [run for path in sorted(experiment.glob(f"{PLANS}/*.json")) for run in _read(path)]
+    paths = sorted(experiment.glob(f"{PLANS}/*.json"), key=lambda path: (path.stat().st_mtime, path.name))
+    return [run for path in paths for run in _read(path)]
 
 
 def _read(path: Path) -> list[Row]:

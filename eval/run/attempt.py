@@ -25,8 +25,8 @@ import psutil
 
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.run.code import CodeChanged, loaded_code, require_unchanged
-from eval.run.provenance import process_memory
+from eval.run.code import CodeChanged, digest, loaded_code, require_unchanged
+from eval.run.provenance import process_memory, task_checksum
 from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.cli.console import Ended, missing_library
@@ -42,6 +42,9 @@ CURVE = "_curve"
 
 #: Facts of a method without a result.
 NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
+
+#: Reason of a row whose method wrote into the arrays of its task, which later methods would be given.
+WROTE = "the method changed the task that it was given; it must copy arrays before it writes into them"
 
 #: Message from a new process when its clock starts.
 CLOCK = "clock"
@@ -86,6 +89,8 @@ def attempt(
 ) -> Attempt:
     """Run a method. An exception or exit of the method becomes the status and reason of the row.
 
+    A method that writes into its task fails with the reason :data:`WROTE`, and the task must be loaded again.
+
     Parameters
     ----------
     method : mapping
@@ -99,6 +104,29 @@ def attempt(
     before_clock : callable
         Called after the warm-up.
     """
+    before = _contents(task)
+    done = _attempt(
+        method, task, seed=seed, time_limit=time_limit, progress=progress, before_clock=before_clock
+    )
+    if _contents(task) == before:
+        return done
+    return Attempt(NOTHING | {"env.warmed_up": done.facts["env.warmed_up"], "reason": WROTE})
+
+
+def _contents(task: Task) -> tuple[str, ...]:
+    """Return checksums of the arrays that a method is given."""
+    return task_checksum(task), *([] if task.truth is None else [digest(task.truth.tobytes())])
+
+
+def _attempt(
+    method: Mapping[str, Any],
+    task: Task,
+    *,
+    seed: int,
+    time_limit: float | None,
+    progress: Progress,
+    before_clock: Callable[[], None],
+) -> Attempt:
     row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
     try:
         call = instantiate({**method, "_partial_": True})
@@ -112,6 +140,8 @@ def attempt(
             returned = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
         result = result_of(task, returned)
+        curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
+        return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except Ended:
@@ -121,8 +151,6 @@ def attempt(
             return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
         return Attempt(row | {"reason": reason_of(error)})
-    curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
-    return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
 
 
 def attempt_fresh(

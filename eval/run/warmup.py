@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import igl
@@ -60,13 +59,11 @@ def compile_sampling() -> None:
     sample_coarsely(mesh, vertex_graph(mesh), 20, first=first).insert(np.array([1]))
 
 
-@cache
 def tiny_task() -> DeformationTask:
     """Return an icosphere of 642 vertices: one cap is fixed, the opposite cap is turned and lifted."""
     return _two_caps(icosphere(3), height=0.9, degrees=20)
 
 
-@cache
 def tiny_regions() -> DeformationTask:
     """Return an icosphere of 10,242 vertices, enough for multigrid: a third is fixed, a third is lifted."""
     return _two_caps(icosphere(5), height=1 / 3, degrees=0)
@@ -87,7 +84,6 @@ def _two_caps(mesh: Mesh, *, height: float, degrees: float) -> DeformationTask:
     return DeformationTask(name="icosphere", mesh=mesh, handles=handles)
 
 
-@cache
 def tiny_transfer() -> TransferTask:
     """Return the transfer of a bend to a sphere of 642 vertices with a bump at its top."""
     mesh = icosphere(3)

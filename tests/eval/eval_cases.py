@@ -47,6 +47,13 @@ def failing(task, *, seed: int, progress=silent) -> DeformationResult:
     raise ArithmeticError("this method\nalways fails")
 
 
+def writing(task, *, seed: int, progress=silent) -> DeformationResult:
+    """A method that doubles the shape in the arrays that it was given."""
+    task.mesh.V.flags.writeable = True
+    task.mesh.V[:] *= 2
+    return DeformationResult(vertices=task.mesh.V, iterations=0, converged=None)
+
+
 def missing_extra(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method whose extra is not installed."""
     raise ImportError("torch is not installed; install the extra torch")

@@ -78,6 +78,14 @@ def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
     assert rows["identity"]["status"] == "ok" and rows["identity"]["peak_mib"] > 10
 
 
+def test_a_method_that_writes_into_its_task_fails_and_spoils_no_later_run(tmp_path):
+    done = run_eval(tmp_path, "-m", "dataset=bumpy", "dataset.level=2", "method=writing,stretching")
+    assert done.returncode == 1 and "the method changed the task that it was given" in done.stdout
+    rows = {row["method.name"]: row for row in records(collect(tmp_path / "out/runs/single"))}
+    assert rows["writing"]["status"] == "failed" and rows["writing"]["metric.volume"] is None
+    assert rows["stretching"]["metric.volume"] == pytest.approx(700)
+
+
 def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
     """A run that a sweep never reached counts like a run that was removed later."""
     sweep = ["-m", "dataset=listed", "label=${hydra:runtime.choices.method}-${method.factor}"]

@@ -121,6 +121,18 @@ def test_a_method_without_usable_vertices_leaves_a_failed_row(task, tmp_path, mo
     assert not (done.folder / "vertices.npy").exists()
 
 
+@pytest.mark.parametrize(
+    "facts", [{"iterations": "many"}, {"seconds": {"solve": "x"}}, {"extra": {"loss_curve": [[1], [2, 3]]}}]
+)
+def test_facts_that_fit_no_row_leave_a_failed_row(task, tmp_path, monkeypatch, facts):
+    def wrong(task, *, seed, progress=silent):
+        return DeformationResult(**{"vertices": task.mesh.V, "iterations": 0, "converged": None} | facts)
+
+    monkeypatch.setattr("eval_cases.stretching", wrong)
+    done = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)
+    assert done.row["status"] == "failed" and done.row["reason"].startswith("ValueError: ")
+
+
 def test_a_signal_that_ends_the_program_leaves_no_row(task, tmp_path, monkeypatch):
     def ended(task, *, seed, progress=silent):
         raise Ended(143)

@@ -66,6 +66,10 @@ def test_types_survive(tmp_path):
     assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
 
 
+#: Columns of a planned run.
+PLANNED = ("method.name", "seed", "task.source", "env.version.code", "env.version.metrics")
+
+
 @pytest.mark.parametrize("label", ["5", "5.0", "1e3", "true", "nan", "inf", "007"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
@@ -83,6 +87,15 @@ def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
     assert records(newest(frame(rebuilt, another, old))) == [another, rebuilt]
     theirs = row(task__source="/elsewhere/t", date="2026-01-02")
     assert records(newest(frame(theirs, old))) == [theirs]
+
+
+def test_code_that_was_restored_has_its_rows_back():
+    old, edited = row(task__source="s"), row(task__source="s", date="2026-01-02", env__version__code="e")
+    plans = [{name: run.get(name) for name in PLANNED} for run in (old, edited)]
+    assert records(newest(frame(old, edited))) == [edited]
+    assert records(newest(frame(old, edited), plans)) == [edited]
+    assert records(newest(frame(old, edited), plans[::-1])) == [old]
+    assert records(newest(frame(old, edited), [plans[0], {**plans[0], "env.version.code": None}])) == [old]
 
 
 def test_a_row_of_the_future_is_not_the_newest():
