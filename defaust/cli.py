@@ -119,7 +119,9 @@ def _build(args: argparse.Namespace) -> int:
         document = build(source, out, options=options, progress=progress, **settings)
     counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
     number = len(document["subjects"])
-    print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices)")  # noqa: T201
+    poses = ", ".join(document["source"].get("rest_poses", []))
+    rest = f", at rest: {poses}" if poses else ""
+    print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices){rest}")  # noqa: T201
     return 0
 
 

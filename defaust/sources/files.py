@@ -115,8 +115,8 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
         other meshes. Each animation is a class with the meshes ``frame_0``, ``frame_1``, ...
     layout : str
         ``tosca``: files are named <class><number>.<suffix>. ``sequence``: all files are one sequence,
-        sorted by name; numbers in the names are sorted as numbers. ``auto``: tosca if all names fit.
-        Animations and archives ignore the layout.
+        sorted by name, but ``rest`` is first; numbers in the names are sorted as numbers. ``auto``: tosca if
+        all names fit. Animations and archives ignore the layout.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
             f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to {where}, or to "
             "an .npz"
         )
-    names = sorted(files, key=_natural)
+    names = sorted(files, key=lambda name: (name.lower() != "rest", _natural(name)))
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
     if layout == "sequence" or (layout == "auto" and not all(match.values())):
         return {SEQUENCE: tuple(Shape(name, files[name]) for name in names)}, {}

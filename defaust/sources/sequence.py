@@ -94,7 +94,7 @@ class RegisteredSequence(Source):
     without : sequence of str
         Classes to leave out if `classes` is not given. Unknown names are ignored.
     rest_pose : str, optional
-        Name of the rest pose; by default the first mesh of the class.
+        Name of the rest pose; by default a mesh named ``rest``, or else the first mesh of the class.
     poses_used : sequence of str, optional
         Names of the target poses; by default all other meshes, or `frames` frames of an animation.
     frames : int

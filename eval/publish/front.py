@@ -240,7 +240,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leave-out", nargs="*", default=["identity"], metavar="METHOD", help=text)
     text = "draw all measures against the times in out/timing or results/timing, on a logarithmic axis"
     parser.add_argument("--times", metavar="NAME", help=text)
-    text = "picture to write (default: out/figures/<first experiment>.png)"
+    text = "picture to write (default: out/figures/<first experiment>_front.png)"
     parser.add_argument("-o", "--out", type=Path, help=text)
 
 
@@ -267,5 +267,5 @@ def command(options: argparse.Namespace) -> int:
         {half: read(own, **asked) for half, own in of_half.items()} for read in (front, knob_values)
     )
     figure = draw(points, measures, values=values, machine=machine)
-    save(figure, options.out or FIGURES / f"{options.rows[0].stem}.png")
+    save(figure, options.out or FIGURES / f"{options.rows[0].stem}_front.png")
     return 0

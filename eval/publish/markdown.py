@@ -10,4 +10,5 @@ def markdown_table(
 ) -> str:
     """Return a table; columns labelled in `left` are aligned left, the others right."""
     sides = ["---" if label in left else "---:" for label in labels]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (labels, sides, *body))
+    lines = (" | ".join(cell.replace("|", r"\|") for cell in cells) for cells in (labels, sides, *body))
+    return "\n".join(f"| {line} |" for line in lines)

@@ -30,7 +30,9 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; `sshade-eval collect` makes it from runs")
+        raise InputError(
+            f"{path}: no such file; `sshade-eval collect` makes rows of runs, `sshade-eval bench` of times"
+        )
     try:  # pandas would fill up the cells of a cut line
         with path.open(newline="", encoding="utf-8") as file:
             header, *lines = list(csv.reader(file)) or [[]]

@@ -91,6 +91,7 @@ def missing_rows(planned: Iterable[Row], rows: Iterable[Row]) -> list[Row]:
         run_of = (run["method.name"], name, run["seed"])
         if run_of not in done:
             facts = {"task.name": name, "status": MISSING, "reason": "planned, never run"}
+            facts["task.meta.subject"] = _source(run).get("subject")
             missing[run_of] = {fact: run.get(fact) for fact in _FACTS} | facts
     return list(missing.values())
 

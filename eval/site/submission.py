@@ -44,6 +44,8 @@ RELATIVE, ABSOLUTE, COUNTED = 1e-3, 1e-4, 2
 BY_FILES = (*(f"task.meta.{fact}" for fact in ("checksum", "raw", "handles", "resolution")), "task.handles")
 #: Measures that are counts.
 COUNTS = ("flips", "self_intersections", "collapsed", "zero_area_faces")
+#: Absolute tolerance of `detail` in degrees: rounding turns small faces of a flat part that has not moved.
+TURNED = 0.05
 
 
 class Submission(NamedTuple):
@@ -127,6 +129,7 @@ def check(folder: Path, track: Track, published: list[Row], *, progress: Progres
     rows = [row for row in read_rows(path) if row["status"] != "missing"]
     official = {row["task.name"]: row for row in published if row["status"] in VALID}
     _check_one_method(path, rows, name, settings)
+    _check_settings(folder / "method.yaml", rows[0], settings)
     known = {row.get("env.version.evaluator") for row in published} - {None}
     for row in rows:
         where = f"{path}: the row of {row['task.name']}, seed {row['seed']},"
@@ -180,6 +183,14 @@ def _check_one_method(path: Path, rows: list[Row], name: str, settings: Mapping[
         )
 
 
+def _check_settings(path: Path, row: Row, settings: Mapping[str, Any]) -> None:
+    """Require that plain settings of the method are settings of its rows; texts may be interpolations."""
+    for name, value in settings.items():
+        column = f"method.{name}"
+        if isinstance(value, (bool, int, float)) and row.get(column, value) != value:
+            raise InputError(f"{path}: says {name}: {value}, and rows.csv has {row[column]}")
+
+
 def _check_origin(where: str, row: Row, known: Set[Any]) -> None:
     """Require a clean commit, or a wheel of the track's version, which has no commit."""
     commit, modified = row.get("env.commit"), row.get("env.modified")
@@ -212,7 +223,8 @@ def _check_row(where: str, row: Row, official: Mapping[str, Row]) -> None:
         return
     for column in (name for name in case if name.startswith("metric.") and case[name] is not None):
         value = row.get(column)
-        if value is None or not math.isfinite(value) or value < 0:
+        infinite = value is None and column.startswith("metric.distortion")  # of a collapsed face
+        if not infinite and (value is None or not math.isfinite(value) or value < 0):
             raise InputError(f"{where} has a {column} of {value}")
     if not (row.get("seconds.total") or 0) > 0:
         raise InputError(f"{where} does not say how long it took")
@@ -259,7 +271,7 @@ def _agree(name: str, value: float | None, row: Row) -> bool:
     reported = row.get(f"metric.{name}")
     if value is None or reported is None:
         return value is reported
-    near, relative = COUNTED if name in COUNTS else ABSOLUTE, RELATIVE
+    near, relative = COUNTED if name in COUNTS else TURNED if name == "detail" else ABSOLUTE, RELATIVE
     if name.startswith("distortion"):
         # 1 / s^2 of a face that is squashed by s: the rounding of s counts 1 / s times as much. A mean may
         # consist of a single such face.

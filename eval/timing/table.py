@@ -278,5 +278,5 @@ def command(options: argparse.Namespace) -> int:
             write_text(root / "tables" / f"{table.title}{suffix}", text_of(table))
         if options.publish and path.resolve() != (root / "timing" / path.name).resolve():
             copy_file(path, root / "timing" / path.name)
-        print(to_markdown(table))  # noqa: T201
+        print(f"From {path}:\n\n{to_markdown(table)}")  # noqa: T201
     return 0

@@ -78,6 +78,8 @@ def test_one_sequence_sorted_by_numbers_in_the_names(tmp_path):
     assert source.provenance["rest_poses"] == ["idle"]
     assert [p.name for p in source.poses(0)] == ["run_1", "run_2", "run_10"]
     assert sequence(tmp_path / "run").provenance["rest_poses"] == ["idle"]  # the first by name
+    (tmp_path / "run" / "run_2.ply").rename(tmp_path / "run" / "rest.ply")
+    assert sequence(tmp_path / "run").provenance["rest_poses"] == ["rest"]
     chosen = sequence(tmp_path / "run", "source.poses_used=[run_10,run_1]")
     assert [p.name for p in chosen.poses(0)] == ["run_1", "run_10"]
 

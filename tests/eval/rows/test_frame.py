@@ -70,6 +70,10 @@ def test_types_survive(tmp_path):
 PLANNED = ("method.name", "seed", "task.source", "env.version.code", "env.version.metrics")
 
 
+def test_a_label_with_a_bar_fills_one_cell():
+    assert "| a\\|b | 1 |" in to_markdown(make_table(frame(row("a|b")), title="t"))
+
+
 @pytest.mark.parametrize("label", ["5", "5.0", "1e3", "true", "nan", "inf", "007"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))

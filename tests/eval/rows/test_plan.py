@@ -14,6 +14,10 @@ def planned(method="a", pose=1, *, seed=0, root="data"):
     return {"method.name": method, "seed": seed, "task.source": json.dumps(source)}
 
 
+def planned_of(subject):
+    return planned() | {"task.source": json.dumps({"_target_": "load", "subject": subject, "pose": 1})}
+
+
 def done(task, **of):
     return row(of.get("method", "a"), task, task__source=planned(**of)["task.source"], seed=of.get("seed", 0))
 
@@ -45,6 +49,7 @@ def test_what_no_row_answers_for_is_missing():
     told = {(r["method.name"], r["task.name"], r["seed"]) for r in missing_rows([*runs, *runs], rows)}
     assert told == {("a", "t2", 0), ("a", "t2", 1), ("b", "t1", 0), ("b", "t1", 1), ("b", "t2", 1)}
     (one,) = missing_rows([planned(pose=3)], rows)
+    assert missing_rows([planned_of(7)], rows)[0]["task.meta.subject"] == 7
     assert one["task.name"] == "_target_=load pose=3"  # the name of the case is not known yet
     assert (one["status"], one["reason"]) == ("missing", "planned, never run")
     assert one["task.source"] == planned(pose=3)["task.source"]

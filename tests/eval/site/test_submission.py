@@ -125,6 +125,21 @@ def test_rows_of_a_wheel_have_no_commit_but_a_known_version(folder, published):
     assert len(check(folder, TRACK, published).rows) > 0
 
 
+def test_an_infinite_distortion_is_taken(folder, published):
+    put_rows(folder, lambda row: row | {"metric.distortion": None, "metric.distortion_max": None})
+    shutil.rmtree(folder / "runs")
+    assert check(folder, TRACK, published).remeasured == 0
+
+
+def test_settings_that_are_not_those_of_the_rows_are_refused(folder, published):
+    path = folder / "method.yaml"
+    path.write_text(path.read_text() + "vertices: ${proxy.vertices}\n")
+    check(folder, TRACK, published)
+    path.write_text(path.read_text().replace("factor: 1.5", "factor: 2"))
+    with pytest.raises(InputError, match=r"method.yaml: says factor: 2, and rows.csv has 1.5"):
+        check(folder, TRACK, published)
+
+
 @pytest.mark.parametrize("column", ["method.hash", "env.version.code", "env.version.metrics"])
 def test_rows_of_several_versions_are_refused(folder, published, column):
     put_rows(folder, lambda row: row | {column: row["task.name"]})
@@ -165,6 +180,8 @@ def test_a_measure_that_is_not_that_of_the_vertices_is_refused(folder, published
         ("flips", 10, 13, False),
         ("edge", None, 0.0, False),
         ("volume", None, None, True),
+        ("detail", 1.1954, 1.1926, True),
+        ("detail", 1.26, 1.1926, False),
     ],
 )
 def test_measures_agree_as_far_as_single_precision_goes(name, value, reported, same):
