@@ -23,7 +23,16 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.gltf_materials import gltf_colours, gltf_skin
 from sshade.io.gltf_own import with_own_numbers
-from sshade.io.gltf_scene import accessor_bytes, array_of, bounds, mesh_matrices, require_plain, triangles_of
+from sshade.io.gltf_scene import (
+    OF_TRIANGLES,
+    NewAccessors,
+    accessor_bytes,
+    array_of,
+    bounds,
+    mesh_matrices,
+    require_plain,
+    triangles_of,
+)
 from sshade.io.normals import vertex_turns
 from sshade.io.text import decoded
 from sshade.mesh.mesh import unit_rows
@@ -244,7 +253,7 @@ def _content(
     changed = {accessor_bytes(tree, i) for part in parts for i in part[:3] if i is not None}
     for number, accessor in enumerate(tree["accessors"]):
         if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
-            _bounds(tree, buffers, number)
+            accessor |= bounds(array_of(tree, buffers, number), accessor.keys() & {"min", "max"})
     return gltf_bytes(tree, buffers, gltf, path)
 
 
@@ -265,13 +274,6 @@ def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path
             f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
             "them to the meshes first, or write another format"
         )
-
-
-def _bounds(tree: dict[str, Any], buffers: list[bytearray], number: int) -> None:
-    """Update the least and greatest values of an accessor, if it has them."""
-    accessor = tree["accessors"][number]
-    values = array_of(tree, buffers, number)
-    accessor |= bounds(values, accessor.keys() & {"min", "max"})
 
 
 def gltf_bytes(tree: dict[str, Any], buffers: list[bytearray], gltf: Gltf, path: Path) -> bytes:
@@ -317,25 +319,19 @@ def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
     """Return a .glb or a .gltf of one mesh with positions (n, 3), as float32, and triangles (m, 3)."""
     if not len(F):
         raise InputError(f"{path}: a glTF file needs a face")
-    positions, corners = V.astype("<f4").tobytes(), F.astype("<u4").tobytes()
-    views = [
-        {"buffer": 0, "byteOffset": 0, "byteLength": len(positions), "target": 34962},
-        {"buffer": 0, "byteOffset": len(positions), "byteLength": len(corners), "target": 34963},
-    ]
-    accessors = [
-        {"bufferView": 0, "componentType": 5126, "count": len(V), "type": "VEC3", "min": [], "max": []},
-        {"bufferView": 1, "componentType": 5125, "count": F.size, "type": "SCALAR"},
-    ]
     tree: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "sshade"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(positions) + len(corners)}],
+        "accessors": [],
+        "bufferViews": [],
+        "buffers": [{"byteLength": 0}],
     }
-    buffers = [bytearray(positions + corners)]
-    _bounds(tree, buffers, 0)
-    return gltf_bytes(tree, buffers, Gltf(path, tree, [bytes(buffers[0])], b""), path)
+    buffer, positions = bytearray(), V.astype(np.float32)
+    new = NewAccessors(tree, buffer)
+    new.add(positions, **bounds(positions))
+    new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)
+    new.close()
+    return gltf_bytes(tree, [buffer], Gltf(path, tree, [bytes(buffer)], b""), path)

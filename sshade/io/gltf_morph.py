@@ -17,12 +17,11 @@ from sshade.errors import InputError
 from sshade.io.document import MeshFile
 from sshade.io.files import replacing
 from sshade.io.gltf import Gltf, gltf_bytes, parsed_gltf, plain_gltf
-from sshade.io.gltf_scene import CHANGED, FLOAT, array_of, bounds, mesh_matrices
+from sshade.io.gltf_scene import CHANGED, NewAccessors, array_of, bounds, mesh_matrices
 from sshade.io.point_cache import as_floats
 
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
 LARGEST = 2**32 - 2**26
-_ARRAY_BUFFER = 34962
 
 
 def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times: np.ndarray) -> None:
@@ -86,19 +85,18 @@ class _Morphs:
         self._values = {
             number: _vectors(rest, number) for p in self._primitives for number in _changed(p).values()
         }
-        self._added = _Accessors(self._tree, self._buffers[0])
+        self._added = NewAccessors(self._tree, self._buffers[0])
         #: Accessor of the displacements for each accessor that changes, for each pose.
         self._targets: list[dict[int, int]] = []
         self.bytes_a_pose = sum(values.nbytes for values in self._values.values())
 
     def add(self, pose: Gltf) -> None:
         """Add the displacements of a pose, which has the accessors of the rest shape."""
-        self._targets.append(
-            {
-                number: self._added.add(_vectors(pose, number) - values, bounded=True)
-                for number, values in self._values.items()
-            }
-        )
+        targets = {}
+        for number, values in self._values.items():
+            moves = _vectors(pose, number) - values
+            targets[number] = self._added.add(moves, **bounds(moves))
+        self._targets.append(targets)
 
     def bytes(self, times: np.ndarray, path: Path) -> bytes:
         """Return the bytes of the file, with an animation that shows pose k at time k of `times` (k,)."""
@@ -108,38 +106,16 @@ class _Morphs:
             primitive["targets"] = [{name: new[number] for name, number in changed} for new in targets]
         for number in self._shown:
             tree["meshes"][number]["weights"] = [0.0] * len(targets)
-        clock = added.add(times.astype(np.float32)[:, None], bounded=True, of_vertices=False)
-        weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), of_vertices=False)
+        seconds = times.astype(np.float32)[:, None]
+        clock = added.add(seconds, target=None, **bounds(seconds))
+        weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), target=None)
         nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in self._shown]
         channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
         sampler = {"input": clock, "output": weights, "interpolation": "LINEAR"}
         animation = {"name": "sequence", "channels": channels, "samplers": [sampler]}
         tree.setdefault("animations", []).append(animation)
-        tree["buffers"][0]["byteLength"] = len(self._buffers[0])
+        added.close()
         return gltf_bytes(tree, self._buffers, self._rest, path)
-
-
-class _Accessors:
-    """New accessors behind the contents of the first buffer of a file."""
-
-    def __init__(self, tree: dict[str, Any], buffer: bytearray) -> None:
-        self._tree, self._buffer = tree, buffer
-        del buffer[tree["buffers"][0]["byteLength"] :]
-
-    def add(self, values: np.ndarray, *, bounded: bool = False, of_vertices: bool = True) -> int:
-        """Append numbers (k, 1) or (k, 3) float32; return the number of their accessor."""
-        self._buffer += bytes(-len(self._buffer) % 4)
-        view = {"buffer": 0, "byteOffset": len(self._buffer), "byteLength": values.nbytes}
-        if of_vertices:
-            view["target"] = _ARRAY_BUFFER
-        self._buffer += values.astype("<f4").tobytes()
-        self._tree["bufferViews"].append(view)
-        accessor: dict[str, Any] = {"bufferView": len(self._tree["bufferViews"]) - 1, "componentType": FLOAT}
-        accessor |= {"count": len(values), "type": "VEC3" if values.shape[1] == 3 else "SCALAR"}
-        if bounded:
-            accessor |= bounds(values)
-        self._tree["accessors"].append(accessor)
-        return len(self._tree["accessors"]) - 1
 
 
 def _vectors(gltf: Gltf, number: int) -> np.ndarray:

@@ -13,49 +13,20 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import counted
-from sshade.io.gltf_scene import CHANGED, FLOAT, accessor_bytes, array_of, dense, mesh_matrices, node_matrices
+from sshade.io.gltf_scene import (
+    CHANGED,
+    FLOAT,
+    NewAccessors,
+    accessor_bytes,
+    array_of,
+    bounds,
+    dense,
+    mesh_matrices,
+    node_matrices,
+)
 
-
-class _Copies:
-    """New accessors of a file, and their bytes behind its first buffer."""
-
-    def __init__(self, tree: dict[str, Any], buffers: list[bytes]) -> None:
-        self._tree, self._buffers = tree, buffers
-        self._bytes = bytearray()
-
-    def add(self, number: int) -> int:
-        """Copy an accessor; return the number of the copy."""
-        accessors, views, buffer = (self._tree[name] for name in ("accessors", "bufferViews", "buffers"))
-        values = _floats(accessors[number], dense(self._tree, self._buffers, number))
-        begin = buffer[0]["byteLength"] + -buffer[0]["byteLength"] % 4 + len(self._bytes)
-        views.append({"buffer": 0, "byteOffset": begin, "byteLength": values.nbytes, "target": 34962})
-        self._bytes += values.tobytes()
-        left_out = ("bufferView", "byteOffset", "normalized", "sparse")
-        new = {key: value for key, value in accessors[number].items() if key not in left_out}
-        new |= {"bufferView": len(views) - 1, "componentType": FLOAT}
-        for name in new.keys() & {"min", "max"}:
-            new[name] = getattr(values, name)(axis=0).astype(np.float64).tolist()
-        accessors.append(new)
-        return len(accessors) - 1
-
-    def buffers(self) -> list[bytes]:
-        """Return the buffers with the new bytes, and update the length of the first buffer."""
-        if not self._bytes:
-            return self._buffers
-        first = self._tree["buffers"][0]
-        data = self._buffers[0][: first["byteLength"]]
-        data += bytes(-len(data) % 4) + self._bytes
-        first.pop("uri", None)  # the file there lacks the new bytes
-        first["byteLength"] = len(data)
-        return [data, *self._buffers[1:]]
-
-
-def _floats(accessor: dict[str, Any], values: np.ndarray) -> np.ndarray:
-    """Convert numbers of an accessor to float32; normalised whole numbers lie in [-1, 1]."""
-    floats = values.astype("<f4")
-    if values.dtype.kind != "f" and accessor.get("normalized"):
-        floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
-    return floats
+#: Fields of an accessor that its copy does not have, or has from its numbers.
+_REPLACED = ("bufferView", "byteOffset", "componentType", "count", "type", "normalized", "sparse")
 
 
 def with_own_numbers(
@@ -75,7 +46,9 @@ def with_own_numbers(
     instances = _split_instances(tree)
     matrices = mesh_matrices(tree)
     shared, owner = _overlapping(tree, buffers), dict[tuple, tuple]()
-    copies, made, converted = _Copies(tree, buffers), dict[tuple, dict[str, int]](), 0
+    #: Accessors to copy, and the attributes of all primitives that share the copies.
+    copied: dict[tuple, tuple[dict[str, int], list[dict[str, int]]]] = {}
+    converted = 0
     # Meshes that no node shows come last: only others would change their numbers.
     for number in sorted(range(len(tree.get("meshes", []))), key=lambda i: i not in matrices):
         shown = number in matrices
@@ -91,16 +64,33 @@ def with_own_numbers(
             if own and not (shown and (not plain or len(mine) < len(keys) or shared & mine.keys())):
                 owner |= mine
                 continue
-            if use not in made:
-                made[use] = {name: copies.add(i) for name, i in here.items()}
-                converted += not plain
-            attributes |= made[use]
+            converted += use not in copied and not plain
+            copied.setdefault(use, (here, []))[1].append(attributes)
     notes = {
         f"{counted(instances, 'node has', 'nodes have')} a mesh that another node has; each gets a mesh of "
         "its own": instances,
         f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
     }
-    return tree, copies.buffers(), tuple(note for note, there in notes.items() if there)
+    if copied:
+        first = bytearray(buffers[0])
+        new = NewAccessors(tree, first)
+        for here, several in copied.values():
+            made = {name: _add_copy(new, tree, buffers, number) for name, number in here.items()}
+            for attributes in several:
+                attributes |= made
+        new.close()
+        buffers = [bytes(first), *buffers[1:]]
+    return tree, buffers, tuple(note for note, there in notes.items() if there)
+
+
+def _add_copy(new: NewAccessors, tree: dict[str, Any], buffers: list[bytes], number: int) -> int:
+    """Add a copy of an accessor as float32; normalised whole numbers become numbers in [-1, 1]."""
+    accessor, values = tree["accessors"][number], dense(tree, buffers, number)
+    floats = values.astype(np.float32)
+    if values.dtype.kind != "f" and accessor.get("normalized"):
+        floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+    kept = {key: value for key, value in accessor.items() if key not in _REPLACED}
+    return new.add(floats, **kept | bounds(floats, accessor.keys() & {"min", "max"}))
 
 
 def _split_instances(tree: dict[str, Any]) -> int:

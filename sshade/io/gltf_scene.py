@@ -14,6 +14,8 @@ from sshade.io.triangles import strip_triangles
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 FLOAT = 5126
+#: Targets of views: numbers of vertices, and vertex ids of triangles.
+OF_VERTICES, OF_TRIANGLES = 34962, 34963
 #: Component types of vertex ids.
 _INDICES = (5121, 5123, 5125)
 #: Attributes that follow a deformation, and their types.
@@ -117,6 +119,48 @@ def _array(tree: dict[str, Any], buffers: list[Any], accessor: dict[str, Any], n
         raise ValueError(f"the view of {name} reaches out of its buffer")
     buffer = buffers[view["buffer"]]
     return np.ndarray((count, width), kind, buffer, begin, (stride, kind.itemsize))
+
+
+class NewAccessors:
+    """New accessors of a file, whose numbers follow the contents of its first buffer.
+
+    Parameters
+    ----------
+    tree : dict
+    buffer : bytearray
+        The first buffer, which grows.
+    """
+
+    def __init__(self, tree: dict[str, Any], buffer: bytearray) -> None:
+        self._tree, self._buffer = tree, buffer
+        del buffer[tree["buffers"][0]["byteLength"] :]
+
+    def add(self, values: np.ndarray, *, target: int | None = OF_VERTICES, **fields: Any) -> int:
+        """Append numbers (k, w) float32 or uint32; return the number of their accessor.
+
+        Parameters
+        ----------
+        values : (k, w) float32 or uint32
+        target : int, optional
+            Target of their view.
+        **fields
+            Further fields of the accessor, such as its :func:`bounds`.
+        """
+        views, accessors, width = self._tree["bufferViews"], self._tree["accessors"], values.shape[1]
+        self._buffer += bytes(-len(self._buffer) % 4)
+        view = {"buffer": 0, "byteOffset": len(self._buffer), "byteLength": values.nbytes}
+        views.append(view if target is None else {**view, "target": target})
+        kind = next(code for code, name in _KINDS.items() if values.dtype == name)
+        self._buffer += values.astype(_KINDS[kind]).tobytes()
+        accessor = {"bufferView": len(views) - 1, "componentType": kind, "count": len(values)}
+        accessors.append({**accessor, "type": "SCALAR" if width == 1 else f"VEC{width}", **fields})
+        return len(accessors) - 1
+
+    def close(self) -> None:
+        """Update the entry of the first buffer, whose file lacks the new bytes."""
+        first = self._tree["buffers"][0]
+        first["byteLength"] = len(self._buffer)
+        first.pop("uri", None)
 
 
 def triangles_of(
