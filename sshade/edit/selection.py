@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.errors import InputError
+from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 
 #: Ways to change a selection that take vertices, and all ways.
@@ -76,22 +77,13 @@ def distances(mesh: Mesh, vertices: np.ndarray, limit: float) -> np.ndarray:
     InputError
         When there are no vertices, or the limit is not above 0.
     """
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     if len(vertices) == 0:
         raise InputError("no vertex is picked from which a distance could be measured")
     if not limit > 0:
         raise InputError(f"a distance is a number above 0, not {limit:g}")
-    found, (i, j) = np.full(mesh.n, np.inf), mesh.edges.T
-    found[vertices] = 0
-    border = np.unique(mesh.edges[(found[i] == 0) != (found[j] == 0)])  # paths from the vertices begin there
-    border = border[found[border] == 0]
-    if len(border) == 0:
-        return found
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = coo_array((length, (i, j)), shape=(mesh.n, mesh.n)).tocsr()
-    return np.minimum(found, dijkstra(graph, directed=False, indices=border, min_only=True, limit=limit))
+    return dijkstra(edge_graph(mesh).matrix, indices=vertices, min_only=True, limit=limit)
 
 
 def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
