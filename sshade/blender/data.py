@@ -189,7 +189,10 @@ def write_key(obj: bpy.types.Object, key: bpy.types.ShapeKey, V: np.ndarray) -> 
 
 
 def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
-    """Give a mesh the rest positions V (n, 3) float32; shape keys keep their differences to the rest."""
+    """Give a mesh the rest positions V (n, 3) float32, and its handles their present places as rest places.
+
+    Shape keys keep their differences to the rest.
+    """
     mesh = obj.data
     if mesh.shape_keys is not None:
         change = V - rest_positions(mesh)
@@ -201,10 +204,6 @@ def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
             key.points.foreach_set("co", U.ravel())
     mesh.attributes["position"].data.foreach_set("vector", V.ravel())
     mesh.update()
-
-
-def rest_here(obj: bpy.types.Object) -> None:
-    """Make the present places of all handles their places at rest."""
     for handle in obj.sshade.handles:
         handle.location, handle.rotation = (0, 0, 0), (0, 0, 0)
         if handle.empty is not None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import bpy
@@ -18,7 +19,6 @@ from .data import (
     corners,
     read_motions,
     read_rig,
-    rest_here,
     rest_positions,
     write_in_place,
     write_key,
@@ -127,28 +127,19 @@ class Live:
             self._drag.forget()
             self.key(obj).points.foreach_get("co", self._shape.ravel())
 
-    def finish(self, method: str, output: str) -> None:
+    def finish(self, obj: bpy.types.Object, method: str, output: str) -> None:
         """Write the converged shape of the present handles, as the operator Deform computes it."""
-        obj = self.object
-        if obj is None:
-            return
-        self.require_unchanged(obj)
         V = self.rig.deform(read_motions(obj, self.rig), method=method)
-        key = self.key(obj)
         if output == "KEY":
-            write_key(obj, key, V)
+            write_key(obj, self.key(obj), V)
         else:
-            obj.shape_key_remove(key)
-            drop_lone_basis(obj)
+            self.cancel(obj)
             write_in_place(obj, V)
-            rest_here(obj)
 
-    def cancel(self) -> None:
+    def cancel(self, obj: bpy.types.Object) -> None:
         """Remove the shape key."""
-        obj = self.object
-        if obj is not None:
-            obj.shape_key_remove(self.key(obj))
-            drop_lone_basis(obj)
+        obj.shape_key_remove(self.key(obj))
+        drop_lone_basis(obj)
 
     def require_unchanged(self, obj: bpy.types.Object) -> None:
         """Raise InputError if the mesh is not the one that was bound."""
@@ -167,11 +158,8 @@ class Live:
         )
 
     def _same(self, motions: list[Motion]) -> bool:
-        return len(motions) == len(self._motions) and all(
-            np.array_equal(a, b)
-            for new, old in zip(motions, self._motions, strict=True)
-            for a, b in zip(new, old, strict=True)
-        )
+        same = map(np.array_equal, chain(*motions), chain(*self._motions))
+        return len(motions) == len(self._motions) and all(same)
 
     def _step(self, obj: bpy.types.Object, motions: list[Motion]) -> None:
         self.require_unchanged(obj)

@@ -8,7 +8,7 @@ import bpy
 from sshade.errors import InputError
 
 from . import live
-from .data import add_key, read_motions, read_rig, rest_here, write_in_place, write_key
+from .data import add_key, read_motions, read_rig, write_in_place, write_key
 from .live import FAILURES
 
 
@@ -65,7 +65,6 @@ class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
             write_key(obj, add_key(obj), V)
         else:
             write_in_place(obj, V)
-            rest_here(obj)
 
 
 def _show(stage: str, done: int, total: int, note: str = "") -> None:
@@ -95,7 +94,7 @@ class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
         except InputError:  # the mode cannot go on
             del live.RUNNING[obj.session_uid]
             raise
-        running.finish(obj.sshade.method, obj.sshade.output)
+        running.finish(obj, obj.sshade.method, obj.sshade.output)
         del live.RUNNING[obj.session_uid]
 
 
@@ -106,7 +105,7 @@ class SSHADE_OT_live_cancel(_OfMesh, bpy.types.Operator):
     needs_live = True
 
     def run(self, obj: bpy.types.Object) -> None:
-        live.RUNNING.pop(obj.session_uid).cancel()
+        live.RUNNING.pop(obj.session_uid).cancel(obj)
 
 
 class SSHADE_OT_handle_add(_OfMesh, bpy.types.Operator):

@@ -175,8 +175,6 @@ class Rig:
 
     def placed(self, moved: np.ndarray) -> np.ndarray:
         """Return all positions (n, 3) float32, with the surface at `moved` (k, 3)."""
-        if self.mesh.n == len(self.V):  # then no vertex was merged or left out
-            return moved.astype(np.float32)
         return self._surface.placed(self.V, moved).astype(np.float32)
 
 
