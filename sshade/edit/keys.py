@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,13 +33,6 @@ class Key:
     groups: tuple[Group, ...]
 
 
-class _Place(NamedTuple):
-    """Targets (k, 3) of a group, and how far it was turned (3, 3), if it was."""
-
-    target: np.ndarray
-    turn: np.ndarray | None
-
-
 def posed(mesh: Mesh, groups: tuple[Group, ...], keys: Sequence[Key], time: float) -> tuple[Group, ...]:
     """Return groups as keys, ascending, pose them at a time.
 
@@ -52,14 +45,13 @@ def posed(mesh: Mesh, groups: tuple[Group, ...], keys: Sequence[Key], time: floa
     part = (time - first.time) / (second.time - first.time) if second.time > first.time else 0.0
     made = []
     for group in groups:
-        if group.link is not None:
-            made.append(group)
-            continue
-        a, b = _place(mesh, group, first), _place(mesh, group, second)
-        turned = any(_place(mesh, group, key).turn is not None for key in keys)
-        place = _between(mesh, group, a, b, part) if 0 < part < 1 else (a if part <= 0 else b)
-        turn = np.eye(3) if turned and place.turn is None else place.turn
-        made.append(replace(group, target=place.target, turn=turn))
+        if group.link is None:
+            turned = any(_at(mesh, group, key).turn is not None for key in keys)
+            a, b = _at(mesh, group, first), _at(mesh, group, second)
+            group = _between(mesh, a, b, part) if 0 < part < 1 else (a if part <= 0 else b)
+            if turned and group.turn is None:
+                group = replace(group, turn=np.eye(3))
+        made.append(group)
     return followed(mesh, tuple(made))
 
 
@@ -116,33 +108,32 @@ def unique(names: Sequence[str]) -> list[str]:
     return made
 
 
-def _place(mesh: Mesh, group: Group, key: Key) -> _Place:
-    """Return where a key has the vertices of a group."""
+def _at(mesh: Mesh, group: Group, key: Key) -> Group:
+    """Return a group where a key has it."""
+    old = next((one for one in key.groups if one.number == group.number), None)
+    if old is None:
+        return replace(group, target=mesh.V[group.vertices], turn=None)
+    if old.vertices is group.vertices:
+        return replace(group, target=old.target, turn=old.turn)
     target = mesh.V[group.vertices]
-    for old in key.groups:
-        if old.number == group.number:
-            if old.vertices is group.vertices:
-                return _Place(old.target, old.turn)
-            target = target.copy()
-            _, own, theirs = np.intersect1d(group.vertices, old.vertices, return_indices=True)
-            target[own] = old.target[theirs]
-            return _Place(target, old.turn)
-    return _Place(target, None)
+    _, own, theirs = np.intersect1d(group.vertices, old.vertices, return_indices=True)
+    target[own] = old.target[theirs]
+    return replace(group, target=target, turn=old.turn)
 
 
-def _between(mesh: Mesh, group: Group, a: _Place, b: _Place, part: float) -> _Place:
-    """Interpolate two places: rotations on the shortest arc, everything else along lines."""
+def _between(mesh: Mesh, a: Group, b: Group, part: float) -> Group:
+    """Interpolate two places of a group: rotations on the shortest arc, everything else along lines."""
     from scipy.spatial.transform import Rotation, Slerp
 
     if np.array_equal(a.target, b.target) and a.turn is b.turn:
         return a
-    rest = mesh.V[group.vertices]
+    rest = mesh.V[a.vertices]
     rest = rest - rest.mean(axis=0)
-    ends = [rotation_of(mesh, replace(group, target=one.target, turn=one.turn)) for one in (a, b)]
+    ends = [rotation_of(mesh, one) for one in (a, b)]
     R = Slerp([0, 1], Rotation.from_matrix(ends))(part).as_matrix()
     turned = [one.target - rest @ end.T for one, end in zip((a, b), ends, strict=True)]
     target = rest @ R.T + (1 - part) * turned[0] + part * turned[1]
     if a.turn is None and b.turn is None:
-        return _Place(target, None)
+        return replace(a, target=target)
     turns = [np.eye(3) if one.turn is None else one.turn for one in (a, b)]
-    return _Place(target, Slerp([0, 1], Rotation.from_matrix(turns))(part).as_matrix())
+    return replace(a, target=target, turn=Slerp([0, 1], Rotation.from_matrix(turns))(part).as_matrix())
