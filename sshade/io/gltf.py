@@ -25,9 +25,9 @@ from sshade.io.gltf_materials import gltf_colours, gltf_skin
 from sshade.io.gltf_own import with_own_numbers
 from sshade.io.gltf_scene import (
     OF_TRIANGLES,
+    Gltf,
     NewAccessors,
     accessor_bytes,
-    array_of,
     bounds,
     mesh_matrices,
     require_plain,
@@ -67,15 +67,6 @@ class _Part(NamedTuple):
     matrix: np.ndarray
 
 
-class Gltf(NamedTuple):
-    """A glTF file: its JSON, the bytes of its buffers, and further chunks of a .glb of unknown kinds."""
-
-    source: Path
-    tree: dict[str, Any]
-    buffers: list[bytes]
-    further: bytes
-
-
 def read_gltf(path: Path) -> MeshFile:
     """Read a .glb or a .gltf with its buffers.
 
@@ -89,9 +80,8 @@ def read_gltf(path: Path) -> MeshFile:
     """
     gltf = parsed_gltf(path.read_bytes(), path)
     require_plain(gltf.tree, path)
-    tree, buffers, notes = with_own_numbers(gltf.tree, gltf.buffers)
-    gltf = gltf._replace(tree=tree, buffers=buffers)
-    matrices = mesh_matrices(tree)
+    gltf, notes = with_own_numbers(gltf)
+    matrices = mesh_matrices(gltf.tree)
     parts: dict[tuple, _Part] = {}
     coloured: list[tuple[int, int | None]] = []
     primitives: list[tuple[dict[str, Any], np.ndarray]] = []
@@ -105,14 +95,14 @@ def read_gltf(path: Path) -> MeshFile:
             position, shading = attributes["POSITION"], (attributes.get("NORMAL"), attributes.get("TANGENT"))
             key = accessor_bytes(gltf.tree, position)
             if key not in parts:
-                P = array_of(gltf.tree, gltf.buffers, position).astype(np.float64)
+                P = gltf.array(position).astype(np.float64)
                 V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
                 rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
                 parts[key] = _Part(position, *shading, count, M)
                 count += len(P)
                 coloured.append((len(P), attributes.get("COLOR_0")))
             size = gltf.tree["accessors"][position]["count"]
-            corners = triangles_of(gltf.tree, gltf.buffers, primitive, size)
+            corners = triangles_of(gltf, primitive, size)
             if np.linalg.det(M[:3, :3]) < 0:  # a mirror turns faces around
                 corners = corners[:, ::-1]
             F.append(parts[key].first + corners)
@@ -124,9 +114,9 @@ def read_gltf(path: Path) -> MeshFile:
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
     colours = skin = None
     if any(one is not None for _, one in coloured):
-        colours = partial(gltf_colours, tree, buffers, coloured)
+        colours = partial(gltf_colours, gltf, coloured)
     if any("material" in primitive for primitive, _ in primitives):
-        skin = partial(gltf_skin, tree, buffers, path, primitives)
+        skin = partial(gltf_skin, gltf, primitives)
     return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, colours, skin)
 
 
@@ -220,22 +210,24 @@ def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
 def _content(
     gltf: Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
 ) -> bytes:
-    tree, buffers = copy.deepcopy(gltf.tree), [bytearray(data) for data in gltf.buffers]
+    buffers = [bytearray(data) for data in gltf.buffers]
+    new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)
+    accessors = new.tree["accessors"]
     moved = (rest != V).any(axis=1)
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
             with np.errstate(invalid="ignore"):  # the bytes may be no numbers
-                stored = array_of(tree, buffers, part.normal).astype(np.float64)
+                stored = new.array(part.normal).astype(np.float64)
             normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
     Q = vertex_turns(normals, F, rest, V)
     turned = (np.eye(3) != Q).any(axis=(1, 2))
     for part in parts:
-        vertices = slice(part.first, part.first + tree["accessors"][part.position]["count"])
+        vertices = slice(part.first, part.first + accessors[part.position]["count"])
         A = part.matrix[:3, :3]
         back = np.linalg.inv(A)
         # The arrays are views of the buffers, which assignments change.
-        positions = array_of(tree, buffers, part.position)
+        positions = new.array(part.position)
         size = np.abs(A) @ np.abs(positions).max(axis=0).astype(np.float64)
         changes = moved[vertices]
         with np.errstate(over="ignore"):
@@ -244,17 +236,17 @@ def _content(
         turns = turned[vertices]
         rotations = Q[vertices][turns]
         if part.normal is not None:
-            stored = array_of(tree, buffers, part.normal)
+            stored = new.array(part.normal)
             stored[turns] = unit_rows(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
         if part.tangent is not None:
-            stored = array_of(tree, buffers, part.tangent)
+            stored = new.array(part.tangent)
             tangents = stored[turns, :3].astype(np.float64) @ A.T
             stored[turns, :3] = unit_rows(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
-    changed = {accessor_bytes(tree, i) for part in parts for i in part[:3] if i is not None}
-    for number, accessor in enumerate(tree["accessors"]):
-        if "bufferView" in accessor and accessor_bytes(tree, number) in changed:
-            accessor |= bounds(array_of(tree, buffers, number), accessor.keys() & {"min", "max"})
-    return gltf_bytes(tree, buffers, gltf, path)
+    changed = {accessor_bytes(new.tree, i) for part in parts for i in part[:3] if i is not None}
+    for number, accessor in enumerate(accessors):
+        if "bufferView" in accessor and accessor_bytes(new.tree, number) in changed:
+            accessor |= bounds(new.array(number), accessor.keys() & {"min", "max"})
+    return gltf_bytes(new, gltf, path)
 
 
 def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
@@ -276,24 +268,25 @@ def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path
         )
 
 
-def gltf_bytes(tree: dict[str, Any], buffers: list[bytearray], gltf: Gltf, path: Path) -> bytes:
+def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
     """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers.
 
     Parameters
     ----------
-    tree, buffers : dict and list of bytearray
-        The new contents.
     gltf : Gltf
+        The new contents.
+    old : Gltf
         The file that they come from.
     path : path
         Where the bytes will be written; its suffix selects the format.
     """
+    tree, buffers = gltf.tree, gltf.buffers
     binary = path.suffix.lower() == ".glb"
     for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
         uri = buffer.get("uri")
-        if binary and number == 0 and (uri is None or data != gltf.buffers[0]):
+        if binary and number == 0 and (uri is None or data != old.buffers[0]):
             buffer.pop("uri", None)
-        elif uri is None or data != gltf.buffers[number]:
+        elif uri is None or data != old.buffers[number]:
             body = base64.b64encode(data[: buffer["byteLength"]]).decode()
             buffer["uri"] = f"data:application/octet-stream;base64,{body}"
     for entry in [*tree.get("buffers", []), *tree.get("images", [])]:
@@ -329,9 +322,9 @@ def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
         "bufferViews": [],
         "buffers": [{"byteLength": 0}],
     }
-    buffer, positions = bytearray(), V.astype(np.float32)
-    new = NewAccessors(tree, buffer)
-    new.add(positions, **bounds(positions))
+    gltf, positions = Gltf(path, tree, [bytearray()], b""), V.astype(np.float32)
+    new = NewAccessors(gltf)
+    new.add(positions, bounds(positions))
     new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)
     new.close()
-    return gltf_bytes(tree, [buffer], Gltf(path, tree, [bytes(buffer)], b""), path)
+    return gltf_bytes(gltf, gltf, path)

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sshade.errors import InputError
 from sshade.io.files import expecting
-from sshade.io.gltf import Gltf, parsed_gltf
-from sshade.io.gltf_scene import ancestors, dense, node_matrix, parents
+from sshade.io.gltf import parsed_gltf
+from sshade.io.gltf_scene import Gltf, ancestors, node_matrix, parents
 
 #: Properties of a node that move it, and their numbers of components.
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -147,13 +147,10 @@ def _channels(gltf: Gltf, animation: dict[str, Any]) -> dict[int, dict[str, Chan
         if "node" not in target or target["path"] not in _PATHS:
             continue  # weights of morph targets, and extensions
         sampler, width = animation["samplers"][channel["sampler"]], _PATHS[target["path"]]
-        times = dense(gltf.tree, gltf.buffers, sampler["input"])[:, 0].astype(np.float64)
-        values = dense(gltf.tree, gltf.buffers, sampler["output"])
-        if values.dtype.kind != "f":
-            values = np.maximum(values / np.iinfo(values.dtype).max, -1.0)
-        values, kind = values.astype(np.float64), sampler.get("interpolation", "LINEAR")
+        times = gltf.dense(sampler["input"])[:, 0].astype(np.float64)
+        kind = sampler.get("interpolation", "LINEAR")
         shape = (len(times), 3, width) if kind == "CUBICSPLINE" else (len(times), width)
-        values = values.reshape(shape)
+        values = gltf.fractions(sampler["output"]).reshape(shape)
         if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
             raise ValueError(f"its interpolation {kind} is unknown")
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):

@@ -16,8 +16,8 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import MeshFile
 from sshade.io.files import replacing
-from sshade.io.gltf import Gltf, gltf_bytes, parsed_gltf, plain_gltf
-from sshade.io.gltf_scene import CHANGED, NewAccessors, array_of, bounds, mesh_matrices
+from sshade.io.gltf import gltf_bytes, parsed_gltf, plain_gltf
+from sshade.io.gltf_scene import CHANGED, Gltf, NewAccessors, bounds, mesh_matrices
 from sshade.io.point_cache import as_floats
 
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
@@ -78,14 +78,14 @@ class _Morphs:
 
     def __init__(self, rest: Gltf) -> None:
         self._rest, self._tree = rest, rest.tree
-        self._buffers = [bytearray(data) for data in rest.buffers]
+        self._new = rest._replace(buffers=[bytearray(data) for data in rest.buffers])
         self._shown = sorted(mesh_matrices(self._tree))
         self._primitives = [p for number in self._shown for p in self._tree["meshes"][number]["primitives"]]
         #: Accessors that change, and their rest values; tangents without their handedness.
         self._values = {
             number: _vectors(rest, number) for p in self._primitives for number in _changed(p).values()
         }
-        self._added = NewAccessors(self._tree, self._buffers[0])
+        self._added = NewAccessors(self._new)
         #: Accessor of the displacements for each accessor that changes, for each pose.
         self._targets: list[dict[int, int]] = []
         self.bytes_a_pose = sum(values.nbytes for values in self._values.values())
@@ -95,7 +95,7 @@ class _Morphs:
         targets = {}
         for number, values in self._values.items():
             moves = _vectors(pose, number) - values
-            targets[number] = self._added.add(moves, **bounds(moves))
+            targets[number] = self._added.add(moves, bounds(moves))
         self._targets.append(targets)
 
     def bytes(self, times: np.ndarray, path: Path) -> bytes:
@@ -107,7 +107,7 @@ class _Morphs:
         for number in self._shown:
             tree["meshes"][number]["weights"] = [0.0] * len(targets)
         seconds = times.astype(np.float32)[:, None]
-        clock = added.add(seconds, target=None, **bounds(seconds))
+        clock = added.add(seconds, bounds(seconds), target=None)
         weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), target=None)
         nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in self._shown]
         channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
@@ -115,12 +115,12 @@ class _Morphs:
         animation = {"name": "sequence", "channels": channels, "samplers": [sampler]}
         tree.setdefault("animations", []).append(animation)
         added.close()
-        return gltf_bytes(tree, self._buffers, self._rest, path)
+        return gltf_bytes(self._new, self._rest, path)
 
 
 def _vectors(gltf: Gltf, number: int) -> np.ndarray:
     """Return the first three numbers of each element of an accessor, as a copy (k, 3) float32."""
-    return array_of(gltf.tree, gltf.buffers, number)[:, :3].astype(np.float32)
+    return gltf.array(number)[:, :3].astype(np.float32)
 
 
 def _changed(primitive: dict[str, Any]) -> dict[str, int]:

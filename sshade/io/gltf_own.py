@@ -16,11 +16,10 @@ from sshade.errors import counted
 from sshade.io.gltf_scene import (
     CHANGED,
     FLOAT,
+    Gltf,
     NewAccessors,
     accessor_bytes,
-    array_of,
     bounds,
-    dense,
     mesh_matrices,
     node_matrices,
 )
@@ -29,23 +28,21 @@ from sshade.io.gltf_scene import (
 _REPLACED = ("bufferView", "byteOffset", "componentType", "count", "type", "normalized", "sparse")
 
 
-def with_own_numbers(
-    tree: dict[str, Any], buffers: list[bytes]
-) -> tuple[dict[str, Any], list[bytes], tuple[str, ...]]:
+def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
     """Rewrite a file such that each primitive of a mesh may move alone; the scene looks the same.
 
     Returns
     -------
-    tree : dict
-    buffers : list of bytes
+    gltf : Gltf
     notes : tuple of str
         What was rewritten, for the user.
     """
-    tree = copy.deepcopy(tree)
+    gltf = gltf._replace(tree=copy.deepcopy(gltf.tree))
+    tree = gltf.tree
     meshes = len(tree.get("meshes", [])) - 1
     instances = _split_instances(tree)
     matrices = mesh_matrices(tree)
-    shared, owner = _overlapping(tree, buffers), dict[tuple, tuple]()
+    shared, owner = _overlapping(gltf), dict[tuple, tuple]()
     #: Accessors to copy, and the attributes of all primitives that share the copies.
     copied: dict[tuple, tuple[dict[str, int], list[dict[str, int]]]] = {}
     converted = 0
@@ -72,25 +69,25 @@ def with_own_numbers(
         f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
     }
     if copied:
-        first = bytearray(buffers[0])
-        new = NewAccessors(tree, first)
+        longer = gltf._replace(buffers=[bytearray(gltf.buffers[0]), *gltf.buffers[1:]])
+        new = NewAccessors(longer)
         for here, several in copied.values():
-            made = {name: _add_copy(new, tree, buffers, number) for name, number in here.items()}
+            made = {name: _add_copy(new, gltf, number) for name, number in here.items()}
             for attributes in several:
                 attributes |= made
         new.close()
-        buffers = [bytes(first), *buffers[1:]]
-    return tree, buffers, tuple(note for note, there in notes.items() if there)
+        gltf = longer
+    return gltf, tuple(note for note, there in notes.items() if there)
 
 
-def _add_copy(new: NewAccessors, tree: dict[str, Any], buffers: list[bytes], number: int) -> int:
+def _add_copy(new: NewAccessors, gltf: Gltf, number: int) -> int:
     """Add a copy of an accessor as float32; normalised whole numbers become numbers in [-1, 1]."""
-    accessor, values = tree["accessors"][number], dense(tree, buffers, number)
+    accessor, values = gltf.tree["accessors"][number], gltf.dense(number)
     floats = values.astype(np.float32)
     if values.dtype.kind != "f" and accessor.get("normalized"):
         floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
     kept = {key: value for key, value in accessor.items() if key not in _REPLACED}
-    return new.add(floats, **kept | bounds(floats, accessor.keys() & {"min", "max"}))
+    return new.add(floats, kept | bounds(floats, accessor.keys() & {"min", "max"}))
 
 
 def _split_instances(tree: dict[str, Any]) -> int:
@@ -114,9 +111,10 @@ def _is_plain(accessor: dict[str, Any]) -> bool:
     return accessor["componentType"] == FLOAT and "sparse" not in accessor
 
 
-def _overlapping(tree: dict[str, Any], buffers: list[bytes]) -> set[tuple]:
+def _overlapping(gltf: Gltf) -> set[tuple]:
     """Return the bytes of accessors that overlap the bytes of other accessors or of images."""
-    uses = [np.zeros(len(data), dtype=np.uint8) for data in buffers]  # of each byte, counted up to 3
+    tree, uses = gltf.tree, [np.zeros(len(data), dtype=np.uint8) for data in gltf.buffers]
+    counts = gltf._replace(buffers=uses)  # how many accessors and images use each byte, counted up to 3
     numbers: dict[tuple, int] = {}
     views = [image.get("bufferView") for image in tree.get("images", [])]
     for number, accessor in enumerate(tree["accessors"]):
@@ -125,10 +123,10 @@ def _overlapping(tree: dict[str, Any], buffers: list[bytes]) -> set[tuple]:
         if "bufferView" in accessor:
             numbers[accessor_bytes(tree, number)] = number
     for number in numbers.values():
-        here = array_of(tree, uses, number).view(np.uint8)
+        here = counts.array(number).view(np.uint8)
         here += here < 2
     there = range(len(tree["bufferViews"]))
     for view in (tree["bufferViews"][number] for number in views if number in there):
         begin = view.get("byteOffset", 0)
         uses[view["buffer"]][begin : begin + view["byteLength"]] |= 2
-    return {key for key, number in numbers.items() if (array_of(tree, uses, number).view(np.uint8) > 1).any()}
+    return {key for key, number in numbers.items() if (counts.array(number).view(np.uint8) > 1).any()}

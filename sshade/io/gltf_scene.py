@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,47 +78,72 @@ def accessor_bytes(tree: dict[str, Any], number: int) -> tuple:
     return *place, accessor["componentType"], accessor["type"]
 
 
-def array_of(tree: dict[str, Any], buffers: list[Any], number: int) -> np.ndarray:
-    """Return a (count, width) view of the numbers of an accessor; writable if the buffers are.
+class Gltf(NamedTuple):
+    """A glTF file.
 
-    The view lacks the sparse numbers; see :func:`dense`.
+    Attributes
+    ----------
+    source : path
+    tree : dict
+        Its JSON.
+    buffers : list of bytes, or of other buffers
+    further : bytes
+        Further chunks of a .glb, of unknown kinds.
     """
-    return _array(tree, buffers, tree["accessors"][number], f"its accessor {number}")
 
+    source: Path
+    tree: dict[str, Any]
+    buffers: list[Any]
+    further: bytes
 
-def dense(tree: dict[str, Any], buffers: list[bytes], number: int) -> np.ndarray:
-    """Return a copy (count, width) of the numbers of an accessor, with its sparse numbers."""
-    accessor, name = tree["accessors"][number], f"its accessor {number}"
-    if "bufferView" in accessor:
-        values = array_of(tree, buffers, number).copy()
-    else:
-        values = np.zeros((accessor["count"], _WIDTHS[accessor["type"]]), _KINDS[accessor["componentType"]])
-    if "sparse" in accessor:
-        sparse = accessor["sparse"]
-        of_type = {"componentType": accessor["componentType"], "type": accessor["type"]}
-        count = {"count": sparse["count"]}
-        rows = _array(tree, buffers, {**sparse["indices"], "type": "SCALAR", **count}, name)[:, 0]
-        if rows.dtype.kind != "u" or rows.max() >= len(values):
-            raise ValueError(f"the sparse numbers of {name} reach beyond its {len(values)} rows")
-        values[rows] = _array(tree, buffers, {**sparse["values"], **of_type, **count}, name)
-    return values
+    def array(self, number: int) -> np.ndarray:
+        """Return a (count, width) view of the numbers of an accessor; writable if the buffers are.
 
+        The view lacks the sparse numbers; see :meth:`dense`.
+        """
+        return self._array(self.tree["accessors"][number], f"its accessor {number}")
 
-def _array(tree: dict[str, Any], buffers: list[Any], accessor: dict[str, Any], name: str) -> np.ndarray:
-    view = tree["bufferViews"][accessor["bufferView"]]
-    offset, count = accessor.get("byteOffset", 0), accessor["count"]
-    kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
-    stride = view.get("byteStride", kind.itemsize * width)
-    begin = view.get("byteOffset", 0) + offset
-    needed = offset + (count - 1) * stride + kind.itemsize * width
-    if min(offset, count - 1, stride, begin) < 0 or needed > view["byteLength"]:
-        raise ValueError(f"{name} reaches out of its view")
-    if stride < kind.itemsize * width and count > 1:
-        raise ValueError(f"the values of {name} overlap each other")
-    if view.get("byteOffset", 0) + view["byteLength"] > tree["buffers"][view["buffer"]]["byteLength"]:
-        raise ValueError(f"the view of {name} reaches out of its buffer")
-    buffer = buffers[view["buffer"]]
-    return np.ndarray((count, width), kind, buffer, begin, (stride, kind.itemsize))
+    def dense(self, number: int) -> np.ndarray:
+        """Return a copy (count, width) of the numbers of an accessor, with its sparse numbers."""
+        accessor, name = self.tree["accessors"][number], f"its accessor {number}"
+        kind = {"componentType": accessor["componentType"], "type": accessor["type"]}
+        if "bufferView" in accessor:
+            values = self.array(number).copy()
+        else:
+            values = np.zeros((accessor["count"], _WIDTHS[kind["type"]]), _KINDS[kind["componentType"]])
+        if "sparse" in accessor:
+            sparse, count = accessor["sparse"], {"count": accessor["sparse"]["count"]}
+            rows = self._array({**sparse["indices"], "type": "SCALAR", **count}, name)[:, 0]
+            if rows.dtype.kind != "u" or rows.max() >= len(values):
+                raise ValueError(f"the sparse numbers of {name} reach beyond its {len(values)} rows")
+            values[rows] = self._array({**sparse["values"], **kind, **count}, name)
+        return values
+
+    def fractions(self, number: int) -> np.ndarray:
+        """Return numbers (count, width) float64, of which whole ones are parts of the largest of their type.
+
+        They lie in [-1, 1], with the sparse numbers.
+        """
+        values = self.dense(number)
+        if values.dtype.kind == "f":
+            return values.astype(np.float64)
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
+
+    def _array(self, accessor: dict[str, Any], name: str) -> np.ndarray:
+        view = self.tree["bufferViews"][accessor["bufferView"]]
+        offset, count = accessor.get("byteOffset", 0), accessor["count"]
+        kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+        stride = view.get("byteStride", kind.itemsize * width)
+        begin = view.get("byteOffset", 0) + offset
+        needed = offset + (count - 1) * stride + kind.itemsize * width
+        if min(offset, count - 1, stride, begin) < 0 or needed > view["byteLength"]:
+            raise ValueError(f"{name} reaches out of its view")
+        if stride < kind.itemsize * width and count > 1:
+            raise ValueError(f"the values of {name} overlap each other")
+        buffer = self.tree["buffers"][view["buffer"]]
+        if view.get("byteOffset", 0) + view["byteLength"] > buffer["byteLength"]:
+            raise ValueError(f"the view of {name} reaches out of its buffer")
+        return np.ndarray((count, width), kind, self.buffers[view["buffer"]], begin, (stride, kind.itemsize))
 
 
 class NewAccessors:
@@ -126,25 +151,26 @@ class NewAccessors:
 
     Parameters
     ----------
-    tree : dict
-    buffer : bytearray
-        The first buffer, which grows.
+    gltf : Gltf
+        Its first buffer is a bytearray, which grows.
     """
 
-    def __init__(self, tree: dict[str, Any], buffer: bytearray) -> None:
-        self._tree, self._buffer = tree, buffer
-        del buffer[tree["buffers"][0]["byteLength"] :]
+    def __init__(self, gltf: Gltf) -> None:
+        self._tree, self._buffer = gltf.tree, gltf.buffers[0]
+        del self._buffer[self._tree["buffers"][0]["byteLength"] :]
 
-    def add(self, values: np.ndarray, *, target: int | None = OF_VERTICES, **fields: Any) -> int:
+    def add(
+        self, values: np.ndarray, fields: Mapping[str, Any] = {}, *, target: int | None = OF_VERTICES
+    ) -> int:
         """Append numbers (k, w) float32 or uint32; return the number of their accessor.
 
         Parameters
         ----------
         values : (k, w) float32 or uint32
+        fields : mapping
+            Further fields of the accessor, such as its :func:`bounds`.
         target : int, optional
             Target of their view.
-        **fields
-            Further fields of the accessor, such as its :func:`bounds`.
         """
         views, accessors, width = self._tree["bufferViews"], self._tree["accessors"], values.shape[1]
         self._buffer += bytes(-len(self._buffer) % 4)
@@ -163,9 +189,7 @@ class NewAccessors:
         first.pop("uri", None)
 
 
-def triangles_of(
-    tree: dict[str, Any], buffers: list[Any], primitive: dict[str, Any], size: int
-) -> np.ndarray:
+def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray:
     """Return the triangles (m, 3) int64 of a primitive with `size` vertices; convert strips and fans.
 
     Lines and points have no triangles.
@@ -174,7 +198,7 @@ def triangles_of(
     if mode in _LINES_AND_POINTS:
         return np.zeros((0, 3), dtype=np.int64)
     if "indices" in primitive:
-        ids = dense(tree, buffers, primitive["indices"])[:, 0].astype(np.int64)
+        ids = gltf.dense(primitive["indices"])[:, 0].astype(np.int64)
         if len(ids) and ids.max() >= size:
             raise ValueError(f"a triangle refers to vertex {ids.max()} of {size}")
     else:
