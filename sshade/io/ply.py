@@ -172,21 +172,21 @@ def _content(
     ply: Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
 ) -> bytes | memoryview:
     vertices = ply.elements["vertex"]
-    changes = [(vertices, vertices.numbers("x y z"), rest, V)]
+    changes = [(vertices, vertices.numbers("x y z"), V)]
     faces = ply.elements.get("face")
     for names in _NORMALS:
         if normals := vertices.numbers(names):
             N = vertices.columns(normals)
-            changes.append((vertices, normals, N, turned(vertex_turns(N, F, rest, V), N)))
+            changes.append((vertices, normals, turned(vertex_turns(N, F, rest, V), N)))
         if faces and len(F) and (normals := faces.numbers(names)):
             N = faces.columns(normals)
             Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
-            changes.append((faces, normals, N, turned(Q, N)))
+            changes.append((faces, normals, turned(Q, N)))
     return changed(ply, changes, source, path)
 
 
-#: An element, the numbers of its properties that change, and their values (rows, k) before and after.
-Change = tuple[Element, list[int], np.ndarray, np.ndarray]
+#: An element, the numbers of its properties that change, and their new values (rows, k).
+Change = tuple[Element, list[int], np.ndarray]
 
 
 def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | memoryview:
@@ -200,7 +200,7 @@ def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:
     content[: len(header)] = np.frombuffer(header, np.uint8)
     every = content[len(header) :]
     copy_rows(every, np.frombuffer(ply.data, np.uint8)[ply.body :])
-    for element, properties, _, new in changes:
+    for element, properties, new in changes:
         for column, i in enumerate(properties):
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
@@ -215,7 +215,7 @@ def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:
 
 def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
     edits = []
-    for element, properties, _, new in changes:
+    for element, properties, new in changes:
         for rows in element.rows:
             places = np.stack([rows.places(i) // 8 for i in properties], axis=1)
             edits.append(Numbers(*(column[places] for column in words)).edits(new[rows.selection]))

@@ -69,18 +69,15 @@ class PointFile:
         path = Path(path)
         check_output(path, (".ply",))
         vertices = self.ply.elements["vertex"]
-        changes: list[Change] = [(vertices, vertices.numbers(_PLACE), self.V, positions)]
+        changes: list[Change] = [(vertices, vertices.numbers(_PLACE), positions)]
         if normals := vertices.numbers(_NORMAL):
-            N = vertices.columns(normals)
-            changes.append((vertices, normals, N, turned(rotations, N)))
+            changes.append((vertices, normals, turned(rotations, vertices.columns(normals))))
         if self.is_splats:
             shapes = vertices.numbers(f"{_ROTATION} {_SCALE}")
-            old = vertices.columns(shapes)
-            changes.append((vertices, shapes, old, moved_shapes(old, maps)))
-            coefficients = _harmonics(vertices.properties)
-            if coefficients:
-                old = vertices.columns(coefficients)
-                changes.append((vertices, coefficients, old, turned_harmonics(old, rotations)))
+            changes.append((vertices, shapes, moved_shapes(vertices.columns(shapes), maps)))
+            if coefficients := _harmonics(vertices.properties):
+                new = turned_harmonics(vertices.columns(coefficients), rotations)
+                changes.append((vertices, coefficients, new))
         content = changed(self.ply, changes, self.path, path)
         with replacing(path) as temporary:
             temporary.write_bytes(content)
