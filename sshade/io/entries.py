@@ -129,7 +129,10 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
     check_input(path, FORMATS)
     with naming(path):
         if path.suffix.lower() == ".json":
-            return parsed_handle_file(path.read_bytes(), raw=raw, folder=path.parent)
+            data = parsed_handles(path.read_bytes())
+            if FRAMES in data:
+                raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
+            return handle_file_of(data, raw=raw, folder=path.parent)
         from sshade.io.implicit_arap import read_implicit_arap
 
         entries = [
@@ -137,14 +140,6 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
             for number, (points, moved, dynamic) in enumerate(read_implicit_arap(path))
         ]
         return HandleFile(entries, raw, implicit_arap=True)
-
-
-def parsed_handle_file(content: bytes, *, raw: bool = False, folder: Path = Path()) -> HandleFile:
-    """Check this project's JSON as :func:`read_handle_file` does; `folder` has the surfaces of slides."""
-    data = parsed_handles(content)
-    if FRAMES in data:
-        raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
-    return handle_file_of(data, raw=raw, folder=folder)
 
 
 def parsed_handles(content: bytes) -> dict[str, Any]:
@@ -156,7 +151,10 @@ def parsed_handles(content: bytes) -> dict[str, Any]:
 
 
 def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFile:
-    """Check the object of this project's JSON; see :func:`parsed_handle_file`."""
+    """Check the object of this project's JSON as :func:`read_handle_file` does.
+
+    The paths of surfaces in it are relative to `folder`.
+    """
     require_known(data, ("handles", "volumes"), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
