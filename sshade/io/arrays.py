@@ -93,12 +93,15 @@ def write(
         `path` cannot hold. On an unknown suffix, or a folder that does not exist or is not writable.
     """
     shape = opened(mesh)
-    V = np.asarray(getattr(mesh, "V", mesh) if shape is None else shape.V, dtype=np.float64)
+    if shape is None:
+        V, F = getattr(mesh, "V", mesh), getattr(mesh, "F", F)
+    else:
+        V, F = shape.V, shape.F
+    V = np.asarray(V, dtype=np.float64)
     finite = np.isfinite(V).reshape(len(V), -1).all(axis=1)
     if not finite.all():
         raise InputError(f"vertex {int(np.argmin(finite))} has a NaN or infinite coordinate")
     if like is None:
-        F = getattr(mesh, "F", F) if shape is None else shape.F
         if F is None:
             raise InputError("there are no faces to write; pass F, or a file that has faces as like=")
         F = np.asarray(F)
@@ -111,7 +114,6 @@ def write(
         write_mesh(path, V, F)
         return
     file = like if isinstance(like, MeshFile) else read_file(like)
-    F = getattr(mesh, "F", F) if shape is None else shape.F
     if F is not None and not np.array_equal(F, file.F):
         raise InputError("the file of `like` has other faces; they must correspond, so leave F out")
     if V.shape != file.V.shape:

@@ -52,7 +52,7 @@ def opened(shape: Any) -> OpenedShape | None:
         return _poly_data(shape)
     if _has(shape, "vertices", "faces", "copy"):
         return OpenedShape(
-            _floats(shape.vertices), np.asarray(shape.faces), lambda V: _with(shape, vertices=V)
+            _floats(shape.vertices), np.asarray(shape.faces), lambda V: _with(shape, "vertices", V)
         )
     return None
 
@@ -84,7 +84,7 @@ def _poly_data(shape: Any) -> OpenedShape:
         raise InputError("the PolyData has polygons other than triangles; pass its .triangulate()")
 
     def moved(V: np.ndarray) -> Any:
-        copy = _with(shape, points=V)
+        copy = _with(shape, "points", V)
         for data in (copy.point_data, copy.cell_data):  # normals of the rest shape
             if data.active_normals_name is not None:
                 del data[data.active_normals_name]
@@ -93,11 +93,10 @@ def _poly_data(shape: Any) -> OpenedShape:
     return OpenedShape(_floats(shape.points), shape.regular_faces, moved)
 
 
-def _with(shape: Any, **attribute: np.ndarray) -> Any:
-    """Return a copy of an object with another attribute."""
+def _with(shape: Any, name: str, value: np.ndarray) -> Any:
+    """Return a copy of an object with another value of an attribute."""
     copy = shape.copy()
-    for name, value in attribute.items():
-        setattr(copy, name, value)
+    setattr(copy, name, value)
     return copy
 
 
