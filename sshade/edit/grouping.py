@@ -14,7 +14,7 @@ from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind, frame, normal
 from sshade.edit.links import OVERLAP, SOFT, Link, falloff, mirrored_slide, mirrored_vertices, sides
 from sshade.edit.selection import distances, near
-from sshade.edit.state import Settings, State
+from sshade.edit.state import Settings
 from sshade.edit.work import Work
 from sshade.errors import InputError
 
@@ -72,10 +72,10 @@ class Grouping(Work):
         """Create a group; with symmetry, a group for each side, and one for pieces across the middle."""
         axis = self.symmetry
         if axis is None or kind == "static":
-            return self._mark(self.state, kind, vertices)
+            return self._mark(kind, vertices)
         above, below, across = sides(self.mesh, vertices, axis)
         if len(above) == 0 or len(below) == 0:
-            return self._mark(self.state, kind, vertices)
+            return self._mark(kind, vertices)
         state = self.state
         if len(across):
             state = state.marked(self._group(kind, across))
@@ -84,10 +84,10 @@ class Grouping(Work):
         self._push(state.marked(leader).marked(image))
         return leader.number
 
-    def _mark(self, state: State, kind: Kind, vertices: np.ndarray, name: str = "", **fields: Any) -> int:
-        """Add a group of vertices at their current positions to a state; return its number."""
-        group = self._group(kind, vertices, name, **fields)
-        self._push(state.marked(group))
+    def _mark(self, kind: Kind, vertices: np.ndarray, name: str = "") -> int:
+        """Create a group of vertices at their current positions; return its number."""
+        group = self._group(kind, vertices, name)
+        self._push(self.state.marked(group))
         return group.number
 
     def _group(self, kind: Kind, vertices: np.ndarray, name: str = "", **fields: Any) -> Group:
@@ -119,7 +119,7 @@ class Grouping(Work):
                 far[other.vertices] = False
             if not far.any():
                 raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
-            return self._mark(self.state, "static", np.flatnonzero(far), f"beyond {group.name}")
+            return self._mark("static", np.flatnonzero(far), f"beyond {group.name}")
 
     def _cores(self, number: int) -> list[Group]:
         """Return the leader of a group and its mirror images; refuse a group that surrounds another."""
