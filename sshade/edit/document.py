@@ -19,18 +19,11 @@ from sshade.edit.state import State
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.entries import (
-    FRAMES,
-    KEY_TIMES,
-    LINKS,
-    HandleFile,
-    handle_file_of,
-    parsed_handles,
-    read_handle_file,
-)
+from sshade.io.entries import FRAMES, KEY_TIMES, LINKS, HandleFile, handle_file_of, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.gltf import buffer_files
 from sshade.io.handles import on_mesh, write_handles
+from sshade.io.keys import parsed_list
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.io.poses import is_animation, poses_of
 from sshade.options import NEAR
@@ -205,7 +198,7 @@ class Document:
         """
         folder = self.outputs["handles"].parent if folder is None else folder
         with naming(name):
-            data = parsed_handles(content)
+            data = parsed_list(content, "handles")
             still = {key: value for key, value in data.items() if key != FRAMES}
             file = handle_file_of(still, raw=False, folder=folder)
             given = self._given(file, first)

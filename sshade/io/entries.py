@@ -14,7 +14,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES, require_rotations
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import LONGEST, parsed_json, require_known
+from sshade.io.keys import LONGEST, parsed_list, require_known
 from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
 from sshade.io.volumes import VolumeEntry, volume_entries
@@ -129,7 +129,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
     check_input(path, FORMATS)
     with naming(path):
         if path.suffix.lower() == ".json":
-            data = parsed_handles(path.read_bytes())
+            data = parsed_list(path.read_bytes(), "handles")
             if FRAMES in data:
                 raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
             return handle_file_of(data, raw=raw, folder=path.parent)
@@ -140,14 +140,6 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
             for number, (points, moved, dynamic) in enumerate(read_implicit_arap(path))
         ]
         return HandleFile(entries, raw, implicit_arap=True)
-
-
-def parsed_handles(content: bytes) -> dict[str, Any]:
-    """Return the object of this project's JSON, whose "handles" are a list."""
-    data = parsed_json(content)
-    if not isinstance(data, dict) or not isinstance(data.get("handles"), list):
-        raise InputError('expected an object with a list "handles"')
-    return data
 
 
 def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFile:

@@ -33,8 +33,8 @@ from sshade.io.gltf_scene import (
     require_plain,
     triangles_of,
 )
+from sshade.io.keys import decoded
 from sshade.io.normals import vertex_turns
-from sshade.io.text import decoded
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.files import naming
-from sshade.io.keys import require_known
+from sshade.io.keys import decoded, parsed_yaml, require_known
 from sshade.io.points import as_points
-from sshade.io.text import decoded
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -27,12 +26,7 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
 
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
     """
-    import yaml
-
-    try:
-        data = yaml.safe_load(decoded(path.read_bytes()))
-    except (yaml.YAMLError, InputError, RecursionError) as error:
-        raise InputError(f"not readable as YAML ({str(error).splitlines()[0]})") from error
+    data = parsed_yaml(path.read_bytes())
     if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
         raise InputError("expected a mapping `handles` with `static` and `moving`")
     _check_keys(data["handles"])

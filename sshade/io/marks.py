@@ -20,7 +20,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import parsed_json, require_known
+from sshade.io.keys import parsed_list, require_known
 from sshade.io.points import as_array
 
 if TYPE_CHECKING:
@@ -89,9 +89,7 @@ def read_marks(path: Path) -> Marks:
     """
     check_input(path, (".json",))
     with naming(path):
-        data = parsed_json(path.read_bytes())
-        if not isinstance(data, dict) or not isinstance(data.get("marks"), list):
-            raise InputError('expected an object with a list "marks"')
+        data = parsed_list(path.read_bytes(), "marks")
         require_known(data, ("marks",))
         places = []
         for number, mark in enumerate(data["marks"]):

@@ -9,8 +9,7 @@ from typing import Any
 from sshade.errors import InputError
 from sshade.io.document import check_input
 from sshade.io.files import naming
-from sshade.io.keys import parsed_json, unique_keys
-from sshade.io.text import decoded
+from sshade.io.keys import parsed_json, parsed_yaml
 
 #: Suffixes of files of options.
 FORMATS = (".yaml", ".yml", ".json")
@@ -30,7 +29,7 @@ def read_option_file(path: Path, names: Collection[str]) -> dict[Any, Any]:
     check_input(path, FORMATS)
     content = path.read_bytes()
     with naming(path):
-        data = parsed_json(content) if path.suffix.lower() == ".json" else _parsed_yaml(decoded(content))
+        data = parsed_json(content) if path.suffix.lower() == ".json" else parsed_yaml(content)
         if isinstance(data, dict) and "handles" in data:
             if not isinstance(data.get("made"), dict):
                 raise InputError(
@@ -40,21 +39,3 @@ def read_option_file(path: Path, names: Collection[str]) -> dict[Any, Any]:
         if not isinstance(data, dict):
             raise InputError("expected names and values of options, such as `volume: 0`")
         return data
-
-
-def _parsed_yaml(text: str) -> Any:
-    """Return the content of a YAML text. An empty text is an empty mapping."""
-    import yaml
-
-    try:
-        # PyYAML keeps the last of several equal keys, so the keys are compared before it joins them.
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        if isinstance(node, yaml.MappingNode):
-            unique_keys([(str(key.value), None) for key, _ in node.value])
-        data = yaml.safe_load(text)
-        return {} if data is None else data
-    except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
-        # PyYAML calls a text by this name.
-        why = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
-        why = "nested too deeply" if isinstance(error, RecursionError) else why
-        raise InputError(f"not readable as YAML ({why})") from error

@@ -25,16 +25,9 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MORPHS, check_input
-from sshade.io.entries import (
-    FRAMES,
-    HandleFile,
-    checked_entry,
-    handle_file_of,
-    parsed_handles,
-    read_handle_file,
-)
+from sshade.io.entries import FRAMES, HandleFile, checked_entry, handle_file_of, read_handle_file
 from sshade.io.files import naming
-from sshade.io.keys import require_known
+from sshade.io.keys import parsed_list, require_known
 
 if TYPE_CHECKING:
     from sshade.handles import Handles
@@ -184,7 +177,7 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
 
 def _parsed(path: Path, content: bytes) -> dict[str, Any]:
     with naming(path):
-        return parsed_handles(content)
+        return parsed_list(content, "handles")
 
 
 def poses_of(data: dict[str, Any], path: Path, *, raw: bool = False) -> Poses:
