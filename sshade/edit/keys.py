@@ -11,7 +11,7 @@ import numpy as np
 
 from sshade.edit.following import followed, rotation_of
 from sshade.edit.groups import Group
-from sshade.io.packed import packed
+from sshade.io.points import packed
 from sshade.mesh.mesh import Mesh
 
 #: Longest animation in seconds, and largest number of its frames.

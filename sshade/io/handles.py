@@ -28,7 +28,7 @@ is skipped). Without a ``kind``, an entry with a motion is dynamic. A motion is 
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``dynamic``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
-(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.io.packed`.
+(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.io.points`.
 
 A group with a ``slide`` moves freely on a set (:class:`sshade.Slide`): on a ``{"plane": normal}`` or a
 ``{"line": direction}`` through the target of each handle, along one or two axes as with ``{"axes": "xz"}``,
@@ -58,8 +58,7 @@ from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.keys import require_known
 from sshade.io.meshes import read_surface
-from sshade.io.packed import packed
-from sshade.io.points import columns
+from sshade.io.points import columns, packed
 from sshade.io.regions import vertices_in
 from sshade.io.volumes import volumes_on_surface
 from sshade.mesh.mesh import Mesh
