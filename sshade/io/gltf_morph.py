@@ -49,15 +49,34 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
         return parsed_gltf(bytes(data), path)
 
     rest = content(file.V)
-    morphs = _Morphs(rest)
-    require_room(path, rest, morphs.bytes_a_pose, len(times))
+    new = rest._replace(buffers=[bytearray(data) for data in rest.buffers])
+    tree, shown = new.tree, sorted(mesh_matrices(new.tree))
+    primitives = [primitive for number in shown for primitive in tree["meshes"][number]["primitives"]]
+    #: Accessors that change, and their rest values; tangents without their handedness.
+    changing = {number: _vectors(rest, number) for p in primitives for number in _changed(p).values()}
+    _require_room(path, rest, sum(values.nbytes for values in changing.values()), len(times))
+    added = NewAccessors(new)
+    #: Accessor of the displacements for each accessor that changes, for each pose.
+    targets: list[dict[int, int]] = []
     with replacing(path) as temporary:
         for V in poses:
-            morphs.add(content(V))
-        temporary.write_bytes(morphs.bytes(times, path))
+            pose, target = content(V), {}
+            for number, values in changing.items():
+                moves = _vectors(pose, number) - values
+                target[number] = added.add(moves, bounds(moves))
+            targets.append(target)
+        for primitive in primitives:
+            names = _changed(primitive).items()
+            primitive["targets"] = [{name: target[number] for name, number in names} for target in targets]
+        for number in shown:
+            tree["meshes"][number]["weights"] = [0.0] * len(targets)
+        nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in shown]
+        tree.setdefault("animations", []).append(_animation(added, nodes, times))
+        added.close()
+        temporary.write_bytes(gltf_bytes(new, rest, path))
 
 
-def require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:
+def _require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:
     """Raise InputError if the file would exceed the largest size."""
     size = sum(map(len, rest.buffers)) + poses * bytes_a_pose
     if size > LARGEST:
@@ -67,55 +86,14 @@ def require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:
         )
 
 
-class _Morphs:
-    """The morph targets of a glTF file.
-
-    Attributes
-    ----------
-    bytes_a_pose : int
-        Bytes of the displacements of one pose.
-    """
-
-    def __init__(self, rest: Gltf) -> None:
-        self._rest, self._tree = rest, rest.tree
-        self._new = rest._replace(buffers=[bytearray(data) for data in rest.buffers])
-        self._shown = sorted(mesh_matrices(self._tree))
-        self._primitives = [p for number in self._shown for p in self._tree["meshes"][number]["primitives"]]
-        #: Accessors that change, and their rest values; tangents without their handedness.
-        self._values = {
-            number: _vectors(rest, number) for p in self._primitives for number in _changed(p).values()
-        }
-        self._added = NewAccessors(self._new)
-        #: Accessor of the displacements for each accessor that changes, for each pose.
-        self._targets: list[dict[int, int]] = []
-        self.bytes_a_pose = sum(values.nbytes for values in self._values.values())
-
-    def add(self, pose: Gltf) -> None:
-        """Add the displacements of a pose, which has the accessors of the rest shape."""
-        targets = {}
-        for number, values in self._values.items():
-            moves = _vectors(pose, number) - values
-            targets[number] = self._added.add(moves, bounds(moves))
-        self._targets.append(targets)
-
-    def bytes(self, times: np.ndarray, path: Path) -> bytes:
-        """Return the bytes of the file, with an animation that shows pose k at time k of `times` (k,)."""
-        tree, added, targets = self._tree, self._added, self._targets
-        for primitive in self._primitives:
-            changed = _changed(primitive).items()
-            primitive["targets"] = [{name: new[number] for name, number in changed} for new in targets]
-        for number in self._shown:
-            tree["meshes"][number]["weights"] = [0.0] * len(targets)
-        seconds = times.astype(np.float32)[:, None]
-        clock = added.add(seconds, bounds(seconds), target=None)
-        weights = added.add(np.eye(len(targets), dtype=np.float32).reshape(-1, 1), target=None)
-        nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in self._shown]
-        channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
-        sampler = {"input": clock, "output": weights, "interpolation": "LINEAR"}
-        animation = {"name": "sequence", "channels": channels, "samplers": [sampler]}
-        tree.setdefault("animations", []).append(animation)
-        added.close()
-        return gltf_bytes(self._new, self._rest, path)
+def _animation(added: NewAccessors, nodes: list[int], times: np.ndarray) -> dict[str, Any]:
+    """Return an animation in which some nodes show pose k at time k of `times` (k,)."""
+    seconds = times.astype(np.float32)[:, None]
+    clock = added.add(seconds, bounds(seconds), target=None)
+    weights = added.add(np.eye(len(times), dtype=np.float32).reshape(-1, 1), target=None)
+    channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
+    sampler = {"input": clock, "output": weights, "interpolation": "LINEAR"}
+    return {"name": "sequence", "channels": channels, "samplers": [sampler]}
 
 
 def _vectors(gltf: Gltf, number: int) -> np.ndarray:
