@@ -9,6 +9,7 @@ import secrets
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
 from glob import escape
 from math import inf, isfinite
 from pathlib import Path
@@ -79,7 +80,6 @@ class Recovery:
 
     def __init__(self, folders: Sequence[Path], name: str, mesh: Mesh) -> None:
         self._mesh = mesh
-        self._digest = ""
         self.path = folders[0] / f"{name}.recovery-{secrets.token_hex(3)}.npz"
         self.offers: list[Offer] = []
         for path in [one for folder in folders for one in folder.glob(f"{escape(name)}.recovery-*.npz")]:
@@ -112,7 +112,7 @@ class Recovery:
             }
             for group, link in zip(state.groups, recorded(state.groups), strict=True)
         ]
-        facts = {"mesh": self._of_mesh(), "process": _process(), "settings": state.settings, "groups": groups}
+        facts = {"mesh": self._digest, "process": _process(), "settings": state.settings, "groups": groups}
         facts["keys"] = [key.time for key in state.keys]
         for k, key in enumerate(state.keys):
             for i, group in enumerate(posed(self._mesh, state.groups, [key], key.time)):
@@ -132,7 +132,7 @@ class Recovery:
         arrays = read_npz(path, what=WHAT)
         with expecting(WHAT, path, errors=INCOMPLETE):
             facts = json.loads(str(arrays["facts"]))
-            if facts["mesh"] != self._of_mesh():
+            if facts["mesh"] != self._digest:
                 other = "another mesh, or of this mesh with another --weld or --repair"
                 raise InputError(f"{path}: is a recovery file of {other}")
             groups: list[Group] = []
@@ -177,13 +177,12 @@ class Recovery:
                     offer.path.unlink(missing_ok=True)
         self.offers = [offer for offer in self.offers if offer.path.exists()]
 
-    def _of_mesh(self) -> str:
-        """Return a digest of the mesh."""
-        if not self._digest:
-            digest = hashlib.sha256(np.ascontiguousarray(self._mesh.V).tobytes())
-            digest.update(np.ascontiguousarray(self._mesh.F).tobytes())
-            self._digest = digest.hexdigest()
-        return self._digest
+    @cached_property
+    def _digest(self) -> str:
+        """A digest of the mesh."""
+        digest = hashlib.sha256(self._mesh.V.tobytes())
+        digest.update(self._mesh.F.tobytes())
+        return digest.hexdigest()
 
 
 def slide_of(record: dict[str, Any], mesh: Mesh, folder: Path = Path()) -> Slide:

@@ -254,39 +254,37 @@ def write_handles(
     slides = np.full(len(handles), None) if handles.slide is None else handles.slide
     slide_of = list(dict.fromkeys(slides))
     number = [slide_of.index(one) for one in slides]
-    groups, group_of = np.unique(handles.group, return_inverse=True)
-    values = group_of, handles.dynamic, handles.weight, number
-    rows = np.column_stack([*values, np.nan_to_num(rotation)])
-    kinds = np.unique(rows, axis=0)
-    soft = np.isfinite(kinds[:, 2])
-    split = np.bincount(kinds[soft, 0].astype(int), minlength=len(groups)) > 1
-    for row in kinds:
-        members, group = (rows == row).all(axis=1), int(groups[int(row[0])])
-        if split[int(row[0])] and np.isfinite(row[2]):
+    rows = np.column_stack([handles.dynamic, handles.weight, number, np.nan_to_num(rotation)])
+    for group in np.unique(handles.group).tolist():
+        own = handles.group == group
+        kinds = np.unique(rows[own], axis=0)
+        if np.isfinite(kinds[:, 1]).sum() > 1:
             raise InputError(
                 f"the soft handles of group {group} differ in their kinds, weights, rotations or slides, "
                 "which a group of a file has once; give them groups of their own"
             )
-        entry: dict[str, Any] = {
-            "landmark": (names or {}).get(group, group),
-            "kind": "dynamic" if row[1] else "static",
-            "vertices": packed(handles.index[members]),
-        }
-        if row[1] or not static_at_rest:
-            entry["target"] = packed(handles.target[members])
-        if np.isfinite(row[2]):
-            entry["weight"] = row[2]
-        if row[4:].any():
-            entry["rotation"] = row[4:].reshape(3, 3).tolist()
-        if slide := slide_of[int(row[3])]:
-            if not slide.record:
-                raise InputError(
-                    "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
-                )
-            entry |= _beside(slide.record, Path(path).resolve().parent)
-        if "free" in entry:
-            entry.pop("target", None)  # it has no effect, and files do not have it
-        entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
+        for row in kinds:
+            members, (dynamic, weight, slide_number) = own & (rows == row).all(axis=1), row[:3]
+            entry: dict[str, Any] = {
+                "landmark": (names or {}).get(group, group),
+                "kind": "dynamic" if dynamic else "static",
+                "vertices": packed(handles.index[members]),
+            }
+            if dynamic or not static_at_rest:
+                entry["target"] = packed(handles.target[members])
+            if np.isfinite(weight):
+                entry["weight"] = weight
+            if row[3:].any():
+                entry["rotation"] = row[3:].reshape(3, 3).tolist()
+            if slide := slide_of[int(slide_number)]:
+                if not slide.record:
+                    raise InputError(
+                        "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
+                    )
+                entry |= _beside(slide.record, Path(path).resolve().parent)
+            if "free" in entry:
+                entry.pop("target", None)  # it has no effect, and files do not have it
+            entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
     texts = {key: json.dumps(value) for key, value in (about or {}).items()}
     texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"
     with replacing(path) as temporary:
