@@ -13,7 +13,6 @@ from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, preview
 from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
-from sshade.edit.skin import Skin
 from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
@@ -115,7 +114,7 @@ class Commands:
 
     def skin(self) -> bytes:
         """Return the materials of the file, and copies of vertices with texture coordinates."""
-        skin = self._skin()
+        skin = self._session.document.skin
         materials = [
             {"colour": one.colour.tolist(), "image": one.texture is not None} for one in skin.materials
         ]
@@ -126,7 +125,7 @@ class Commands:
     def image(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the image file of a material."""
         name, number = self._session.document.name, arguments.get("material", "")
-        materials = self._skin().materials
+        materials = self._session.document.skin.materials
         if not number.isdecimal() or not int(number) < len(materials):
             raise InputError(f"{name}: the file has no material {number}")
         texture = materials[int(number)].texture
@@ -137,12 +136,6 @@ class Commands:
         except (OSError, ValueError, LookupError) as error:
             why = reason(error) if isinstance(error, OSError) else error
             raise InputError(f"{name}: a texture cannot be shown ({why})") from error
-
-    def _skin(self) -> Skin:
-        skin = self._session.document.skin()
-        if skin is None:
-            raise InputError(f"{self._session.document.name}: the file has no materials")
-        return skin
 
     def surface(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the surface on which a group slides."""

@@ -6,6 +6,7 @@ import os
 import shlex
 from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -126,7 +127,6 @@ class Document:
         self._files = [path] if self.is_in_memory else [path, *buffer_files(path)]
         self._opened = [opened, *map(_signature, self._files[1:])]
         self.notes = self._file.notes
-        self._skin: Skin | None = None
         self._surface = surface_of(self._file, path, weld=weld, repair=repair)
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
@@ -334,20 +334,21 @@ class Document:
         """Whether the file has materials."""
         return self._file.skin is not None
 
-    def skin(self) -> Skin | None:
-        """Return the materials of the mesh, ready to be drawn; None if the file has none.
+    @cached_property
+    def skin(self) -> Skin:
+        """The materials of the mesh, ready to be drawn.
 
         Raises
         ------
         InputError
-            When materials or texture coordinates of the file cannot be read.
+            When the file has no materials, or materials or texture coordinates cannot be read.
         """
-        if self._skin is None and self._file.skin is not None:
-            try:
-                self._skin = drawn(self._file.skin(), self._surface.vertex[self._file.F])
-            except (ValueError, LookupError, TypeError) as error:
-                raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
-        return self._skin
+        if self._file.skin is None:
+            raise InputError(f"{self.name}: the file has no materials")
+        try:
+            return drawn(self._file.skin(), self._surface.vertex[self._file.F])
+        except (ValueError, LookupError, TypeError) as error:
+            raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
 
     @property
     def is_changed(self) -> bool:
