@@ -75,8 +75,8 @@ def read_gltf(path: Path) -> MeshFile:
     ValueError
         When the file is no glTF 2.0 file, or refers to missing entries.
     InputError
-        When there are no triangles, or contents that cannot be deformed: skins, morph targets,
-        compressed buffers, instances without nodes.
+        When there are contents that cannot be deformed: skins, morph targets, compressed buffers, instances
+        without nodes.
     """
     gltf = parsed_gltf(path.read_bytes(), path)
     require_plain(gltf.tree, path)
@@ -107,8 +107,6 @@ def read_gltf(path: Path) -> MeshFile:
                 corners = corners[:, ::-1]
             F.append(parts[key].first + corners)
             primitives.append((primitive, corners))
-    if not sum(map(len, F)):
-        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")

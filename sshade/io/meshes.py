@@ -95,8 +95,12 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
     check_input(path, SUFFIXES)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
-    with expecting(f"a readable {path.suffix[1:].upper()} file", path):
-        return _READERS[path.suffix.lower()](path)
+    suffix = path.suffix.lower()
+    with expecting(f"a readable {suffix[1:].upper()} file", path):
+        file = _READERS[suffix](path)
+    if suffix != ".ply" and not (len(file.V) and len(file.F)):  # a .ply file may hold points
+        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
+    return file
 
 
 def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> None:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.normals import turned, turns
 from sshade.io.obj_materials import obj_skin
@@ -76,8 +75,6 @@ def read_obj(path: Path) -> MeshFile:
     ------
     ValueError
         On a vertex, a normal or a face that is not complete.
-    InputError
-        When there are no triangles.
     """
     data = path.read_bytes()
     text, key = _words(data)
@@ -87,8 +84,6 @@ def read_obj(path: Path) -> MeshFile:
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
     corners, triangles, _, texture = _faces(text, polygons, vertices, shading)
-    if not len(positions.value) or not len(triangles):
-        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}

@@ -26,7 +26,7 @@ def read_off(path: Path) -> MeshFile:
     ValueError
         When the file is no OFF file, or the number of lines differs from the announced one.
     InputError
-        When there are no triangles.
+        When the file is binary.
     """
     data = path.read_bytes()
     text = Text(without_comments(data))
@@ -47,14 +47,13 @@ def read_off(path: Path) -> MeshFile:
         raise ValueError(f"{n} vertices and {m} faces are announced, {len(body)} lines follow")
     vertices = body[:n]
     F, polygons, face_colours = _faces(text, body[n:])
-    if not n or not len(F):
-        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     positions = text.vectors(vertices, 0, "a vertex")
     letters, size = keyword[1].upper(), text.size[vertices]
     textured, coloured, at = b"ST" in letters, b"C" in letters, 3
     if letters.startswith(b"NC"):  # MeshLab writes the normals behind the colours, Geomview (CN) before them
-        at = int(size[0]) - (5 if textured else 3)
-        if at < 6 or (size != size[0]).any():
+        width = int(size.max(initial=11))
+        at = width - (5 if textured else 3)
+        if at < 6 or (size != width).any():
             raise ValueError("its vertices do not all have a colour and a normal")
     normals = text.vectors(vertices, at, "a normal") if b"N" in letters else None
     holds = present(

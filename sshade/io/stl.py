@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.errors import InputError
 from sshade.io.document import MeshFile, present, unchanged
 from sshade.io.normals import turned, turns
 from sshade.io.words import BOM, Numbers, Text, edited, key_of
@@ -26,8 +25,6 @@ def read_stl(path: Path) -> MeshFile:
     ------
     ValueError
         When the file is no STL file, or ends early.
-    InputError
-        When there are no triangles.
     """
     data, stored = path.read_bytes(), unchanged
     notes: tuple[str, ...] = ()
@@ -54,8 +51,6 @@ def read_stl(path: Path) -> MeshFile:
         raise ValueError(
             "it is neither a text that begins with solid, nor as long as the header of a binary file says"
         )
-    if len(V) == 0:
-        raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     F = np.arange(len(V)).reshape(-1, 3)
     return MeshFile(V, F, holds, (".stl",), content, notes, stored=stored)
 
