@@ -19,7 +19,7 @@ from sshade.io.normals import turned, turns, vertex_turns
 from sshade.io.ply_elements import Element, copy_rows, declared_words, read_header, take
 from sshade.io.triangles import fanned, strip_triangles
 from sshade.io.words import Numbers, Text, edited
-from sshade.mesh.surface import single_steps
+from sshade.mesh.surface import as_single, single_steps
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
@@ -63,9 +63,10 @@ def read_ply(path: Path) -> MeshFile:
     if "vertex" not in ply.elements:
         raise ValueError("it has no vertices")
     vertices, faces = ply.elements["vertex"], ply.elements.get("face")
-    if not vertices.numbers("x y z"):
+    at = vertices.numbers("x y z")
+    if not at:
         raise ValueError("its vertices have no x, y and z")
-    V = vertices.columns(vertices.numbers("x y z"))
+    V = vertices.columns(at)
     F, face = _triangles(faces) if faces else fanned([], [])
     if "tristrips" in ply.elements:
         F = np.concatenate([F, _strips(ply.elements["tristrips"])])
@@ -74,11 +75,14 @@ def read_ply(path: Path) -> MeshFile:
     # Integer positions or normals cannot be written back after a deformation.
     whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
     suffixes = () if whole else (".ply",)
-    single = len(V) and all(p.kind == np.float32 for p in vertices.properties if p.name in ("x", "y", "z"))
-    content, rounding = partial(_content, ply, V, F, face, path), single_steps(V) if single else None
+    kinds = {vertices.properties[number].kind.type for number in at}
+    single = kinds == {np.float32}
+    content, rounding = (
+        partial(_content, ply, V, F, face, path),
+        single_steps(V) if single and len(V) else None,
+    )
     holds = _holds(ply, int((face >= 0).sum()))
-    kinds = [vertices.properties[number].kind for number in vertices.numbers("x y z")]
-    stored = unchanged if ply.words else partial(_stored, kinds)
+    stored = unchanged if ply.words or kinds == {np.float64} else as_single if single else None
     coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)
     colours = partial(_colours, vertices, coloured) if coloured else None
     return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored, colours)
@@ -89,15 +93,6 @@ def _colours(vertices: Element, properties: list[int]) -> np.ndarray:
     kinds = [vertices.properties[i].kind for i in properties]
     full = [np.iinfo(kind).max if kind.kind in "iu" else 1.0 for kind in kinds]
     return vertices.columns(properties) / full
-
-
-def _stored(kinds: list[np.dtype], V: np.ndarray) -> np.ndarray:
-    """Return positions V (n, 3) as a binary file with these kinds of coordinates holds them."""
-    if all(kind == np.float64 for kind in kinds):
-        return V
-    with np.errstate(over="ignore"):
-        columns = [x.astype(kind) for x, kind in zip(V.T, kinds, strict=True)]
-    return np.column_stack(columns).astype(np.float64)
 
 
 def parsed(data: bytes) -> Ply:
