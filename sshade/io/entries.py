@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 #: Suffixes of handle files.
 FORMATS = (".json", ".yaml", ".yml")
-#: Keys that give the handles of an entry.
-WAYS = ("vertices", "source", "boxes")
+#: Keys that give the handles of an entry, and functions that check their values.
+WAYS = {"vertices": as_ids, "source": as_points, "boxes": as_boxes}
 #: Keys that give the motion of a group without targets.
 MOTION = {"rotation", "translation"}
 #: Keys of an entry.
@@ -180,7 +180,8 @@ def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:
     if isinstance(name, bool) or not isinstance(name, str | int):
         raise InputError('"landmark" must be a name')
     way = next(key for key in WAYS if key in entry)
-    place, target, motion, rotation = _place(entry, way), None, None, NO_ROTATION
+    place = WAYS[way](entry[way], f'"{way}"')
+    target, motion, rotation = None, None, NO_ROTATION
     if "target" in entry and (moves or way != "vertices"):
         target = as_points(entry["target"], '"target"')
         if len(target) != len(place):
@@ -190,15 +191,6 @@ def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:
     elif "rotation" in entry and (way != "boxes" or "free" in entry):
         rotation = _rotation(entry)
     return Entry(number, str(name), way, place, dynamic, target, rotation, motion, _weight(entry))
-
-
-def _place(entry: dict[str, Any], way: str) -> np.ndarray:
-    """Return the vertex ids, positions or boxes of an entry."""
-    if way == "vertices":
-        return as_ids(entry[way], '"vertices"')
-    if way == "source":
-        return as_points(entry[way], '"source"')
-    return as_boxes(entry[way], '"boxes"')
 
 
 def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:

@@ -32,8 +32,8 @@ from sshade.volume_goals import VolumeGoal, check_goals
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
 
-#: Keys that give the faces of a part.
-WAYS = ("faces", "vertices", "boxes")
+#: Keys that give the faces of a part, and functions that check their values.
+WAYS = {"faces": as_ids, "vertices": as_ids, "boxes": as_boxes}
 #: Keys of an entry.
 KEYS = ("name", *WAYS, "goal", "volume")
 
@@ -75,8 +75,7 @@ def volume_entries(data: Any) -> list[VolumeEntry]:
                 raise InputError(f'give its faces either as "{ways[0]}" or as "{ways[1]}"')
             way, place = "".join(ways), np.empty(0, dtype=np.int64)
             if way:
-                read = as_boxes if way == "boxes" else as_ids
-                place = read(entry[way], f'"{way}"')
+                place = WAYS[way](entry[way], f'"{way}"')
             goal = VolumeGoal(entry.get("goal"), entry.get("volume"), name=str(entry.get("name", "")))
             found.append(VolumeEntry(goal, way, place))
     return found
