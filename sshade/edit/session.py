@@ -266,7 +266,7 @@ class Session(Grouping):
                 self._count_as_saved(self.state.keys)
             else:
                 self.document.write_handles(self.state, path)
-                self._count_as_saved(self._saved[2])
+                self._count_as_saved(self._saved.keys)
         return path, ()
 
     def hand_over(self) -> Handles:
@@ -279,15 +279,14 @@ class Session(Grouping):
         """
         with self._lock:
             handles = self.document.all_handles(self.state)
-            self._count_as_saved(self._saved[2])
+            self._count_as_saved(self._saved.keys)
         return handles
 
     # Helpers.
 
     def _count_as_saved(self, keys: tuple[Key, ...]) -> None:
         """Count the groups, the settings and the keys as saved."""
-        self._saved = self.state.groups, self.state.settings, keys
-        self._saved_selection = self.state.selection
+        self._saved = replace(self.state, keys=keys, shape=None)
         self._keep()
 
     def _take(self, given: Given) -> None:
@@ -299,5 +298,5 @@ class Session(Grouping):
         state = replace(self.state, groups=groups, keys=keys, settings=settings)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
-        self._saved, self._jumped = (groups, state.settings, keys), True
+        self._saved, self._jumped = replace(state, selection=self._saved.selection, shape=None), True
         self._push(state)

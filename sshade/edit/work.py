@@ -12,7 +12,6 @@ from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.following import followed
 from sshade.edit.groups import Group, Motion
-from sshade.edit.keys import Key
 from sshade.edit.links import middle
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import History, Settings, State
@@ -60,8 +59,8 @@ class Work:
         self.shown = self.mesh.V
         self.history = History(State(settings=settings, shape=self.mesh.V))
         self._revision = 0
-        self._saved: tuple[tuple[Group, ...], Settings, tuple[Key, ...]] = (), settings, ()
-        self._saved_selection = self.state.selection
+        #: State whose groups, settings, keys and selection count as saved.
+        self._saved = self.state
         self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(self.mesh)
         #: Whether the handles moved since the last step of a drag.
@@ -82,10 +81,9 @@ class Work:
     @property
     def is_unsaved(self) -> bool:
         """Whether there are groups that were not saved, or not with the current settings and keys."""
-        groups, settings, keys = self._saved
-        state = self.state
-        other = state.groups is not groups or state.settings != settings or state.keys is not keys
-        return bool(state.groups) and other
+        state, saved = self.state, self._saved
+        same = state.groups is saved.groups and state.keys is saved.keys and state.settings == saved.settings
+        return bool(state.groups) and not same
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
@@ -207,7 +205,7 @@ class Work:
         picked = self.state.selection
         self.version += 1
         self.trouble = ""
-        if not self.is_unsaved and (len(picked) == 0 or picked is self._saved_selection):
+        if not self.is_unsaved and (len(picked) == 0 or picked is self._saved.selection):
             self.recovery.remove()
             return
         try:
