@@ -238,7 +238,8 @@ def _content(
             stored[turns] = unit_rows(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
         if part.tangent is not None:
             stored = new.array(part.tangent)
-            tangents = stored[turns, :3].astype(np.float64) @ A.T
+            with np.errstate(invalid="ignore"):
+                tangents = stored[turns, :3].astype(np.float64) @ A.T
             stored[turns, :3] = unit_rows(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
     changed = {accessor_bytes(new.tree, i) for part in parts for i in part[:3] if i is not None}
     for number, accessor in enumerate(accessors):

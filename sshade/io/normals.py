@@ -7,34 +7,39 @@ import numpy as np
 from sshade.kernels import kernel, subroutine
 from sshade.mesh.seams import same_rows
 
+#: Largest difference of the coordinates of two unit normals of one place that are one normal, rounded: 0.1
+#: degrees, or three decimals.
+SMOOTH = 2e-3
+#: Largest number of normals of one place that are compared with :data:`SMOOTH`; further ones must be equal.
+NORMALS = 16
+
 
 def turns(
-    group: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray, *, groups: int | None = None
+    group: np.ndarray, N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray
 ) -> np.ndarray:
     """Compute the rotation of the surface at each group of corners of its triangles.
 
     The frame of a group consists of its area-weighted mean normal and of the median of its largest
     triangle, projected perpendicular to that normal. A stored normal that equals the mean normal
     therefore stays the mean normal, and a normal that an artist set keeps its angle to the surface. The
-    rotation is exactly the identity where nothing moves, or where a group has no area.
+    rotation is exactly the identity where nothing moves, or where a group has no area. Triangles whose
+    normals oppose the stored normal are turned around, as in meshes with both sides of each triangle.
 
     Parameters
     ----------
     group : (m, 3) int
         Group of each corner, counted from 0; corners of a group share a normal. -1 for no group.
+    N : (k, 3) float64
+        Stored normal of each group.
     F : (m, 3) int
     rest, posed : (n, 3) float64
         Positions before and after the deformation.
-    groups : int, optional
-        Number k of groups, by default up to the last group that has a corner.
 
     Returns
     -------
     (k, 3, 3) float64
     """
-    groups = int(group.max(initial=-1)) + 1 if groups is None else groups
-    arrays = (np.ascontiguousarray(V, dtype=np.float64) for V in (rest, posed))
-    return _turns(group, F, *arrays, groups)
+    return _turns(group, F, *(np.ascontiguousarray(rows, dtype=np.float64) for rows in (N, rest, posed)))
 
 
 def turned(Q: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -57,8 +62,38 @@ def vertex_turns(N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarr
     -------
     (n, 3, 3) float64
     """
-    group = same_rows(np.column_stack([rest, posed, N]))
-    return turns(group[F], F, rest, posed, groups=int(group.max(initial=-1)) + 1)[group]
+    group, one = smooth_groups(posed, N)
+    return turns(group[F], N[one], F, rest, posed)[group]
+
+
+def smooth_groups(P: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Group normals N (p, 3) at positions P (p, 3): those of one place that are equal up to rounding.
+
+    Returns
+    -------
+    group : (p,) int64
+        Group of each normal, counted from 0.
+    one : (k,) int64
+        A member of each group.
+    """
+    with np.errstate(invalid="ignore"):  # a normal may be zero or NaN
+        unit = N / np.linalg.norm(N, axis=1, keepdims=True)
+    place, first, left = same_rows(P), np.full(len(P), -1), np.arange(len(P))
+    for _ in range(NORMALS):
+        leader = np.full(len(P), -1)
+        leader[place[left[::-1]]] = left[::-1]
+        nearest = leader[place[left]]
+        same = (nearest == left) | (np.abs(unit[left] - unit[nearest]) <= SMOOTH).all(axis=1)
+        first[left[same]] = nearest[same]
+        left = left[~same]
+        if not len(left):
+            break
+    else:
+        rows = same_rows(np.column_stack([place[left], N[left]]))
+        _, equal = np.unique(rows, return_index=True)
+        first[left] = left[equal[rows]]
+    leads = first == np.arange(len(first))
+    return (np.cumsum(leads) - 1)[first], np.flatnonzero(leads)
 
 
 # The helpers are inlined, because each call would count references to the arrays.
@@ -81,21 +116,27 @@ def _between(V, i, j):
 
 
 @subroutine
-def _mean_normals(group, F, V, groups):
-    """Return the sum (k, 3) of the area normals of each group, and its last corner of largest area."""
-    normal, greatest = np.zeros((groups, 3)), np.full(groups, -1.0)
-    largest = np.full(groups, -1, dtype=np.int64)
+def _mean_normals(group, F, N, rest, posed):
+    """Return the sums (k, 3) of the area normals of groups at rest and posed, and their largest corners.
+
+    The largest corner is the last one in a triangle of largest area at rest.
+    """
+    before, after, greatest = np.zeros(N.shape), np.zeros(N.shape), np.full(len(N), -1.0)
+    largest = np.full(len(N), -1, dtype=np.int64)
     for f in range(len(F)):
-        n = _cross(_between(V, F[f, 0], F[f, 1]), _between(V, F[f, 0], F[f, 2]))
+        n = _cross(_between(rest, F[f, 0], F[f, 1]), _between(rest, F[f, 0], F[f, 2]))
+        m = _cross(_between(posed, F[f, 0], F[f, 1]), _between(posed, F[f, 0], F[f, 2]))
         area = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
         for c in range(3):
             g = group[f, c]
             if g >= 0:
+                side = -1.0 if n[0] * N[g, 0] + n[1] * N[g, 1] + n[2] * N[g, 2] < 0 else 1.0
                 for i in range(3):
-                    normal[g, i] += n[i]
+                    before[g, i] += side * n[i]
+                    after[g, i] += side * m[i]
                 if area >= greatest[g]:
                     greatest[g], largest[g] = area, 3 * f + c
-    return normal, largest
+    return before, after, largest
 
 
 @subroutine
@@ -115,12 +156,11 @@ def _frame(normal, F, V, corner, frame):
 
 
 @kernel
-def _turns(group, F, rest, posed, groups):
-    Q = np.zeros((groups, 3, 3))
-    normal, largest = _mean_normals(group, F, rest, groups)
-    normal_after, _ = _mean_normals(group, F, posed, groups)
+def _turns(group, F, N, rest, posed):
+    Q = np.zeros((len(N), 3, 3))
+    normal, normal_after, largest = _mean_normals(group, F, N, rest, posed)
     before, after = np.empty((3, 3)), np.empty((3, 3))
-    for g in range(groups):
+    for g in range(len(N)):
         Q[g, 0, 0] = Q[g, 1, 1] = Q[g, 2, 2] = 1.0
         if largest[g] < 0:
             continue

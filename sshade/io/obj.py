@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.io.document import MeshFile, moved_reference, present
-from sshade.io.normals import turned, turns
+from sshade.io.normals import smooth_groups, turned, turns
 from sshade.io.obj_materials import obj_skin
 from sshade.io.skins import Skin
 from sshade.io.triangles import fanned
@@ -229,10 +229,10 @@ def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:
     if not len(shaded):
         return []
     pair_of, vertex, normal = _pairs(corners.vertex[shaded], corners.normal[shaded], len(rest))
-    alike = same_rows(np.column_stack([rest[vertex], V[vertex], N[normal]]))
+    alike, one = smooth_groups(V[vertex], N[normal])
     group = np.full(len(corners.vertex), -1)
     group[shaded] = alike[pair_of]
-    Q = turns(group[obj.triangles], corners.vertex[obj.triangles], rest, V)
+    Q = turns(group[obj.triangles], N[normal[one]], corners.vertex[obj.triangles], rest, V)
     new = turned(Q[alike], N[normal])
     unchanged = ((new == N[normal]) | np.isnan(new)).all(axis=1)
     new = np.where(unchanged[:, None], N[normal], np.round(new, DECIMALS) + 0.0)

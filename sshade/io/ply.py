@@ -175,7 +175,7 @@ def _content(
             changes.append((vertices, normals, turned(vertex_turns(N, F, rest, V), N)))
         if faces and len(F) and (normals := faces.numbers(names)):
             N = faces.columns(normals)
-            Q = turns(np.repeat(face[:, None], 3, axis=1), F, rest, V)  # one rotation per face
+            Q = turns(np.repeat(face[:, None], 3, axis=1), N, F, rest, V)  # one rotation per face
             changes.append((faces, normals, turned(Q, N)))
     return changed(ply, changes, source, path)
 

@@ -105,4 +105,4 @@ def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
 def _turned(N: np.ndarray, rest: np.ndarray, V: np.ndarray) -> np.ndarray:
     """Turn facet normals (m, 3) with the surface; the zeros that many programs write stay zeros."""
     F = np.arange(len(rest)).reshape(-1, 3)
-    return turned(turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), F, rest, V), N)
+    return turned(turns(np.repeat(np.arange(len(N))[:, None], 3, axis=1), N, F, rest, V), N)
