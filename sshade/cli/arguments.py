@@ -21,6 +21,8 @@ from sshade.options import NEAR, OLD_NAMES, check_weld, described, help_text, re
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
 
+#: Least share of edges that shapes with the same order of vertices have in common.
+ALIKE = 0.5
 #: Formats of meshes, for `--help`.
 FORMATS = ", ".join(SUFFIXES)
 
@@ -222,6 +224,27 @@ def read_surface(options: argparse.Namespace, output: Path | None = None) -> tup
     return file, surface_of(file, options.mesh, weld=options.weld, repair=options.repair)
 
 
+def require_same_order(shape: MeshFile, path: Path, F: np.ndarray, other: str) -> None:
+    """Raise InputError if a shape has few edges of the faces F (m, 3) of another, as after a new order.
+
+    Shapes with other triangles between the same vertices pass, and shapes without faces.
+    """
+    if np.array_equal(shape.F, F) or not (len(shape.F) and len(F)):
+        return
+    mine, theirs = (_edges(faces, len(shape.V)) for faces in (shape.F, F))
+    if np.isin(theirs, mine).mean() < ALIKE:
+        raise InputError(
+            f"{path} has other edges than {other}: its vertices seem to be in another order; export it "
+            "without merging or sorting vertices"
+        )
+
+
+def _edges(F: np.ndarray, n: int) -> np.ndarray:
+    """Return a number (3m,) for each side of faces F (m, 3) of n vertices; equal edges have equal numbers."""
+    one, other = F, np.roll(F, 1, axis=1)
+    return (np.minimum(one, other) * n + np.maximum(one, other)).ravel()
+
+
 def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surface: Surface) -> np.ndarray:
     """Return the positions (k, 3) of the surface's vertices in another shape of a mesh.
 
@@ -241,6 +264,7 @@ def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surfa
         raise InputError(
             f"{path} has {len(shape.V)} vertices and {mesh} has {len(file.V)}; they must correspond"
         )
+    require_same_order(shape, path, file.F, str(mesh))
     V = surface.picked(shape.V)
     require_finite(V, path, surface.original)
     return V

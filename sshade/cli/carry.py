@@ -17,6 +17,7 @@ from sshade.cli.arguments import (
     read,
     read_surface,
     require_finite,
+    require_same_order,
 )
 from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
@@ -47,7 +48,8 @@ def _carry(options: argparse.Namespace) -> int:
     from sshade.io.meshes import write_file
     from sshade.mesh.surface import cut_surface, mean_of_copies
 
-    edited = read(options.edited).V
+    shape = read(options.edited)
+    edited = shape.V
     require_finite(edited, options.edited)
     file, whole = read_surface(options, options.output)
     cut = cut_surface(whole.mesh)
@@ -55,6 +57,7 @@ def _carry(options: argparse.Namespace) -> int:
     if len(edited) != binding.proxy.n:
         count = f"{options.edited} has {len(edited)} vertices and the proxy of {options.map} has"
         raise InputError(f"{count} {binding.proxy.n}; they must correspond")
+    require_same_order(shape, options.edited, binding.proxy.F, f"the proxy of {options.map}")
     V, degenerate = binding.carry(edited)
     write_file(options.output, file, whole.placed(file.V, mean_of_copies(cut, V)))
     say(f"{options.output}: {len(file.V)} vertices carried by {binding.proxy.n}")

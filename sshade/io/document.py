@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -101,8 +101,12 @@ def listed(names: Sequence[str]) -> str:
 
 
 def moved_reference(name: str, source: Path, path: Path) -> str:
-    """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay."""
-    here, there = source.resolve().parent, path.resolve().parent
-    if here == there or Path(name).is_absolute() or len(urlsplit(name).scheme) > 1:
+    """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay.
+
+    Names are sought beside `source`, even if it is a link to a file elsewhere.
+    """
+    here, there = source.parent.resolve(), path.parent.resolve()
+    absolute = Path(name).is_absolute() or PureWindowsPath(name).is_absolute()
+    if here == there or absolute or len(urlsplit(name).scheme) > 1:
         return name
     return Path(os.path.relpath(here / name, there)).as_posix()

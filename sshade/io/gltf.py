@@ -29,6 +29,8 @@ from sshade.io.gltf_scene import (
     NewAccessors,
     accessor_bytes,
     bounds,
+    is_embedded,
+    is_surface,
     mesh_matrices,
     require_plain,
     triangles_of,
@@ -141,7 +143,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
             at = end
         if not chunks or chunks[0][0] != _JSON:
             raise ValueError("its first chunk is no JSON")
-        text = chunks[0][1]
+        text = chunks[0][1].rstrip(b"\0")  # some programs pad with zeros in place of blanks
         if len(chunks) > 1 and chunks[1][0] == _BINARY:
             binary = chunks[1][1]
         rest = chunks[1 if binary is None else 2 :]
@@ -163,7 +165,7 @@ def buffer_files(path: Path) -> list[Path]:
     if path.suffix.lower() != ".gltf":
         return []
     uris = [buffer.get("uri", "data:") for buffer in json.loads(path.read_bytes()).get("buffers", [])]
-    return [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+    return [path.parent / unquote(uri) for uri in uris if not is_embedded(uri)]
 
 
 def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
@@ -172,7 +174,7 @@ def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
         if binary is None:
             raise ValueError("one of its buffers has no bytes")
         data = binary
-    elif uri.startswith("data:"):
+    elif is_embedded(uri):
         head, _, body = uri.partition(",")
         data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
     else:
@@ -202,6 +204,7 @@ def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
         cameras=tree.get("cameras"),
         scene_of_nodes=len(tree.get("nodes", [])) > 1,
         extensions=tree.get("extensions"),
+        lines_and_points=not all(map(is_surface, primitives)),
     )
 
 
@@ -226,11 +229,12 @@ def _content(
         back = np.linalg.inv(A)
         # The arrays are views of the buffers, which assignments change.
         positions = new.array(part.position)
-        size = np.abs(A) @ np.abs(positions).max(axis=0).astype(np.float64)
+        size = np.abs(A) @ np.nan_to_num(np.abs(positions)).max(axis=0).astype(np.float64)
         changes = moved[vertices]
         with np.errstate(over="ignore"):
             positions[changes] = (V[vertices] - part.matrix[:3, 3])[changes] @ back.T
-        _require_precision(positions @ A.T + part.matrix[:3, 3] - V[vertices], size.max(), V, path)
+        error = positions @ A.T + part.matrix[:3, 3] - V[vertices]
+        _require_precision(error[np.isfinite(V[vertices]).all(axis=1)], size.max(), V, path)
         turns = turned[vertices]
         rotations = Q[vertices][turns]
         if part.normal is not None:
@@ -253,14 +257,15 @@ def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path
 
     Parameters
     ----------
-    error : (n, 3) float64
-        Differences between the written positions and `V`.
+    error : (k, 3) float64
+        Differences between the written positions and `V`, except of vertices at NaN, which have no face.
     size : float
         Size of the numbers at rest, in the scene. It is large for nodes that are skewed or far from
         their mesh.
     """
-    allowed = max(ROUNDING * float(np.ptp(V, axis=0).max()), 16 * np.finfo(np.float32).eps * size)
-    if not np.abs(error).max() <= allowed:
+    extent = np.ptp(V[np.isfinite(V).all(axis=1)], axis=0).max()
+    allowed = max(ROUNDING * float(extent), 16 * np.finfo(np.float32).eps * size)
+    if not np.abs(error).max(initial=0) <= allowed:
         raise InputError(
             f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
             "them to the meshes first, or write another format"
@@ -290,17 +295,22 @@ def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
             buffer["uri"] = f"data:application/octet-stream;base64,{body}"
     for entry in [*tree.get("buffers", []), *tree.get("images", [])]:
         uri = entry.get("uri", "data:")
-        if not uri.startswith("data:"):
+        if not is_embedded(uri):
             moved = moved_reference(unquote(uri), gltf.source, path)
             entry["uri"] = uri if moved == unquote(uri) else quote(moved)
     if not binary:
-        return json.dumps(tree, ensure_ascii=False, indent=2).encode() + b"\n"
-    text = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).encode()
+        return _json(tree, indent=2) + b"\n"
+    text = _json(tree, separators=(",", ":"))
     chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
     if tree.get("buffers") and "uri" not in tree["buffers"][0]:
         chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
     chunks += gltf.further
     return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+
+def _json(tree: dict[str, Any], **layout: Any) -> bytes:
+    # Half of a character, as of a name that was cut, is an escape in JSON and nothing in UTF-8.
+    return json.dumps(tree, ensure_ascii=False, **layout).encode("utf-8", "backslashreplace")
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

@@ -10,7 +10,7 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from sshade.io.gltf_scene import Gltf
+from sshade.io.gltf_scene import Gltf, is_embedded
 from sshade.io.skins import Material, Skin, require_image, srgb
 
 
@@ -80,7 +80,7 @@ def _image(gltf: Gltf, image: dict[str, Any]) -> bytes:
         begin = view.get("byteOffset", 0)
         return require_image(bytes(gltf.buffers[view["buffer"]][begin : begin + view["byteLength"]]))
     uri = image["uri"]
-    if uri.startswith("data:"):
+    if is_embedded(uri):
         head, _, body = uri.partition(",")
         return require_image(base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body))
     return require_image((gltf.source.parent / unquote(uri)).read_bytes())

@@ -189,13 +189,18 @@ class NewAccessors:
         first.pop("uri", None)
 
 
+def is_surface(primitive: dict[str, Any]) -> bool:
+    """Whether a primitive has triangles, in contrast to lines and points."""
+    return primitive.get("mode", _TRIANGLES) not in _LINES_AND_POINTS
+
+
 def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray:
     """Return the triangles (m, 3) int64 of a primitive with `size` vertices; convert strips and fans.
 
     Lines and points have no triangles.
     """
     mode = primitive.get("mode", _TRIANGLES)
-    if mode in _LINES_AND_POINTS:
+    if not is_surface(primitive):
         return np.zeros((0, 3), dtype=np.int64)
     if "indices" in primitive:
         ids = gltf.dense(primitive["indices"])[:, 0].astype(np.int64)
@@ -264,8 +269,17 @@ def ancestors(number: int, parent: dict[int, int]) -> list[int]:
 
 
 def bounds(values: np.ndarray, names: Collection[str] = ("min", "max")) -> dict[str, list[float]]:
-    """Return the least and the greatest values (w,) of the numbers (k, w) of an accessor, or one of both."""
-    return {name: getattr(values, name)(axis=0).astype(np.float64).tolist() for name in names}
+    """Return the least and the greatest values (w,) of the numbers (k, w) of an accessor, or one of both.
+
+    NaN, which JSON does not have, counts as 0.
+    """
+    known = np.nan_to_num(values, nan=0.0)
+    return {name: getattr(known, name)(axis=0).astype(np.float64).tolist() for name in names}
+
+
+def is_embedded(uri: str) -> bool:
+    """Whether the address of a buffer or an image holds its bytes."""
+    return uri[:5].lower() == "data:"
 
 
 def node_matrix(node: dict[str, Any]) -> np.ndarray:

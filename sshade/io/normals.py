@@ -14,9 +14,7 @@ SMOOTH = 2e-3
 NORMALS = 16
 
 
-def turns(
-    group: np.ndarray, N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray
-) -> np.ndarray:
+def turns(group: np.ndarray, N: np.ndarray, F: np.ndarray, rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
     """Compute the rotation of the surface at each group of corners of its triangles.
 
     The frame of a group consists of its area-weighted mean normal and of the median of its largest

@@ -207,15 +207,17 @@ def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
 
 def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    rest = line.split(None, 1)[1:]
+    written = line.partition(b"#")[0]
+    rest = written.split(None, 1)[1:]
     text = rest[0].strip().decode("utf-8", "surrogateescape") if rest else ""
     # Names are separated by blanks, but a single name may contain blanks.
-    names = [text] if (source.parent / text).is_file() else text.split()
+    single = (source.parent / text).is_file() or text.lower().count(".mtl") == 1
+    names = [text] if single else text.split()
     moved = [moved_reference(name, source, path) for name in names]
     if moved == names:
         return line
-    line_end = line[len(line.rstrip()) :]
-    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line_end
+    kept = line[len(written.rstrip()) :]
+    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + kept
 
 
 def _turned_normals(obj: _Obj, V: np.ndarray) -> list[Edits]:

@@ -15,7 +15,7 @@ from sshade.io.words import Text, edited, without_comments
 
 #: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n
 #: means something else: the number of coordinates.
-_KEYWORD = re.compile(rb"((?:ST|st|[Cc]|N)*)(?:OFF|off)$")
+_KEYWORD = re.compile(rb"((?:ST|st|[Cc]|N)*)(?:OFF|off)(\d*)$")
 
 
 def read_off(path: Path) -> MeshFile:
@@ -38,7 +38,8 @@ def read_off(path: Path) -> MeshFile:
         raise InputError(f"{path}: it is a binary OFF file; write it as text, or in another format")
     if len(head) < 2:
         raise ValueError("it ends after its first line")
-    counts, begun = (head[0][1:], 1) if len(head[0]) > 1 else (head[1], 2)
+    first = [keyword[2]] * bool(keyword[2]) + head[0][1:]  # files of ModelNet lack the end of the first line
+    counts, begun = (first, 1) if first else (head[1], 2)
     if len(counts) < 2:
         raise ValueError("it does not say how many vertices and faces it holds")
     n, m = int(counts[0]), int(counts[1])

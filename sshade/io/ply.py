@@ -22,8 +22,8 @@ from sshade.io.words import Numbers, Text, edited
 from sshade.mesh.surface import as_single, single_steps
 
 _CORNERS = ("vertex_indices", "vertex_index")
-_NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
-_CHANGED = ["x", "y", "z", *" ".join(_NORMALS).split()]
+NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
+_CHANGED = ["x", "y", "z", *" ".join(NORMALS).split()]
 
 
 class Ply(NamedTuple):
@@ -72,8 +72,9 @@ def read_ply(path: Path) -> MeshFile:
         F = np.concatenate([F, _strips(ply.elements["tristrips"])])
         face = np.concatenate([face, np.full(len(F) - len(face), -1)])
     properties = vertices.properties + (faces.properties if faces else [])
-    # Integer positions or normals cannot be written back after a deformation.
-    whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
+    # Integer positions cannot be written back after a deformation, nor normals without negative numbers.
+    kinds_of = {p.name: p.kind.kind for p in properties if p.name in _CHANGED}
+    whole = any(kind != "f" for name, kind in kinds_of.items() if name in "xyz") or "u" in kinds_of.values()
     suffixes = () if whole else (".ply",)
     kinds = {vertices.properties[number].kind.type for number in at}
     single = kinds == {np.float32}
@@ -169,7 +170,7 @@ def _content(
     vertices = ply.elements["vertex"]
     changes = [(vertices, vertices.numbers("x y z"), V)]
     faces = ply.elements.get("face")
-    for names in _NORMALS:
+    for names in NORMALS:
         if normals := vertices.numbers(names):
             N = vertices.columns(normals)
             changes.append((vertices, normals, turned(vertex_turns(N, F, rest, V), N)))
@@ -185,9 +186,23 @@ Change = tuple[Element, list[int], np.ndarray]
 
 
 def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | memoryview:
-    """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change."""
+    """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change.
+
+    Numbers of an integer type are rounded.
+    """
+    changes = [(element, numbers, _rounded(element, numbers, new)) for element, numbers, new in changes]
     header = _header_at(ply.data[: ply.body], source, path)
     return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
+
+
+def _rounded(element: Element, properties: list[int], new: np.ndarray) -> np.ndarray:
+    kinds = [element.properties[number].kind for number in properties]
+    if any(kind.kind == "f" for kind in kinds):
+        return new
+    limits = [np.iinfo(kind) for kind in kinds]
+    return (
+        np.rint(new).clip([limit.min for limit in limits], [limit.max for limit in limits]).astype(np.int64)
+    )
 
 
 def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:

@@ -52,6 +52,6 @@ def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
     """Return positions (n, 3) as float32, and raise InputError where a position is too large for it."""
     with np.errstate(over="ignore"):
         floats = V.astype(np.float32)
-    if not np.isfinite(floats).all():
+    if (np.isinf(floats) & np.isfinite(V)).any():
         raise InputError(f"{path}: a position is too large for the single precision of this format")
     return floats

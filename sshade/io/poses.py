@@ -25,9 +25,10 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.io.document import MORPHS, check_input
-from sshade.io.entries import FRAMES, HandleFile, checked_entry, handle_file_of, read_handle_file
+from sshade.io.entries import FRAMES, Entry, HandleFile, checked_entry, handle_file_of, read_handle_file
 from sshade.io.files import naming
 from sshade.io.keys import parsed_list, require_known
+from sshade.io.regions import RigidMotion
 
 if TYPE_CHECKING:
     from sshade.handles import Handles
@@ -46,13 +47,10 @@ class Pose(NamedTuple):
     name : str
         File, or file and frame, for messages.
     file : HandleFile
-    maps : dict of (4, 4) float64
-        Affine maps of the groups that nodes move, by their number.
     """
 
     name: str
     file: HandleFile
-    maps: dict[int, np.ndarray] = {}
 
     def on(self, mesh: Mesh, vertex: np.ndarray) -> Handles:
         """Place the handles of the pose on a mesh; see :func:`sshade.io.handles.on_mesh`.
@@ -65,16 +63,7 @@ class Pose(NamedTuple):
         from sshade.io.handles import on_mesh  # imports large libraries
 
         with naming(self.name):
-            handles = on_mesh(self.file, mesh, vertex=vertex)
-            target, rotation = handles.target.copy(), handles.rotation
-            rotation = None if rotation is None else rotation.copy()
-            for group, M in self.maps.items():
-                inside = handles.group == group
-                target[inside] = mesh.V[handles.index[inside]] @ M[:3, :3].T + M[:3, 3]
-                if rotation is not None:
-                    U, _, W = np.linalg.svd(M[:3, :3])
-                    rotation[inside] = U @ W @ rotation[inside]
-            return handles.at(target, rotation) if self.maps else handles
+            return on_mesh(self.file, mesh, vertex=vertex)
 
 
 class Poses(NamedTuple):
@@ -149,6 +138,15 @@ def read_poses(
     return Poses(poses, np.arange(len(poses)) / fps, [])
 
 
+def _moved_by(entry: Entry, M: np.ndarray | None) -> Entry:
+    """Return a group that the map M (4, 4) of a node moves, or the same group without one."""
+    if M is None:
+        return entry
+    A = M[:3, :3]
+    U, _, W = np.linalg.svd(A)
+    return entry._replace(motion=RigidMotion(A, M[:3, 3]), rotation=U @ W @ entry.rotation)
+
+
 def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
     from sshade.io.gltf_animation import read_node_motions  # imports large libraries
 
@@ -162,7 +160,8 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
     poses = []
     for frame, time in enumerate(motions.times):
         maps = {number[name]: M[frame] for name, M in motions.maps.items()}
-        poses.append(Pose(f"{animation}, {time:.3f} s", file, maps))
+        entries = [_moved_by(entry, maps.get(entry.number)) for entry in file.entries]
+        poses.append(Pose(f"{animation}, {time:.3f} s", file._replace(entries=entries)))
     notes, still = [], [name for name in number if name not in motions.maps]
     if motions.others:
         notes.append(

@@ -22,11 +22,11 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.io.files import check_output, replacing
 from sshade.io.normals import turned
-from sshade.io.ply import Change, Ply, changed, parsed
+from sshade.io.ply import NORMALS, Change, Ply, changed, parsed
 from sshade.kernels import kernel, subroutine
 from sshade.threads import in_ranges
 
-_PLACE, _NORMAL, _SCALE, _ROTATION = "x y z", "nx ny nz", "scale_0 scale_1 scale_2", "rot_0 rot_1 rot_2 rot_3"
+_PLACE, _SCALE, _ROTATION = "x y z", "scale_0 scale_1 scale_2", "rot_0 rot_1 rot_2 rot_3"
 #: Number of coefficients of a colour channel behind the constant, for 0 to 3 bands.
 BANDS = (0, 3, 8, 15)
 #: Largest product of two columns, over their lengths, that counts as orthogonal; largest number of sweeps.
@@ -70,7 +70,7 @@ class PointFile:
         check_output(path, (".ply",))
         vertices = self.ply.elements["vertex"]
         changes: list[Change] = [(vertices, vertices.numbers(_PLACE), positions)]
-        if normals := vertices.numbers(_NORMAL):
+        for normals in filter(None, map(vertices.numbers, NORMALS)):
             changes.append((vertices, normals, turned(rotations, vertices.columns(normals))))
         if self.is_splats:
             shapes = vertices.numbers(f"{_ROTATION} {_SCALE}")

@@ -82,6 +82,12 @@ def test_remesh_and_carry_bring_an_edit_back(folder, capsys):
     assert np.allclose(V, BODY.V @ TURN.T + SHIFT, rtol=0, atol=1e-12 * BODY.diagonal)
     assert f"{BODY.n} vertices carried by {proxy.n}" in capsys.readouterr().err
     assert_refused("sshade", ["carry", "body.ply", "map.npz", "body.ply", "-o", "a.ply"], "body.ply has 162")
+    order = np.random.default_rng(0).permutation(proxy.n)
+    write_mesh("sorted.ply", proxy.V[order], np.argsort(order)[proxy.F])
+    words = "sorted.ply has other edges than the proxy of map.npz: its vertices seem to be in another order"
+    assert_refused("sshade", ["carry", "body.ply", "map.npz", "sorted.ply", "-o", "a.ply"], words)
+    write_mesh("edited.ply", proxy.V, np.roll(proxy.F, 1, axis=1)[::-1])  # the same edges
+    assert main(["carry", "body.ply", "map.npz", "edited.ply", "-o", "out.ply"]) == 0
     collapsed = proxy.V.copy()
     collapsed[proxy.F[0, 1]] = collapsed[proxy.F[0, 0]]
     write_mesh("edited.ply", collapsed, proxy.F)

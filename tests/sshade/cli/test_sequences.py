@@ -443,6 +443,14 @@ def other_groups() -> None:
     write_handles("pose_1.json", Handles(ENDS.index, ENDS.target, group=group))
 
 
+def two_groups() -> None:
+    """A vertex of the group that a node moves is in the group that stays, too."""
+    rig_with()
+    entries = json.loads(Path("groups.json").read_text())["handles"]
+    entries[0]["vertices"].append(int(ENDS.index[UP][0]))
+    Path("groups.json").write_text(json.dumps({"handles": entries}))
+
+
 def no_animation() -> None:
     write_mesh("rig.glb", BODY.V, BODY.F)
     rig = Path("rig.glb").read_bytes()
@@ -489,6 +497,7 @@ BAD = {
     "no node": (lambda: rig_with(names=("a", "b")), RIG, "no node has the name of a group of handles"),
     "twice": (lambda: rig_with(names=("high", "high")), RIG, "2 nodes have the name 'high'"),
     "no channel": (lambda: rig_with(channels=False), RIG, "moves no node with the name of a group"),
+    "in two groups": (two_groups, RIG, "has contradictory targets"),
     "no animation": (no_animation, RIG, "rig.glb: it holds no animation"),
     "reversed times": (lambda: rig_with(times=(1.0, 0.0)), RIG, "the times of its animation do not increase"),
     "several files": (rig_with, [*poses(), *RIG[1:]], "moves the groups of one handle file; 4 are given"),

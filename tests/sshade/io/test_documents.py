@@ -276,6 +276,34 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
     assert (tmp_path / "out" / "b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
 
 
+@pytest.mark.parametrize(
+    ("line", "moved"),
+    [
+        ("mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
+        ("mtllib not there.mtl", "mtllib ../in/not there.mtl"),
+        ("mtllib C:\\models\\one.mtl", None),
+        ("mtllib /models/one.mtl", None),
+    ],
+)
+def test_the_name_of_a_library_is_what_programs_read(tmp_path, line, moved):
+    for name in ("in", "out"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "in" / "a.obj").write_text(f"{line}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    file = read_file(tmp_path / "in" / "a.obj")
+    write_file(tmp_path / "out" / "a.obj", file, file.V)
+    assert (tmp_path / "out" / "a.obj").read_text().startswith((moved or line) + "\n")
+
+
+def test_references_of_a_link_are_beside_the_link(tmp_path):
+    for name in ("store", "work"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "store" / "0123").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "work" / "a.obj").symlink_to(tmp_path / "store" / "0123")
+    file = read_file(tmp_path / "work" / "a.obj")
+    write_file(tmp_path / "work" / "b.obj", file, file.V)
+    assert (tmp_path / "work" / "b.obj").read_text().startswith("mtllib a.mtl\n")
+
+
 def test_what_another_format_loses_is_named(tmp_path):
     found = {}
     for name, text in {"a.obj": BLENDER, "b.obj": STUDIO, "a.ply": MESHLAB, "a.off": OFF}.items():

@@ -160,6 +160,28 @@ def test_a_gltf_with_buffer_and_images_beside_it(tmp_path):
     assert "uri" not in new_tree["buffers"][0] and new_buffer[: len(data)] == data
 
 
+def test_what_is_no_number_or_no_letter_stays_out_of_the_json(tmp_path):
+    """A vertex without a face is NaN; a name ends within a character; the JSON is padded with zeros."""
+    tree, buffer = exported(node={**NODE, "name": "cut\ud800"}, **{"meshes.1.primitives.0.mode": 0})
+    tree["accessors"][5] |= {"min": [5, 0, 0], "max": [6, 1, 0]}
+    data = bytearray(buffer) + bytes(-len(buffer) % 4)
+    at = tree["bufferViews"][2]["byteOffset"]
+    data[at : at + 12] = np.full(3, np.nan, "<f4").tobytes()
+    text = json.dumps(tree).encode()
+    text += bytes(-len(text) % 4)
+    sizes = [(12 + 8 + len(text) + 8 + len(data)), len(text), len(data)]
+    whole, first, second = (size.to_bytes(4, "little") for size in sizes)
+    content = b"glTF\2\0\0\0" + whole + first + b"JSON" + text + second + b"BIN\0" + data
+    (tmp_path / "a.glb").write_bytes(content)
+    file = read_file(tmp_path / "a.glb")
+    assert "lines and points" in file.holds and np.isnan(file.V[SPHERE.n]).all()
+    write_file(tmp_path / "b.glb", file, file.V + 1)
+    written = (tmp_path / "b.glb").read_bytes()
+    length = int.from_bytes(written[12:16], "little")
+    found = json.loads(written[20 : 20 + length], parse_constant=pytest.fail)
+    assert found["nodes"][0]["name"] == "cut\ud800"
+
+
 @pytest.mark.parametrize(("mode", "expected"), [(5, [[0, 1, 2], [3, 2, 1]]), (6, [[1, 2, 0], [2, 3, 0]])])
 def test_strips_and_fans(tmp_path, mode, expected):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4").tobytes()

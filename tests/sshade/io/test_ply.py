@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from sshade.io.meshes import read_file, write_file
-from sshade.io.ply import read_ply
+from sshade.io.ply import parsed, read_ply
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
 POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]
@@ -206,6 +206,34 @@ def test_triangle_strips_of_scans(tmp_path, order):
     assert np.array_equal(read_file(tmp_path / "b.ply").F, file.F)
     found = trimesh.load(tmp_path / "b.ply", process=False)
     assert np.array_equal(found.vertices, file.V[:, [1, 2, 0]])
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_normals_of_whole_numbers_are_rounded(tmp_path, order):
+    """A normal of length 180 fits into a byte with a sign only where it is not along an axis."""
+    head = "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "property char nx\nproperty char ny\nproperty char nz\nelement face 1\n"
+    head += "property list uchar int vertex_indices\nend_header\n"
+    N = np.array([[0, 0, 127], [0, 127, 127], [0, -3, 4]])
+    V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    if order == "ascii":
+        rows = "".join(f"{' '.join(map(str, [*v, *n]))}\n" for v, n in zip(V, N, strict=True)) + "3 0 1 2\n"
+        body = rows.encode()
+    else:
+        rows = np.zeros(3, [("V", "<f4", 3), ("N", "i1", 3)])
+        rows["V"], rows["N"] = V, N
+        body = rows.tobytes() + struct.pack("<B3i", 3, 0, 1, 2)
+    (tmp_path / "a.ply").write_bytes(head.format(order).encode() + body)
+    file = read_file(tmp_path / "a.ply")
+    assert file.suffixes == (".ply",)
+    c = np.sqrt(0.5)
+    R = np.array([[1, 0, 0], [0, c, -c], [0, c, c]])
+    write_file(tmp_path / "b.ply", file, V @ R.T)
+    vertices = parsed((tmp_path / "b.ply").read_bytes()).elements["vertex"]
+    expected = np.rint(N @ R.T).clip(-128, 127)
+    np.testing.assert_array_equal(vertices.columns(vertices.numbers("nx ny nz")), expected)
+    write_file(tmp_path / "c.ply", file, file.V)
+    assert (tmp_path / "c.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
 
 
 @pytest.mark.parametrize("names", ["nx ny nz", "normal_x normal_y normal_z"])

@@ -83,6 +83,16 @@ def test_rotations_keep_scales_and_the_identity_keeps_everything():
     assert moved_shapes(shapes, np.tile(np.eye(3), (50, 1, 1))) == pytest.approx(shapes, abs=1e-12)
 
 
+@pytest.mark.parametrize("normals", ["nx ny nz", "normal_x normal_y normal_z"])
+def test_normals_of_points_turn_under_both_names(tmp_path, normals):
+    properties = ["x", "y", "z", *normals.split()]
+    values = write_splats(tmp_path / "a.ply", RNG.normal(size=(9, 3)), properties=properties)
+    points, R = read_points(tmp_path / "a.ply"), Rotation.from_rotvec([0, 0, 1]).as_matrix()
+    points.write(tmp_path / "b.ply", points.V, np.tile(R, (9, 1, 1)), np.tile(R, (9, 1, 1)))
+    vertices = read_points(tmp_path / "b.ply").ply.elements["vertex"]
+    assert vertices.columns(vertices.numbers(normals)) == pytest.approx(values[:, 3:] @ R.T, abs=1e-6)
+
+
 def test_flat_splats_and_collapsing_maps_stay_finite():
     shapes = np.zeros((3, 7))
     shapes[:, 0] = 2.0
