@@ -50,8 +50,8 @@ def test_rigid_motions_and_uniform_scales_are_exact(origin):
         assert found.positions == pytest.approx(
             scale * (X - origin) @ R.T + [1, 2, 3], abs=1e-14 * (10 + origin)
         )
-        assert abs(found.rotations - R).max() < 1e-7 if origin else 1e-12
-        assert abs(found.maps - scale * R).max() < 1e-7 if origin else 1e-12
+        assert abs(found.rotations - R).max() < (1e-7 if origin else 1e-12)
+        assert abs(found.maps - scale * R).max() < (1e-7 if origin else 1e-12)
 
 
 def test_points_on_the_surface_stay_at_their_place_on_it():
