@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
@@ -48,7 +49,6 @@ def test_every_section_has_a_test():
 
 
 def test_recipe_trimesh(run):
-    pytest.importorskip("trimesh")
     names = run("trimesh", blocks=2)
     assert same(names["posed"].vertices, names["expected"]) and same(
         names["mesh"].vertices, names["expected"]
@@ -57,7 +57,6 @@ def test_recipe_trimesh(run):
 
 
 def test_recipe_pyvista(run):
-    pytest.importorskip("pyvista")
     names = run("pyvista", blocks=2)
     # VTK reads positions as float32, which moves iterations a little.
     assert same(names["posed"].points, names["expected"], atol=1e-4)
@@ -90,7 +89,6 @@ def test_recipe_open3d(run):
 
 
 def test_recipe_meshlab(run):
-    pytest.importorskip("pymeshlab")
     names = run("MeshLab", blocks=2)
     assert same(read_file("posed.ply").V, names["expected"]) and same(names["U"], names["expected"])
     assert same(sshade.read("posed.obj").V, names["expected"], atol=1e-5)  # MeshLab writes few digits
@@ -99,7 +97,6 @@ def test_recipe_meshlab(run):
 
 
 def test_recipe_libigl(run):
-    pytest.importorskip("igl")
     names = run("libigl", blocks=1)
     assert same(names["U"], names["expected"]) and same(
         sshade.read("posed.obj").V, names["expected"], atol=1e-5
@@ -107,7 +104,6 @@ def test_recipe_libigl(run):
 
 
 def test_recipe_meshio(run):
-    meshio = pytest.importorskip("meshio")
     names = run("meshio", blocks=1)
     assert same(names["file"].points, names["expected"])
     assert same(meshio.read("posed.vtu").points, names["expected"])

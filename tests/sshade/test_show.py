@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 
 from sshade.cli.main import main
 from sshade.figures import View, _require_renderer, colour_range, edge_error, picture
@@ -52,7 +53,6 @@ def test_a_view_holds_its_shapes_upright(body):
 
 
 def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
-    pytest.importorskip("pyvista")
     low, high = np.argsort(body.V[:, 2])[[0, -1]]
     handles = Handles(np.array([low, high]), body.V[[low, high]], dynamic=np.array([False, True]))
     view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
@@ -82,8 +82,6 @@ LOOK = ["--towards", "1", "0", "0", "--up", "0", "0", "1"]
 
 
 def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
-    pytest.importorskip("pyvista")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
     mesh, handles, posed = map(str, files)
     out = tmp_path / "both.png"
     assert main(["show", mesh, handles, "--deformed", posed, "-o", str(out), *LOOK]) == 0
@@ -97,13 +95,11 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
 
 
 def test_a_view_along_the_upward_direction_is_refused(files, here):
-    pytest.importorskip("pyvista")
     arguments = ["show", files[0], "-o", "shape.png", "--towards", "0", "2", "0"]
     assert_refused("sshade", arguments, "looks along the upward direction")
 
 
 def test_without_a_display_a_picture_is_asked_for(files, here, monkeypatch):
-    pytest.importorskip("pyvista")
     monkeypatch.setattr("sys.platform", "linux")
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
@@ -111,8 +107,6 @@ def test_without_a_display_a_picture_is_asked_for(files, here, monkeypatch):
 
 
 def test_with_nothing_to_draw_with_the_libraries_are_told(files, here, monkeypatch):
-    pytest.importorskip("pyvista")
-
     class Last:
         def GetClassName(self):
             return "vtkOSOpenGLRenderWindow"

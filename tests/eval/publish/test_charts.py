@@ -5,13 +5,10 @@ import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
+from eval.publish.charts import charts, convergence, distributions
 from eval.rows.experiment import Experiment
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
-
-pytest.importorskip("matplotlib")
-
-from eval.publish.charts import charts, convergence, distributions
 
 
 @pytest.fixture

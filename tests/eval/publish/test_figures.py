@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from eval.main import call
 from eval.publish import figures, panels
@@ -64,8 +65,6 @@ def test_what_the_configuration_says_of_pictures_names_published_runs():
 
 
 def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
-    pytest.importorskip("matplotlib")
     told = {"tasks": ["bumpy_40"], "methods": ["failing", "stretching"], "up": [0.0, 0.0, 1.0], "title": "T"}
     monkeypatch.setattr(figures, "read_picture", lambda name: told if name == tiny_runs.name else {})
     drawn = {}
@@ -81,8 +80,6 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
 
 
 def test_captions_are_values_of_the_rows_below_shapes_of_one_scale():
-    pytest.importorskip("pyvista")
-    pytest.importorskip("matplotlib")
     task = held_ends(bumpy(2))
     task = replace(task, truth=1.1 * task.mesh.V)
     case = figures.Case(
@@ -101,8 +98,6 @@ def test_captions_are_values_of_the_rows_below_shapes_of_one_scale():
 
 
 def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
-    pytest.importorskip("matplotlib")
-    Image = pytest.importorskip("PIL.Image")
     with style():
         figure = new_figure(4, 3)
         axes = figure.add_subplot()

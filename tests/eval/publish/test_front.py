@@ -2,6 +2,7 @@
 
 import pytest
 from eval_rows import frame, lost, row
+from matplotlib.text import Annotation, Text
 
 from eval.main import call
 from eval.publish.front import draw, front, unbeaten, with_times
@@ -53,7 +54,6 @@ def test_another_setting_and_other_measures():
 
 
 def test_command_draws_rows_of_several_files(tmp_path, capsys):
-    pytest.importorskip("matplotlib")
     knob = [weighted("fine-0.0", weight=0.0), weighted("fine-inf", weight=float("inf"), volume=0.5)]
     write_csv(tmp_path / "front.csv", frame(*knob))
     write_csv(tmp_path / "others.csv", frame(weighted("arap", volume=2.0)))
@@ -99,7 +99,6 @@ def test_the_front_has_the_points_that_no_other_beats_and_its_line_is_drawn():
         (2.0, 2.0),
         (3.0, 1.0),
     ]
-    pytest.importorskip("matplotlib")
     points = {"quick": [(0.1, 3.0)], "good": [(2.0, 1.0)], "beaten": [(3.0, 2.0)]}
     (axes,) = draw({None: points}, ("time", "edge")).axes
     stairs = [line.get_xydata().tolist() for line in axes.lines if line.get_drawstyle() == "steps-post"]
@@ -107,9 +106,6 @@ def test_the_front_has_the_points_that_no_other_beats_and_its_line_is_drawn():
 
 
 def test_names_of_points_overlap_no_point_and_no_name():
-    pytest.importorskip("matplotlib")
-    from matplotlib.text import Annotation, Text
-
     close = {f"method_{k}": [(1.0 + 0.02 * k, 1.0)] for k in range(6)}
     (axes,) = draw({None: close}, ("volume", "edge")).axes
     names = [text for text in axes.texts if isinstance(text, Annotation)]

@@ -48,8 +48,6 @@ def test_a_deformation_shows_the_rest_shape_with_its_handles_and_each_result():
 
 
 def test_a_method_without_a_result_has_a_panel_that_says_why():
-    pytest.importorskip("pyvista")
-    pytest.importorskip("matplotlib")
     task = bumpy_task(level=1)
     (row,) = rows_of(task, {"lost": "it ran out of time", "far": task.mesh.V + [0, 0, 3.0]}, **CAMERA)
     case = transfer()

@@ -12,10 +12,6 @@ from eval.main import call
 from eval.rows.frame import read_csv, records
 from sshade.errors import InputError
 
-pytest.importorskip("matplotlib")
-pytest.importorskip("pyvista")
-pytest.importorskip("jinja2")
-
 
 def plain(html: str) -> str:
     """Return the text of a part of a page as one line."""

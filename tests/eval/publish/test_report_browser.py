@@ -3,11 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("matplotlib")
-pytest.importorskip("pyvista")
-pytest.importorskip("jinja2")
-pytest.importorskip("playwright")
-
 from tests.browser import changed, opened, pixels
 
 

@@ -15,9 +15,6 @@ from eval.site.pages import contests_of, write_site
 from eval.site.submission import Submission
 from eval.site.tracks import Track, published, read_tracks
 
-pytest.importorskip("matplotlib")
-pytest.importorskip("jinja2")
-
 TRACK = Track("tiny", "Tiny <spheres>", "Two bumpy spheres.", None)
 LINK = re.compile(r'href="([^"]+)"')
 

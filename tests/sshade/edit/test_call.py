@@ -11,6 +11,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+import trimesh
 
 import sshade
 from sshade import DeformationTask, Handles, InputError, Slide
@@ -116,7 +117,6 @@ def test_handles_that_it_begins_with_come_back_with_everything(user):
 
 def test_copies_along_a_seam_all_have_handles(user):
     V, F, seam = torn(BODY)
-    trimesh = pytest.importorskip("trimesh")
     shape = trimesh.Trimesh(V, F, process=False)
     copies = np.arange(len(V) - len(seam), len(V))
     before = np.array(shape.vertices)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from sshade import InputError
@@ -28,7 +29,6 @@ def picture() -> Image.Image:
 
 def textured(name: str, V: np.ndarray, F: np.ndarray, uv: np.ndarray, image=None) -> None:
     """Write a mesh whose texture coordinates grow upwards."""
-    trimesh = pytest.importorskip("trimesh")
     visual = trimesh.visual.TextureVisuals(uv, image=picture() if image is None else image)
     made = trimesh.Trimesh(V, F, visual=visual, process=False)
     files = {}
@@ -83,7 +83,6 @@ def test_every_corner_has_the_colour_that_the_texture_has_there(name):
 
 
 def test_colours_of_vertices_of_a_gltf_are_read():
-    trimesh = pytest.importorskip("trimesh")
     colours = np.random.default_rng(0).integers(0, 256, (BODY.n, 4), dtype=np.uint8)
     trimesh.Trimesh(BODY.V, BODY.F, vertex_colors=colours, process=False).export("body.glb")
     found = read_file("body.glb").colours()

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import pyvista
+import trimesh
 
 import sshade
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask, plot
@@ -81,7 +83,6 @@ def test_the_first_handles_that_are_passed_replace_those_of_the_task():
 
 
 def test_meshes_of_trimesh_and_pyvista_are_taken_with_vertices_that_no_face_uses():
-    trimesh = pytest.importorskip("trimesh")
     V, F = np.vstack([[9.0, 9, 9], REST.V]), REST.F + 1
     shape = trimesh.Trimesh(V, F, process=False)
     handles = Handles(HANDLES.index + 1, HANDLES.target)
@@ -90,7 +91,6 @@ def test_meshes_of_trimesh_and_pyvista_are_taken_with_vertices_that_no_face_uses
     assert (facts["bottom"], facts["top"]) == (1, REST.n)
     with pytest.raises(InputError, match="handle vertex 0 belongs to no face"):
         plot(shape, Handles([0], V[:1]))
-    pyvista = pytest.importorskip("pyvista")
     poly = pyvista.PolyData.from_regular_faces(REST.V, REST.F)
     assert names(plot(poly, poly)) == ["rest", "pose"]
 

@@ -5,8 +5,6 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-pytest.importorskip("playwright")
-
 from sshade import DeformationResult, DeformationTask, plot
 from tests.browser import changed, opened, pixels
 from tests.shapes import bumpy, end_handles

@@ -3,6 +3,7 @@
 import base64
 import gzip
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -101,7 +102,6 @@ def test_a_view_does_not_depend_on_unit_and_place_and_says_what_is_left_out(monk
 
 
 def test_colours_are_those_of_matplotlib():
-    matplotlib = pytest.importorskip("matplotlib")
     expected = matplotlib.colormaps["magma_r"](np.arange(256), bytes=True)[:, :3].astype(int)
     colours = np.frombuffer(base64.b64decode(ramp()), dtype=np.uint8).reshape(-1, 3)
     assert np.abs(colours - expected).max() <= 3
