@@ -23,7 +23,7 @@ from tests.shapes import (
     bumpy,
     end_handles,
     icosphere,
-    quads,
+    of_all,
     rotation,
     shifted,
     strip,
@@ -41,16 +41,6 @@ def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> 
 
 def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
     return end_handles(mesh.V, count=8, shift=lift)
-
-
-def of_all(*given: tuple[Handles, int]) -> Handles:
-    """Combine handles of several meshes; each offset is added to the vertex ids of its handles."""
-    return Handles(
-        np.concatenate([handles.index + offset for handles, offset in given]),
-        np.concatenate([handles.target for handles, _ in given]),
-        dynamic=np.concatenate([handles.dynamic for handles, _ in given]),
-        group=np.concatenate([handles.group + 2 * i for i, (handles, _) in enumerate(given)]),
-    )
 
 
 PAIR = beside(BODY, shifted(BODY, 9))
@@ -330,22 +320,13 @@ def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
 def test_soft_handles_pull_a_one_sided_surface_as_strongly_as_its_elastic_energy_resists():
     """Compare a band with one half turn and a band of the same shape and size with two half turns."""
     yields = []
-    for mesh in (moebius(60), band_of_two_half_turns(60)):
+    for mesh in (moebius(60), moebius(60, half_turns=2)):
         own = end_handles(mesh.V, axis=0, count=9, shift=(0.4, 0, 0))
         moved = replace(own, weight=np.where(own.dynamic, 0.3, np.inf))
         V = deformed(mesh, moved, fine).vertices
         pulled = own.index[own.dynamic]
         yields.append((V - mesh.V)[pulled, 0].mean())
     assert 0.01 < yields[0] < 0.39 and yields[0] == pytest.approx(yields[1], rel=0.25)
-
-
-def band_of_two_half_turns(around: int) -> Mesh:
-    a, x = (
-        p.ravel() for p in np.meshgrid(2 * np.pi * np.arange(around) / around, [-0.3, 0, 0.3], indexing="ij")
-    )
-    ring = 1 + x * np.cos(a)
-    V = np.stack([ring * np.cos(a), ring * np.sin(a), x * np.sin(a)], axis=1)
-    return Mesh(V, quads(around, 3, wrap_u=True))
 
 
 def stretch(mesh: Mesh, V: np.ndarray) -> np.ndarray:
