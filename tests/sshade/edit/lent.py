@@ -10,6 +10,7 @@ import numpy as np
 
 from sshade.edit.server import Server
 from sshade.edit.session import Session
+from tests.sshade.edit.sessions import HIGH, LOW
 
 
 @contextmanager
@@ -57,6 +58,20 @@ def command(server: Server, name: str, given=None, **headers):
         **headers,
     )
     return unpacked(content) if status == 200 else {"status": status, **json.loads(content)}
+
+
+def whole(server: Server) -> dict:
+    """What a page asks for first."""
+    return unpacked(ask(server, "GET", f"/{server.token}/whole", Origin=None)[2])
+
+
+def mark(server: Server, low: np.ndarray = LOW, high: np.ndarray = HIGH) -> int:
+    """Fix some vertices and make others movable; return the number of the movable group."""
+    for vertices, kind in ((low, "static"), (high, "moving")):
+        body = np.asarray(vertices).astype("<u4").tobytes()
+        assert ask(server, "POST", f"/{server.token}/select?how=replace", body)[0] == 200
+        number = command(server, "mark", {"kind": kind})["marked"]
+    return number
 
 
 def unpacked(content: bytes) -> dict:

@@ -11,6 +11,7 @@ from sshade.io.meshes import write_mesh
 from tests.shapes import beside, bumpy, shifted, strip, torn, torus, tube
 
 BODY = bumpy(3)
+LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
 
 
 LIFT = Motion(np.eye(3), np.array([0.0, 0.0, 0.4]))

@@ -18,11 +18,10 @@ from sshade import DeformationTask, Handles, InputError, Slide
 from sshade.edit import call
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy, torn
-from tests.sshade.edit.lent import ask, command, unpacked
+from tests.sshade.edit.lent import ask, command, mark, whole
+from tests.sshade.edit.sessions import BODY, HIGH, LOW
 
 ROOT = Path(__file__).parents[3]
-BODY = bumpy(3)
-LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -58,28 +57,16 @@ def user(monkeypatch):
     assert failures == []
 
 
-def pick(server, vertices):
-    body = np.asarray(vertices).astype("<u4").tobytes()
-    assert ask(server, "POST", f"/{server.token}/select?how=replace", body)[0] == 200
-
-
-def facts(server):
-    return unpacked(ask(server, "GET", f"/{server.token}/whole", Origin=None)[2])
-
-
 def mark_and_lift(server, low, high):
     """Fix some vertices, and move others up by a tenth of the diagonal."""
-    pick(server, low)
-    command(server, "mark", {"kind": "static"})
-    pick(server, high)
-    number = command(server, "mark", {"kind": "moving"})["marked"]
+    number = mark(server, low, high)
     still = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1], "move": [0, 0, 0.1]}
     assert "error" not in command(server, "release", {"group": number, **still})
 
 
 def test_it_returns_the_groups_of_the_page_and_leaves_no_files(user, capsys):
     def act(server):
-        said = facts(server)
+        said = whole(server)
         assert said["returns"] and said["mesh"]["vertices"] == BODY.n and said["settings"]["method"] == "fine"
         mark_and_lift(server, LOW, HIGH)
         assert len(list(Path().glob("mesh_*.ply.recovery-*.npz"))) == 1
@@ -155,7 +142,7 @@ def test_a_killed_session_is_offered_to_the_next_call_with_the_same_mesh(user, m
         kept.with_name(kept.name.replace("recovery-", "recovery-0")).write_bytes(kept.read_bytes())
 
     def act(server):
-        assert len(facts(server)["recovery"]) == 1
+        assert len(whole(server)["recovery"]) == 1
         command(server, "recover")
 
     user(killed)
@@ -164,7 +151,7 @@ def test_a_killed_session_is_offered_to_the_next_call_with_the_same_mesh(user, m
     again = sshade.edit_handles(BODY)
     assert np.array_equal(again.index, first.index) and np.array_equal(again.target, first.target)
     assert list(folder.iterdir()) == []
-    user(lambda server: facts(server)["recovery"] == [] or pytest.fail("offered for another mesh"))
+    user(lambda server: whole(server)["recovery"] == [] or pytest.fail("offered for another mesh"))
     sshade.edit_handles(bumpy(2), Handles([0], bumpy(2).V[:1]))
 
 

@@ -14,12 +14,8 @@ from sshade.edit import server as serving
 from sshade.edit.server import PAGE, Server
 from sshade.edit.session import Session
 from sshade.io.meshes import write_mesh
-from tests.shapes import bumpy
-from tests.sshade.edit.lent import ask, command, lent, unpacked
-
-BODY = bumpy(3)
-LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
-
+from tests.sshade.edit.lent import ask, command, lent, mark, unpacked, whole
+from tests.sshade.edit.sessions import BODY, HIGH, LOW
 
 STILL = {"pivot": [0, 0, 0], "move": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 
@@ -42,20 +38,6 @@ def state(server: Server):
 def post(server: Server, path: str, body: bytes | None = b"{}", **headers) -> int:
     """Send a request and return the status of the answer."""
     return ask(server, "POST", f"/{server.token}/{path}", body, **headers)[0]
-
-
-def pick(server: Server, vertices: np.ndarray, how: str = "replace") -> dict:
-    body = vertices.astype("<u4").tobytes()
-    status, _, content = ask(server, "POST", f"/{server.token}/select?how={how}", body)
-    assert status == 200
-    return unpacked(content)
-
-
-def mark(server: Server) -> int:
-    pick(server, LOW)
-    command(server, "mark", {"kind": "static"})
-    pick(server, HIGH)
-    return command(server, "mark", {"kind": "moving"})["marked"]
 
 
 def test_the_page_is_sent_whole_and_takes_nothing_from_elsewhere(server):
@@ -206,10 +188,10 @@ def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypat
 
 
 def test_commands_do_what_the_session_does(server, tmp_path):
-    session, whole = server.commands._session, unpacked(ask(server, "GET", f"/{server.token}/whole")[2])
-    assert np.array_equal(whole["faces"].reshape(-1, 3), BODY.F)
+    session, first = server.commands._session, whole(server)
+    assert np.array_equal(first["faces"].reshape(-1, 3), BODY.F)
     centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
-    P = whole["positions"].reshape(-1, 3)
+    P = first["positions"].reshape(-1, 3)
     assert np.allclose(P, (BODY.V - centre) / BODY.diagonal, atol=1e-7)
     number = mark(server)
     answer = command(server, "alter", {"group": number, "name": "tip", "weight": None})
@@ -298,7 +280,7 @@ def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its
             assert server.session.document.name == "body.ply"
         first = server.session
         assert post(server, "change?name=other.ply") == 200
-        answer = unpacked(ask(server, "GET", f"/{server.token}/whole")[2])
+        answer = whole(server)
         assert answer["mesh"]["name"] == "other.ply" and answer["groups"] == [] and answer["number"] == 2
         assert post(server, "change?name=body.ply") == 200
         assert len(command(server, "recover")["groups"]) == 2 and not first.recovery.path.exists()
