@@ -12,22 +12,18 @@ import pytest
 from sshade import Mesh
 from sshade.edit import server as serving
 from sshade.edit.server import PAGE, Server
-from sshade.edit.session import Session
 from sshade.io.meshes import write_mesh
 from tests.sshade.edit.lent import ask, command, lent, mark, unpacked, whole
-from tests.sshade.edit.sessions import BODY, HIGH, LOW
+from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
+
+pytestmark = pytest.mark.usefixtures("here")
 
 STILL = {"pivot": [0, 0, 0], "move": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 
 
-def session_of(folder: Path, mesh: Mesh = BODY) -> Session:
-    write_mesh(folder / "body.ply", mesh.V, mesh.F)
-    return Session(folder / "body.ply")
-
-
 @pytest.fixture
-def server(tmp_path):
-    with lent(session_of(tmp_path)) as running:
+def server():
+    with lent(begun()) as running:
         yield running
 
 
@@ -187,7 +183,7 @@ def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypat
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_commands_do_what_the_session_does(server, tmp_path):
+def test_commands_do_what_the_session_does(server):
     session, first = server.commands._session, whole(server)
     assert np.array_equal(first["faces"].reshape(-1, 3), BODY.F)
     centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
@@ -212,12 +208,12 @@ def test_commands_do_what_the_session_does(server, tmp_path):
     command(server, "pick", {"group": number})
     assert np.array_equal(session.state.selection, HIGH)
     saved = command(server, "save", {"what": "handles", "name": "pose.json"})
-    assert Path(saved["saved"]) == tmp_path / "pose.json" and "sshade deform" in saved["command"]
-    (tmp_path / "there.ply").write_text("mine")
+    assert Path(saved["saved"]) == Path("pose.json") and "sshade deform" in saved["command"]
+    Path("there.ply").write_text("mine")
     answer = command(server, "save", {"what": "mesh", "name": "there.ply"})
-    assert answer["status"] == 409 and answer["exists"] and (tmp_path / "there.ply").read_text() == "mine"
+    assert answer["status"] == 409 and answer["exists"] and Path("there.ply").read_text() == "mine"
     assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
-    content = (tmp_path / "pose.json").read_bytes()
+    content = Path("pose.json").read_bytes()
     answer = unpacked(ask(server, "POST", f"/{server.token}/open?name=pose.json", content)[2])
     assert [group["name"] for group in answer["groups"]] == ["group 1", "tip"]
     for name in "undo", "redo", "restore", "remove":
@@ -228,11 +224,11 @@ def test_commands_do_what_the_session_does(server, tmp_path):
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-3, 0.0), (1e3, 1e7), (1.0, -1e5)])
-def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(tmp_path, scale, shift):
+def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(scale, shift):
     seen = []
     for number, mesh in enumerate((BODY, Mesh(scale * BODY.V + shift, BODY.F))):
-        (tmp_path / str(number)).mkdir()
-        with lent(session_of(tmp_path / str(number), mesh)) as server:
+        Path(str(number)).mkdir()
+        with lent(begun(mesh, f"{number}/body.ply")) as server:
             group = mark(server)
             turn = {"pivot": [0, 0, 0.3], "move": [0.1, 0.05, 0], "quaternion": [0.2, 0, 0, 1]}
             move = {"group": group, **turn}
@@ -252,9 +248,9 @@ def beat(server: Server) -> socket.socket:
     return connection
 
 
-def test_it_outlives_its_pages_and_tells_progress_to_the_next(tmp_path, monkeypatch):
+def test_it_outlives_its_pages_and_tells_progress_to_the_next(monkeypatch):
     monkeypatch.setattr(serving, "BEAT", 0.05)
-    with lent(session_of(tmp_path)) as server:
+    with lent(begun()) as server:
         first = beat(server)
         first.close()
         time.sleep(0.5)
@@ -268,12 +264,12 @@ def test_it_outlives_its_pages_and_tells_progress_to_the_next(tmp_path, monkeypa
         assert not server._closed and post(server, "undo") == 200
 
 
-def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its_return(tmp_path):
-    write_mesh(tmp_path / "other.ply", 2 * BODY.V, BODY.F)
-    (tmp_path / "broken.ply").write_text("ply")
-    (tmp_path / "deeper").mkdir()
-    write_mesh(tmp_path / "deeper" / "hidden.ply", BODY.V, BODY.F)
-    with lent(session_of(tmp_path)) as server:
+def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its_return():
+    write_mesh("other.ply", 2 * BODY.V, BODY.F)
+    Path("broken.ply").write_text("ply")
+    Path("deeper").mkdir()
+    write_mesh("deeper/hidden.ply", BODY.V, BODY.F)
+    with lent(begun()) as server:
         mark(server)
         for name in "deeper/hidden.ply", "../body.ply", "no.ply", "", "broken.ply":
             assert post(server, f"change?name={name}") == 400
@@ -288,8 +284,8 @@ def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its
         assert post(server, "change?name=other.ply") == 400
 
 
-def test_it_ends_when_the_page_says_so(tmp_path):
-    with lent(session_of(tmp_path)) as server:
+def test_it_ends_when_the_page_says_so():
+    with lent(begun()) as server:
         page = beat(server)
         assert ask(server, "POST", f"/{server.token}/quit", b"")[0] == 200
         while page.recv(4096):  # until the server closes the connection of the open page
