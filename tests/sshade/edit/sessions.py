@@ -75,6 +75,13 @@ def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
     return session, marked(session)
 
 
+def tip(session: Session) -> int:
+    """Make the vertices near the highest one movable; return the number of their group."""
+    session.select(np.array([int(np.argmax(session.mesh.V[:, 2]))]), "replace")
+    session.reach(0.3)
+    return session.mark("moving")
+
+
 def settled(session: Session, number: int, motion: Motion) -> np.ndarray:
     """Release a group and return the converged shape."""
     session.release(number, motion)

@@ -15,7 +15,7 @@ from sshade.edit.links import SOFT
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from tests.shapes import beside, bumpy, icosphere, shifted
-from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, tip, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -30,15 +30,14 @@ def caps(both: bool = True) -> np.ndarray:
     return np.flatnonzero((side > 0.93) | ((other > 0.93) & both))
 
 
-def image(group) -> np.ndarray:
-    """Return the mirror image, a vertex of the ball, of each vertex of a group."""
-    place = np.linalg.norm(BALL.V[group.vertices, None] @ ACROSS - BALL.V, axis=2)
-    return place.argmin(axis=1)
+def images(vertices=slice(None)) -> np.ndarray:
+    """Return the vertex of the ball that is the mirror image of each of some vertices, or of all."""
+    return np.linalg.norm(BALL.V[vertices, None] @ ACROSS - BALL.V, axis=2).argmin(axis=1)
 
 
-def assert_mirrored(session: Session, one, other) -> None:
-    at = np.searchsorted(other.vertices, image(one))
-    assert np.array_equal(other.vertices[at], image(one))
+def assert_mirrored(one, other) -> None:
+    at = np.searchsorted(other.vertices, images(one.vertices))
+    assert np.array_equal(other.vertices[at], images(one.vertices))
     assert np.abs(other.target[at] - one.target @ ACROSS).max() < 1e-12
 
 
@@ -60,24 +59,19 @@ def test_with_symmetry_picks_and_movable_groups_are_on_both_sides_and_move_alike
     assert np.abs(shown[other.vertices][:, 0].mean() + shown[one.vertices][:, 0].mean()) < 1e-9
     session.release(number, motion)
     one, other = session.state.groups
-    assert_mirrored(session, one, other)
+    assert_mirrored(one, other)
     # A motion of the image moves the leader by the mirrored motion.
     before = one.target
     session.release(other.number, Motion(np.eye(3), np.array([0.1, 0.2, 0])))
     one, other = session.state.groups
     assert np.allclose(one.target, before + [-0.1, 0.2, 0])
-    assert_mirrored(session, one, other)
+    assert_mirrored(one, other)
     session.settle()
-    assert np.abs(session.shown[image_of_all()] - session.shown @ ACROSS).max() < 0.02
+    assert np.abs(session.shown[images()] - session.shown @ ACROSS).max() < 0.02
     session.restore(other.number)
     assert not session.state.displaced(session.mesh)
     session.undo()
-    assert_mirrored(session, *session.state.groups)
-
-
-def image_of_all() -> np.ndarray:
-    """Return the mirror image of each vertex of the ball."""
-    return np.linalg.norm(BALL.V[:, None] @ ACROSS - BALL.V, axis=2).argmin(axis=1)
+    assert_mirrored(*session.state.groups)
 
 
 def test_a_piece_across_the_middle_moves_alone_and_fixed_groups_stay_one():
@@ -129,9 +123,7 @@ def test_an_image_has_the_kind_weight_and_slide_of_its_leader_until_it_is_unlink
 def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance(turns):
     session = begun(bumpy(4))
     V = session.mesh.V
-    session.select(np.array([int(np.argmax(V[:, 2]))]), "replace")
-    session.reach(0.3)
-    number = session.mark("moving")
+    number = tip(session)
     ring = session.fade(number, 1.2)
     core, around = (session.state.group(which) for which in (number, ring))
     away = along_edges(session.mesh, core.vertices)
@@ -177,8 +169,8 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
     settled(session, number, turned(BALL.V, 0.2))
     groups = session.state.groups
     assert [group.fades for group in groups] == [False, False, True, True, False]
-    assert_mirrored(session, groups[0], groups[1])
-    assert_mirrored(session, groups[2], groups[3])
+    assert_mirrored(groups[0], groups[1])
+    assert_mirrored(groups[2], groups[3])
     session.save("handles", "pose.json")
     session.save("mesh", "posed.ply")
     command = ["deform", "body.ply", "pose.json", "--options", "pose.json", "-o", "again.ply"]
@@ -202,8 +194,8 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
                     assert np.allclose(one.link.influence, new.link.influence, atol=1e-12)
         leader = other.state.groups[0].number
         other.release(leader, Motion(np.eye(3), np.array([0.1, 0, 0])))
-        assert_mirrored(other, *other.state.groups[:2])
-        assert_mirrored(other, *other.state.groups[2:4])
+        assert_mirrored(*other.state.groups[:2])
+        assert_mirrored(*other.state.groups[2:4])
 
 
 @pytest.mark.parametrize(
@@ -222,9 +214,7 @@ def test_records_of_links_that_another_program_changed_are_left_out(record):
 
 def test_vertices_that_another_group_takes_leave_a_follower_with_their_parts():
     session = begun(BODY)
-    session.select(np.array([int(np.argmax(BODY.V[:, 2]))]), "replace")
-    session.reach(0.3)
-    number = session.mark("moving")
+    number = tip(session)
     ring = session.fade(number, 1.2)
     around = session.state.group(ring)
     taken = around.vertices[::2]
@@ -245,8 +235,7 @@ def test_a_mesh_without_symmetry_has_no_images():
 def test_a_limit_spares_the_surroundings_of_the_image_too():
     session = begun(BALL)
     session.mirror_picks(0)
-    session.select(caps(both=False), "replace")
-    number = session.mark("moving")
+    number = added(session, caps(both=False), "moving")
     session.limit(number, 0.3)
     one, other, fixed = session.state.groups
     away = along_edges(BALL, np.concatenate([one.vertices, other.vertices]))

@@ -6,15 +6,13 @@ import pytest
 from sshade.edit import preview as module
 from sshade.edit.commands import Commands
 from sshade.edit.preview import preview
-from sshade.edit.session import Session
 from sshade.errors import InputError
-from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import unpacked
+from tests.sshade.edit.sessions import begun, ready
 
 BODY = bumpy(5)
-STILL = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
 
 
 @pytest.fixture
@@ -46,27 +44,22 @@ def test_a_small_mesh_has_none():
     assert preview(BODY, "card") is None and preview(BODY, "processor") is None
 
 
-def test_a_page_drawn_by_something_else_is_refused(tmp_path):
-    write_mesh(tmp_path / "body.ply", BODY.V, BODY.F)
-    commands = Commands(Session(tmp_path / "body.ply"))
+def test_a_page_drawn_by_something_else_is_refused(here):
+    commands = Commands(begun(BODY))
     for query in {}, {"drawn": "card"}:
         assert "coarse" not in unpacked(commands.whole(query))
     with pytest.raises(InputError, match="must be card or processor, not 'hand'"):
         commands.whole({"drawn": "hand"})
 
 
-def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, tmp_path):
-    write_mesh(tmp_path / "body.ply", BODY.V, BODY.F)
-    session = Session(tmp_path / "body.ply")
+def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, here):
+    session, number = ready(BODY)
     commands = Commands(session)
     whole, few = unpacked(commands.whole({"drawn": "card"})), preview(session.mesh, "card")
     assert np.array_equal(whole["coarse"], few.vertices)
     assert np.array_equal(whole["coarse_faces"].reshape(-1, 3), few.faces)
-    height = BODY.V[:, 2]
-    for kind, own in (("static", height < height.min() + 0.2), ("moving", height > height.max() - 0.2)):
-        session.select(np.flatnonzero(own), "replace")
-        number = session.mark(kind)
-    motion = {"group": number, "drawn": "card", **STILL, "move": [0.1, 0, 0]}
+    still = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
+    motion = {"group": number, "drawn": "card", **still, "move": [0.1, 0, 0]}
     step = unpacked(commands("drag", motion))["positions"]
     released = unpacked(commands("release", motion))["positions"].reshape(-1, 3)
     assert len(released) == BODY.n

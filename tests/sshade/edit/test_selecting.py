@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError, Slide
 from sshade.edit.groups import Motion
 from tests.shapes import beside, icosphere, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, turned
+from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, tip, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -54,9 +54,7 @@ def test_vertices_are_picked_by_connection_and_by_distance_along_edges():
 
 def test_a_limited_group_moves_nothing_beyond_the_distance():
     session = begun()
-    session.select(np.array([int(np.argmax(BODY.V[:, 2]))]), "replace")
-    session.reach(0.3)
-    number = session.mark("moving")
+    number = tip(session)
     with pytest.raises(InputError, match="no free vertex is farther than 50"):
         session.limit(number, 50.0)
     number_beyond = session.limit(number, 1.0)
