@@ -33,8 +33,3 @@ def configured(name: str, root: Path, *overrides: str):
 
 #: FAUST. The bodies have other shapes at FAUST's landmarks.
 faust = partial(configured, "faust")
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    """Content of every file of a folder."""
-    return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}

@@ -17,8 +17,8 @@ from defaust.folder.layout import checksum
 from defaust.folder.record import read_dataset
 from sshade import InputError
 from sshade.io.meshes import read_mesh
-from tests.defaust.registrations import contents
 from tests.defaust.toy import KEPT, OPTIONS, Balls, flip_a_byte
+from tests.files import contents
 
 
 def test_folder(finished):

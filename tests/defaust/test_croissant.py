@@ -9,12 +9,13 @@ from defaust.build.dataset import build
 from defaust.folder.layout import sha256
 from defaust.sources.generated.shapes import Shapes
 from tests.defaust.toy import KEPT
+from tests.files import contents
 
 
 def test_every_file_and_case(finished):
     content = json.loads((finished / "croissant.json").read_text())
     listed = {entry["@id"]: entry for entry in content["distribution"] if entry["@type"] == "cr:FileObject"}
-    files = {str(p.relative_to(finished)) for p in finished.rglob("*") if p.is_file()}
+    files = contents(finished).keys()
     assert set(listed) == files - {"croissant.json"}
     for name, entry in listed.items():
         assert entry["sha256"] == sha256(finished / name)

@@ -15,8 +15,8 @@ from defaust.tasks import load_task
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from sshade import InputError
 from sshade.mesh.rigid import rigid_motion
-from tests.defaust.registrations import contents
 from tests.defaust.toy import change
+from tests.files import contents
 
 EXACT = NoisyBodies(noise=0.0)
 

@@ -16,8 +16,9 @@ from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
 from sshade.io.meshes import write_mesh
-from tests.defaust.registrations import configured, contents
+from tests.defaust.registrations import configured
 from tests.defaust.toy import KEPT
+from tests.files import contents
 from tests.shapes import icosphere, strip, torus
 from tests.sshade.mesh.test_cutting import moebius
 

@@ -18,8 +18,8 @@ from defaust.sources.generated.shapes import BENT, SHAPES, TWISTED, Shapes
 from defaust.tasks import load_task
 from sshade import InputError, Mesh
 from sshade.io.regions import vertices_in
-from tests.defaust.registrations import contents
 from tests.defaust.toy import change, change_handles
+from tests.files import contents
 
 PLANE, CYLINDER, BAR, CACTUS = range(4)
 SIZES = (1000, 1777, 5000, 40_000)

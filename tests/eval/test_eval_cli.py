@@ -2,7 +2,6 @@
 
 import shutil
 from datetime import UTC, datetime
-from pathlib import Path
 
 import pytest
 from eval_cases import bumpy_task, write_theirs
@@ -13,10 +12,7 @@ from eval.rows.frame import records
 from eval.run.record import Sweep, SweepRecord
 from sshade.io.handles import write_handles
 from sshade.io.meshes import write_mesh
-
-
-def files(folder):
-    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())
+from tests.files import contents
 
 
 def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
@@ -24,7 +20,7 @@ def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "harmonic on bumpy_30: ok" in done.stdout and "volume" in done.stdout
     assert done.stderr == ""
-    found = files(tmp_path)
+    found = contents(tmp_path)
     assert len(found) == 2
     assert all(name.startswith("out/runs/single/harmonic/bumpy_30/seed_0_") for name in found)
 
@@ -127,7 +123,7 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     assert [line.split(":")[0] for line in lines[:-1]] == runs
     assert lines[-1].startswith("3 runs: 3 new")
     # The dataset's tag gives its runs a separate folder.
-    assert {name.split("/")[2] for name in files(tmp_path)} == {"single_listed"}
+    assert {name.split("/")[2] for name in contents(tmp_path)} == {"single_listed"}
     for other in (["pose=2"], ["subject=1", "pose=all"]):
         last = run_eval(tmp_path, *common, *other).stdout.splitlines()[-1]
         assert last == "1 runs: 0 new, 1 kept; in out/runs/single_listed"
@@ -180,5 +176,5 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, arguments, message)
     assert message in done.stderr
     assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1
     # A row is left only for a value that the method itself refuses.
-    rows = [name for name in files(tmp_path) if name.endswith("row.json")]
+    rows = [name for name in contents(tmp_path) if name.endswith("row.json")]
     assert len(rows) == ("proxy vertices" in message)

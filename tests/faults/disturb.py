@@ -23,6 +23,7 @@ from defaust.build.verify import verify
 from eval.rows.store import read_row, run_folders
 from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls
+from tests.files import contents
 from tests.shapes import bent, bumpy
 
 ROOT = Path(__file__).parents[2]
@@ -157,11 +158,6 @@ def _work(command: Sequence[str], folder: Path, log: Path) -> None:
     sys.exit(importlib.import_module(MAINS[program]).main())
 
 
-def _files(folder: Path) -> Result:
-    """Return the content of every file below a folder."""
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
-
-
 def _shapes(folder: Path) -> None:
     """Write four classes of three meshes each."""
     body = bumpy(3)
@@ -210,7 +206,7 @@ SWEEP += ["method=identity,fast", "proxy.vertices=60", "solver.max_iterations=30
 SWEEP += ["run.folder=out", "paths.runs=."]
 
 SCENES = {
-    "build": Scene([*BUILD, "workers=1"], _shapes, _check_build, _files),
-    "build of two": Scene([*BUILD, "workers=2"], _shapes, _check_build, _files),
+    "build": Scene([*BUILD, "workers=1"], _shapes, _check_build, contents),
+    "build of two": Scene([*BUILD, "workers=2"], _shapes, _check_build, contents),
     "sweep": Scene(SWEEP, _balls, _check_rows, _rows),
 }

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from tests.files import contents
+
 #: Beginnings of the lines that the first call on a machine prints, because it compiles kernels.
 ANNOUNCEMENTS = ("compiling kernels", "compiled in")
 
@@ -108,11 +110,6 @@ def check_refusal(ended: tuple[int, str, str], *words: str) -> None:
     assert "\n" not in text and len(text) <= LONGEST and "Traceback" not in text, text
     for word in words:
         assert word in text, f"{word!r} is not in: {text}"
-
-
-def contents() -> dict[str, bytes]:
-    """Return the content of every file below the working folder, including hidden files."""
-    return {str(p): p.read_bytes() for p in Path().rglob("*") if p.is_file()}
 
 
 def run(command: str) -> tuple[int, str, str]:

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from tests.files import contents
 from tests.robustness.case import (
     Case,
     check_refusal,
-    contents,
     limited,
     nothing,
     on_a_full_disk,

@@ -4,7 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.robustness.case import Case, check_refusal, contents, nothing, read_only, run
+from tests.files import contents
+from tests.robustness.case import Case, check_refusal, nothing, read_only, run
 from tests.robustness.datasets import RUN, SMALL, dataset, shapes
 from tests.robustness.evaluation import ROWS, RUNS, runs
 from tests.robustness.inputs import Given, both, folder

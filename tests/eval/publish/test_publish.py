@@ -14,6 +14,7 @@ from eval.publish.tables import FORMATS, to_markdown
 from eval.rows.frame import distinct, read_csv, records, write_csv
 from eval.timing import table as of_times
 from sshade.errors import InputError
+from tests.files import contents
 
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
@@ -46,33 +47,29 @@ def project(here):
     return here
 
 
-def contents() -> dict[str, bytes]:
-    return {str(path): path.read_bytes() for path in Path("results").rglob("*.*")}
-
-
 def test_rows_tables_and_figures_go_where_they_are_committed(project):
     assert call("publish", ["tiny"]) == 0
-    found = contents()
-    assert sorted(found) == [
-        "results/figures/tiny.png",
-        "results/rows/tiny.csv",
-        *(f"results/tables/tiny.{suffix}" for suffix in sorted(FORMATS)),
+    found = contents("results")
+    assert list(found) == [
+        "figures/tiny.png",
+        "rows/tiny.csv",
+        *(f"tables/tiny.{suffix}" for suffix in sorted(FORMATS)),
     ]
     rows = read_csv("results/rows/tiny.csv")
     assert sorted(rows["method.name"]) == ["arap", "early", "paper"]
     table = to_markdown(make_table(rows, title="tiny"))
-    assert found["results/tables/tiny.md"].decode() == table
-    assert found["results/figures/tiny.png"] == b"a picture"
+    assert found["tables/tiny.md"].decode() == table
+    assert found["figures/tiny.png"] == b"a picture"
 
 
 def test_all_is_checked_before_anything_changes(project):
-    before = contents()
+    before = contents("results")
     write_csv("out/rows/other.csv", frame(clean("a"), clean("a", "t2", method__hash="other")))
     with pytest.raises(InputError, match="different parameters"):
         call("publish", ["tiny", "other"])
     with pytest.raises(InputError, match="out/rows/nothing.csv: no such file"):
         call("publish", ["tiny", "nothing"])
-    assert contents() == before
+    assert contents("results") == before
 
 
 def test_newer_rows_of_a_version_take_the_place_of_published_ones_and_of_missing(project):
@@ -93,11 +90,11 @@ def test_newer_rows_of_a_version_take_the_place_of_published_ones_and_of_missing
 @pytest.mark.parametrize("name", ["env__version__code", "env__version__metrics"])
 def test_another_version_replaces_the_published_one_only_if_asked(project, name):
     write_csv("results/rows/tiny.csv", frame(clean("early", **{name: None}), lacking("late", "t9")))
-    before = contents()
+    before = contents("results")
     told = r"tiny.csv has rows of version \w+ \(metrics \w+\): 1, and out/rows/tiny.csv of version c"
     with pytest.raises(InputError, match=rf"{told} \(metrics m\): 2: --replace removes .* rows of early"):
         call("publish", ["tiny"])
-    assert contents() == before
+    assert contents("results") == before
     assert call("publish", ["tiny", "--replace"]) == 0
     assert sorted(published()) == [("arap", "t1"), ("late", "t9"), ("paper", "t1")]
 
@@ -147,15 +144,15 @@ def test_rows_of_other_methods_keep_their_version(project):
 )
 def test_what_is_not_of_one_version_and_commit_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))
-    before = contents()
+    before = contents("results")
     with pytest.raises(InputError, match=told):
         call("publish", ["tiny", "other", "--replace"])
-    assert contents() == before
+    assert contents("results") == before
 
 
 def test_a_figure_may_stand_alone_but_not_be_older_than_its_rows(project):
     Path("out/figures/front.svg").write_text("<svg/>")
-    assert call("publish", ["front"]) == 0 and contents()["results/figures/front.svg"] == b"<svg/>"
+    assert call("publish", ["front"]) == 0 and contents("results")["figures/front.svg"] == b"<svg/>"
     os.utime("out/figures/tiny.png", (0, 0))
     with pytest.raises(InputError, match="tiny.png is older than out/rows/tiny.csv"):
         call("publish", ["tiny"])
