@@ -26,7 +26,6 @@ from tests.defaust.toy import OPTIONS, Balls
 from tests.files import contents
 from tests.shapes import bent, bumpy
 
-ROOT = Path(__file__).parents[2]
 #: Beginnings of the names of columns that record the time and place of a run, not its result.
 VARYING = ("seconds.", "date", "env.")
 #: Number of kills before a rerun goes to the end.
@@ -138,7 +137,6 @@ def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int | N
 @cache
 def _context() -> ForkServerContext:
     """Return a context whose processes begin with all modules imported and without threads."""
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.deform"])
     return context

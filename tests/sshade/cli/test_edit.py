@@ -19,7 +19,6 @@ from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +35,7 @@ def running(*arguments: str):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     if os.name != "nt":  # background jobs of a shell ignore SIGINT, and children inherit this
         pipes["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
-    process = subprocess.Popen(line, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
+    process = subprocess.Popen(line, text=True, **pipes)
     try:
         yield process, process.stdout.readline().strip()
     finally:

@@ -10,7 +10,6 @@ import pytest
 
 from sshade.cli.console import EXTRAS, run_command
 
-ROOT = Path(__file__).parents[3]
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
 import sys
@@ -25,8 +24,7 @@ sys.meta_path.insert(0, Refused)
 
 def run(program: str, *arguments: str, code: str = "main()") -> subprocess.CompletedProcess:
     line = [sys.executable, "-c", f"{REFUSE}from {program} import main; sys.exit({code})", *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(line, capture_output=True, text=True, env=environment)
+    return subprocess.run(line, capture_output=True, text=True)
 
 
 @pytest.fixture(scope="module")

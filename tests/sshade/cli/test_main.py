@@ -11,7 +11,6 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-import sshade
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.console import ENDED, progress_bar, run_command, stage_bars, stage_progress
 from sshade.cli.main import PROGRAM, main
@@ -230,14 +229,13 @@ sys.exit(run_command(work, hurries=True))
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
 def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, manner, name, code):
     Path("a.txt").write_text("old")
-    environment = {**os.environ, "PYTHONPATH": str(Path(sshade.__file__).parents[1])}
     line = [sys.executable, "-c", ENDLESS, manner]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 
     def begin_with_default() -> None:  # nohup and others ignore signals, and children inherit this
         signal.signal(getattr(signal, name), signal.SIG_DFL)
 
-    with subprocess.Popen(line, **pipes, env=environment, preexec_fn=begin_with_default) as process:
+    with subprocess.Popen(line, **pipes, preexec_fn=begin_with_default) as process:
         process.stdout.readline()
         assert len(list(here.iterdir())) == 2
         begin = perf_counter()

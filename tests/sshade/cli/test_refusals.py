@@ -9,7 +9,6 @@ from pathlib import Path
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
 
-ROOT = Path(__file__).parents[3]
 BODY = bumpy(1)
 #: A program that runs each command line of a file. It prints the exit code, the error, and whether numba was
 #: imported or, with `--count`, the number of events of compilation.
@@ -118,7 +117,7 @@ def refused(lines: dict[str, str], *flags: str) -> None:
     """Assert that the commands are refused in one sentence each; nothing is written, imported or compiled."""
     Path("lines.json").write_text(json.dumps(list(lines)))
     before = {path: path.is_dir() or path.read_bytes() for path in Path().rglob("*")}
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "SSHADE_KERNELS": os.path.abspath("kernels")}
+    environment = {**os.environ, "SSHADE_KERNELS": os.path.abspath("kernels")}
     command = [sys.executable, "-c", CODE, *flags]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr

@@ -1,6 +1,5 @@
 """sshade.edit_handles: it waits for the page, and returns handles at vertices of the mesh."""
 
-import os
 import re
 import socket
 import subprocess
@@ -20,8 +19,6 @@ from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy, torn
 from tests.sshade.edit.lent import ask, command, mark, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW
-
-ROOT = Path(__file__).parents[3]
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -182,8 +179,8 @@ def test_a_browser_returns_the_handles_to_a_process_of_python(browser):
         "handles = sshade.edit_handles(mesh, sshade.Handles([7, 3], mesh.V[[7, 3]], group=[0, 1]))",
         "print(handles.index.tolist(), handles.group.tolist())",
     ]
-    line, path = [sys.executable, "-c", "\n".join(lines)], {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(line, text=True, stdout=subprocess.PIPE, env={**os.environ, **path}) as process:
+    line = [sys.executable, "-c", "\n".join(lines)]
+    with subprocess.Popen(line, text=True, stdout=subprocess.PIPE) as process:
         try:
             address = re.search(r"http://\S+", process.stdout.readline())[0]
             page = browser.new_page()
