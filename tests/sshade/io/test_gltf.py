@@ -2,14 +2,15 @@
 
 import base64
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from sshade import InputError
-from sshade.io.meshes import read_arrays, read_file, write_file
-from tests.gltf import glb, taken_apart
+from sshade import InputError, Mesh
+from sshade.io.meshes import MeshFile, read_arrays, read_file, write_file
+from tests.gltf import glb, taken_apart, with_arrays
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
@@ -94,10 +95,15 @@ def table(buffer: bytes) -> np.ndarray:
     return np.frombuffer(buffer, "<f4", 12 * SPHERE.n).reshape(-1, 12)
 
 
+def stored(folder: Path, tree: dict, buffer: bytes, further: bytes = b"") -> MeshFile:
+    """Write a.glb and read it."""
+    (folder / "a.glb").write_bytes(glb(tree, buffer, further))
+    return read_file(folder / "a.glb")
+
+
 def test_what_does_not_move_stays_byte_by_byte(tmp_path):
     further = (4).to_bytes(4, "little") + b"EXTR" + b"data"
-    (tmp_path / "a.glb").write_bytes(glb(*exported(), further))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, *exported(), further)
     write_file(tmp_path / "b.glb", file, file.V)
     old, new = ((tmp_path / name).read_bytes() for name in ("a.glb", "b.glb"))
     assert taken_apart(new)[1] == taken_apart(old)[1] and new.endswith(further)
@@ -110,8 +116,7 @@ def test_what_does_not_move_stays_byte_by_byte(tmp_path):
 @pytest.mark.parametrize(("node", "M"), [(NODE, PLACE), ({"mesh": 0}, np.eye(3)), (MIRRORED, MIRROR)])
 def test_positions_normals_tangents_and_their_bounds_follow(tmp_path, node, M):
     tree, buffer = exported(node=node)
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, tree, buffer)
     c, s = np.cos(0.7), np.sin(0.7)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     write_file(tmp_path / "b.glb", file, file.V @ turn.T + [1, 2, 3])
@@ -184,33 +189,22 @@ def test_what_is_no_number_or_no_letter_stays_out_of_the_json(tmp_path):
 
 @pytest.mark.parametrize(("mode", "expected"), [(5, [[0, 1, 2], [3, 2, 1]]), (6, [[1, 2, 0], [2, 3, 0]])])
 def test_strips_and_fans(tmp_path, mode, expected):
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4").tobytes()
-    tree = {
-        "asset": {"version": "2.0"},
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": mode}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
-        "buffers": [{"byteLength": len(points)}],
-    }
-    (tmp_path / "a.glb").write_bytes(glb(tree, points))
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="f4")
+    tree = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": mode}]}]}
+    (tmp_path / "a.glb").write_bytes(with_arrays(tree, points))
     assert read_arrays(tmp_path / "a.glb")[1].tolist() == expected
 
 
 def instanced() -> tuple[dict, bytes]:
     """Return a file in which three nodes show the sphere: turned, moved aside, and mirrored."""
     tree, buffer = exported()
-    tree["nodes"] += [{"mesh": 0, "translation": [9, 0, 0], "name": "second"}, MIRRORED | {"mesh": 0}]
+    tree["nodes"] += [{"mesh": 0, "translation": [9, 0, 0], "name": "second"}, MIRRORED]
     tree["nodes"][1]["children"] += [3, 4]
     return tree, buffer
 
 
-def volume(V: np.ndarray, F: np.ndarray) -> float:
-    return float(np.linalg.det(V[F]).sum() / 6)
-
-
 def test_instances_stand_where_their_nodes_put_them_and_mirrors_turn_faces(tmp_path):
-    (tmp_path / "a.glb").write_bytes(glb(*instanced()))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, *instanced())
     n, P = SPHERE.n, SPHERE.V.astype("f4").astype(float)
     places = [
         P @ PLACE.T + [0, 1, 0],
@@ -223,15 +217,14 @@ def test_instances_stand_where_their_nodes_put_them_and_mirrors_turn_faces(tmp_p
     assert np.array_equal(file.F, np.concatenate(faces))
     assert file.notes == ("2 nodes have a mesh that another node has; each gets a mesh of its own",)
     shown = trimesh.load(tmp_path / "a.glb", process=False).to_mesh()
-    assert np.isclose(volume(file.V, file.F), volume(shown.vertices, shown.faces))
+    assert np.isclose(Mesh(file.V, file.F).volume, Mesh(shown.vertices, shown.faces).volume)
 
 
 def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
     """A hidden node and a shown node have the same mesh. In a file without scenes, both are shown."""
     tree, buffer = exported()
     tree["nodes"] = [{"mesh": 0, "name": "hidden"}, {"mesh": 0}]
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, tree, buffer)
     assert np.array_equal(file.V, SPHERE.V.astype("f4"))
     write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
     new, data = taken_apart((tmp_path / "b.glb").read_bytes())
@@ -242,8 +235,7 @@ def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
     hidden = np.frombuffer(data, "<f4", 3 * SPHERE.n, view["byteOffset"]).reshape(-1, 3)
     assert np.array_equal(hidden, SPHERE.V.astype("f4"))
     del tree["scenes"], tree["scene"]
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    assert len(read_file(tmp_path / "a.glb").V) == 2 * SPHERE.n
+    assert len(stored(tmp_path, tree, buffer).V) == 2 * SPHERE.n
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
@@ -265,7 +257,7 @@ def test_instances_are_written_as_meshes_that_share_what_does_not_move(tmp_path,
         assert np.allclose(again.V, moved, atol=1e-6) and np.array_equal(again.F, file.F)
         assert again.notes == () and again.holds == file.holds
         shown = trimesh.load(tmp_path / "b.glb", process=False).to_mesh()
-        assert np.isclose(volume(moved, file.F), volume(shown.vertices, shown.faces))
+        assert np.isclose(Mesh(moved, file.F).volume, Mesh(shown.vertices, shown.faces).volume)
     new, data = taken_apart((tmp_path / "b.glb").read_bytes())
     assert data[: len(buffer)] == buffer
     assert [node.get("mesh") for node in new["nodes"]] == [0, None, 1, 2, 3]
@@ -309,8 +301,7 @@ def test_quantised_and_sparse_positions_are_written_as_single_precision(tmp_path
     }
     tree["accessors"][1] = {**at, "byteOffset": 8, "componentType": 5120, "normalized": True}
     tree["extensionsUsed"] = tree["extensionsRequired"] = ["KHR_mesh_quantization"]
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, tree, buffer)
     expected = positions * 0.001
     expected[0] = [2, 0, 0]
     assert np.allclose(file.V[:-3], expected, atol=1e-12) and np.array_equal(file.F[:-1], SPHERE.F)
@@ -328,8 +319,7 @@ def test_quantised_and_sparse_positions_are_written_as_single_precision(tmp_path
 
 @pytest.mark.parametrize("mode", [0, 1, 3])
 def test_lines_and_points_beside_triangles_have_vertices_without_faces(tmp_path, mode):
-    (tmp_path / "a.glb").write_bytes(glb(*exported(**{"meshes.1.primitives.0.mode": mode})))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, *exported(**{"meshes.1.primitives.0.mode": mode}))
     assert len(file.V) == SPHERE.n + 3 and np.array_equal(file.F, SPHERE.F)
     write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
     assert np.allclose(read_file(tmp_path / "b.glb").V, file.V + [1, 0, 0], atol=1e-6)
@@ -338,8 +328,7 @@ def test_lines_and_points_beside_triangles_have_vertices_without_faces(tmp_path,
 def test_numbers_that_share_bytes_are_taken_apart(tmp_path):
     """Normals use the bytes of the positions, as they may on a unit sphere, or overlap the positions."""
     for changes in ({f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}):
-        (tmp_path / "a.glb").write_bytes(glb(*exported(**changes)))
-        file = read_file(tmp_path / "a.glb")
+        file = stored(tmp_path, *exported(**changes))
         assert np.allclose(file.V[:-3], SPHERE.V.astype("f4") @ PLACE.T + [0, 1, 0])
         write_file(tmp_path / "b.glb", file, file.V[:, [1, 2, 0]] + [1, 0, 0])
         assert np.allclose(read_file(tmp_path / "b.glb").V, file.V[:, [1, 2, 0]] + [1, 0, 0], atol=1e-6)
@@ -384,6 +373,5 @@ def sparse(view: int, offset: int) -> dict:
     ],
 )
 def test_files_that_cannot_be_deformed_are_refused(tmp_path, changes, words):
-    (tmp_path / "a.glb").write_bytes(glb(*exported(**changes)))
     with pytest.raises(InputError, match=words):
-        read_file(tmp_path / "a.glb")
+        stored(tmp_path, *exported(**changes))
