@@ -126,6 +126,7 @@ def test_a_wrong_argument_is_refused(name, tmp_path, monkeypatch):
 
 
 NO_MESH = {
+    "drag": lambda: Deformer(BODY.V, HELD),
     "bind": lambda: sshade.bind((BODY.V, BODY.F)),
     "points": lambda: sshade.bind_points((BODY.V, BODY.F), BODY.V),
     "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),

@@ -160,8 +160,6 @@ def test_bad_points_and_poses_are_refused():
         bind_points(BALL, around(BALL))(BALL.V[1:])
     with pytest.raises(InputError, match="NaN"):
         bind_points(BALL, around(BALL))(np.full_like(BALL.V, np.nan))
-    with pytest.raises(InputError, match="`out` must be"):
-        bind_points(BALL, around(BALL))(BALL.V, out=np.empty((3, 3)))
     with pytest.raises(InputError, match="no face of the mesh has an area"):
         bind_points(Mesh(np.arange(3.0)[:, None] * [1, 0, 0], [[0, 1, 2]]), np.zeros((1, 3)))
 

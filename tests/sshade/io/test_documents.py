@@ -113,8 +113,8 @@ end_header
 """
 
 
-def rewritten(path, V, name=None):
-    out = path.with_name(name or f"out{path.suffix}")
+def rewritten(path, V):
+    out = path.with_name(f"out{path.suffix}")
     write_file(out, read_file(path), V)
     return out
 
