@@ -11,11 +11,6 @@ from sshade import Mesh
 from tests.shapes import bumpy, rotation
 
 
-def skin_of(rest, low, *, steps, pose):
-    meshes = Registered(rest, low, low, steps)
-    return find_skin(meshes, {"asset_sha256": SHA256}, subject=3, pose=pose)
-
-
 @pytest.fixture(scope="module")
 def body():
     source = SyntheticBodies()
@@ -31,7 +26,8 @@ def fine(body):
 def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree(body, fine):
     rest, poses = body
     for name, posed in list(zip(load_bodies().pose_names, poses, strict=True))[::2]:
-        skinned = skin_of(fine, rest, steps=1, pose=name)(fine.V)
+        meshes = Registered(fine, rest, rest, 1)
+        skinned = find_skin(meshes, {"asset_sha256": SHA256}, subject=3, pose=name)(fine.V)
         subdivided = true_pose(Registered(fine, rest, posed, 1), None)[0]
         gap = np.linalg.norm(skinned - subdivided, axis=1)
         assert gap.mean() < 3e-4 and gap.max() < 5e-3  # metres; the largest in a crease

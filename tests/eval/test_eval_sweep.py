@@ -88,7 +88,7 @@ def test_a_complete_sweep_takes_unfinished_records_of_the_same_runs_along(tmp_pa
     assert names == sorted(names) == [r.folder.name for r in records(tmp_path)]
     record.complete()  # the first sweep goes on: its process, this one, exists
     assert [r.folder.name for r in records(tmp_path)] == [names[0], names[1], names[3]]
-    killed.folder.rename(killed.folder.with_name(f"{names[0].rpartition('_')[0]}_{MOST_PROCESSES + 1}"))
+    _of_process(killed, MOST_PROCESSES + 1)
     later.complete()
     assert [r.folder.name for r in records(tmp_path)] == [other.folder.name]
 

@@ -39,11 +39,7 @@ def digests(seeds: int = 1) -> list[str]:
     for name in METHODS:
         for seed in range(seeds):
             results[f"{name} {seed}"] = deform(task, method=name, seed=seed).vertices
-    return [f"{name} {_digest(result)}" for name, result in results.items()]
-
-
-def _digest(array: np.ndarray) -> str:
-    return hashlib.sha256(array.tobytes()).hexdigest()
+    return [f"{name} {hashlib.sha256(found.tobytes()).hexdigest()}" for name, found in results.items()]
 
 
 @pytest.mark.skipif(

@@ -9,17 +9,8 @@ from sshade import DeformationTask, Handles, Mesh
 from tests.shapes import block, jittered, strip
 
 
-def bent_bar() -> DeformationTask:
-    """A jittered 2 x 2 x 8 bar whose last layer is turned by 90 degrees."""
-    return bend(jittered(block(np.ones((2, 2, 8)), cells=2), 0.03), axis=2, pivot=[1.0, 1.0, 4.0])
-
-
-def bent_strip() -> DeformationTask:
-    """An open sheet with one end turned out of the plane by 90 degrees."""
-    return bend(jittered(strip(20, 5), 0.1), axis=0, pivot=[10.0, 2.5, 0.0])
-
-
 def bend(mesh: Mesh, *, axis: int, pivot: list[float]) -> DeformationTask:
+    """Return a task that turns the last layer along an axis by 90 degrees about y and a point."""
     low, high = mesh.V[:, axis].min() + 0.6, mesh.V[:, axis].max() - 0.6
     index = np.flatnonzero((mesh.V[:, axis] < low) | (mesh.V[:, axis] > high))
     R = Rotation.from_rotvec(np.deg2rad(90) * np.eye(3)[1]).as_matrix()
@@ -29,7 +20,10 @@ def bend(mesh: Mesh, *, axis: int, pivot: list[float]) -> DeformationTask:
     )
 
 
-TASKS = {"bar": bent_bar(), "strip": bent_strip()}
+TASKS = {
+    "bar": bend(jittered(block(np.ones((2, 2, 8)), cells=2), 0.03), axis=2, pivot=[1.0, 1.0, 4.0]),
+    "strip": bend(jittered(strip(20, 5), 0.1), axis=0, pivot=[10.0, 2.5, 0.0]),
+}
 
 
 def svd_rotations(S: np.ndarray) -> np.ndarray:

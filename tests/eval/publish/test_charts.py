@@ -21,17 +21,13 @@ def rows():
     ]
 
 
-def dots(axes):
-    """Return the values of the runs of each method, from top to bottom of a distribution."""
-    return [np.asarray(part.get_offsets())[:, 0].tolist() for part in axes.collections]
-
-
 def test_a_distribution_shows_every_run_of_every_method(rows):
     found = distributions(frame(*rows))
     # Measures that are equal in all runs, such as the area, have no chart.
     assert set(found) == {"volume", "memory"}
     axes = found["volume"].axes[0]
-    assert dots(axes) == [[4.0, 8.0], [2.0]]
+    dots = [np.asarray(part.get_offsets())[:, 0].tolist() for part in axes.collections]
+    assert dots == [[4.0, 8.0], [2.0]]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["arap", "paper"]
     assert axes.get_yticks().tolist() == [1, 0]
     assert axes.get_title() == "volume (%)" and axes.get_xscale() == "linear" and axes.get_xlim()[0] == 0

@@ -16,10 +16,6 @@ from sshade.plotting.surface import Shape, pack, packed_view, surface
 from tests.shapes import beside, bumpy, shifted
 
 
-def replace_handles(handles: Handles, scale: float, place: float) -> Handles:
-    return Handles(handles.index, scale * handles.target + place, dynamic=handles.dynamic)
-
-
 def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
     mesh = bumpy(3)
     whole = surface(mesh, keep=np.array([3]))
@@ -88,7 +84,7 @@ def test_a_view_does_not_depend_on_unit_and_place_and_says_what_is_left_out(monk
     views = []
     for scale, place in ((1.0, 0.0), (2.0**-70, 2.0**-40), (2.0**90, 0.0)):
         rest = Mesh(scale * mesh.V + place, mesh.F)
-        moved = replace_handles(handles, scale, place)
+        moved = Handles(handles.index, scale * handles.target + place, dynamic=handles.dynamic)
         views.append(packed_view(rest, [Shape("rest", "", rest.V)], handles=moved, label="x"))
     first = views[0]
     assert first["note"] == "20 of 50 handles are shown."

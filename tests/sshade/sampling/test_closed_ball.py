@@ -85,7 +85,16 @@ def failing_unions(mesh: Mesh, cell: np.ndarray) -> tuple[set[tuple[int, ...]], 
     return no_disc, no_arc | {pair for pair, count in crossings.items() if count > 1}
 
 
-def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
+@pytest.mark.parametrize("voronoi", [True, False], ids=["voronoi", "random"])
+@pytest.mark.parametrize("name", MESHES)
+@given(seed=st.integers(0, 10_000), k=st.integers(1, 25))
+def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed, k):
+    mesh, rng = MESHES[name], np.random.default_rng(seed)
+    k = min(k, mesh.n)
+    if voronoi:
+        fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
+    else:
+        fronts = random_cells(mesh, k, rng)
     vertices, failed = refinements(mesh.F, fronts)
     no_disc, no_arc = failing_unions(mesh, fronts.cell)
     assert set(failed.tolist()) == {min(union) for union in no_disc | no_arc}
@@ -101,19 +110,6 @@ def assert_same_as_the_definition(mesh: Mesh, fronts) -> None:
     assert dict(enumerate(found.trace.tolist())) == dict.fromkeys(range(len(found.trace)), 1) | trace
     joined = zip(map(tuple, found.pairs.tolist()), found.arcs.tolist(), strict=True)
     assert {pair: count for pair, count in joined if count} == arcs
-
-
-@pytest.mark.parametrize("voronoi", [True, False], ids=["voronoi", "random"])
-@pytest.mark.parametrize("name", MESHES)
-@given(seed=st.integers(0, 10_000), k=st.integers(1, 25))
-def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed, k):
-    mesh, rng = MESHES[name], np.random.default_rng(seed)
-    k = min(k, mesh.n)
-    if voronoi:
-        fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
-    else:
-        fronts = random_cells(mesh, k, rng)
-    assert_same_as_the_definition(mesh, fronts)
 
 
 def test_a_single_cell_fails_at_its_farthest_vertex():
