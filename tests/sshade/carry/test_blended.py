@@ -11,11 +11,7 @@ from sshade.carry.projection import Projection
 from sshade.carry.vertex_maps import VertexMaps
 from tests.shapes import bent, bumpy, family, rotation
 
-#: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
-ROUNDING = 1e-12
-
 MESHES = family()
-KINDS = ["affine", "blended", "blended_affine"]
 
 
 def points_on(mesh: Mesh, count: int, *, seed: int = 0) -> Projection:

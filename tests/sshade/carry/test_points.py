@@ -8,42 +8,37 @@ from scipy.spatial.transform import Rotation
 from sshade import DeformationResult, Deformer, InputError, Mesh, bind_points
 from sshade.carry.points import FARTHEST
 from sshade.carry.trees import LEAF, box_tree, curve_order, squared_distances, triangles_of_leaves
-from tests.shapes import bent, icosphere, jittered
+from tests.shapes import bent, beside, icosphere, jittered, strip
 
 BALL = jittered(icosphere(3), 0.05)
 
 
-def around(mesh: Mesh, count: int = 400, seed: int = 0) -> np.ndarray:
+def around(count: int = 400) -> np.ndarray:
     """Points inside of a ball, near it and on it."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return direction * rng.uniform(0.0, 1.4, (count, 1))
 
 
-def on_faces(mesh: Mesh, V: np.ndarray, seed: int = 0) -> np.ndarray:
+def on_faces(mesh: Mesh, V: np.ndarray) -> np.ndarray:
     """A point of each face of a shape, some on sides and corners."""
-    weights = np.random.default_rng(seed).dirichlet([1, 1, 1], mesh.m)
+    weights = np.random.default_rng(0).dirichlet([1, 1, 1], mesh.m)
     weights[::5] = [0.5, 0.5, 0.0]
     weights[::7] = [0.0, 1.0, 0.0]
     return np.einsum("ij,ijk->ik", weights, V[mesh.F])
 
 
-def grid(cells: int, height: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """An irregular wall across z."""
-    rng, u = np.random.default_rng(seed), np.linspace(-2, 2, cells + 1)
-    x, y = np.meshgrid(u, u, indexing="ij")
-    V = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
-    V[:, :2] += rng.uniform(-0.8, 0.8, (len(V), 2)) / cells
-    i = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    low = np.stack([i, i + cells + 1, i + cells + 2], axis=1)
-    return V, np.concatenate([low, np.stack([i, i + cells + 2, i + 1], axis=1)])
+def wall(cells: int, height: float, seed: int) -> Mesh:
+    """An irregular wall of 4 x 4 across z."""
+    flat = jittered(strip(cells, cells), 0.2, seed=seed)
+    return Mesh((flat.V * 4 / cells - 2) * [1, 1, 0] + [0, 0, height], flat.F)
 
 
 @pytest.mark.parametrize("origin", [0.0, 1e4])
 def test_rigid_motions_and_uniform_scales_are_exact(origin):
     mesh = Mesh(BALL.V + origin, BALL.F)
-    X = around(mesh) + origin
+    X = around() + origin
     R = Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix()
     for scale in (1.0, 3.0):
         found = bind_points(mesh, X).with_maps(scale * (mesh.V - origin) @ R.T + [1, 2, 3])
@@ -80,10 +75,9 @@ def test_maps_are_the_derivative_of_a_smooth_map():
 def test_walls_that_slide_on_each_other_stretch_space_by_the_bound_at_most(cells, others):
     rng = np.random.default_rng(1)
     for gap in (0.005, 0.03, 0.1, 0.3, 1.0):
-        V, F = grid(cells, 0.0, 0)
-        W, G = grid(others, gap, 1)
-        mesh = Mesh(np.concatenate([V, W]), np.concatenate([F, G + len(V)]))
-        posed = mesh.V + np.where(np.arange(mesh.n) < len(V), 0.0, 0.5)[:, None] * [1, 0, 0]
+        one, other = wall(cells, 0.0, 0), wall(others, gap, 1)
+        mesh = beside(one, other)
+        posed = np.concatenate([one.V, other.V + [0.5, 0, 0]])
         z, along = np.linspace(-0.5 * gap, 1.5 * gap, 801), np.linspace(-1, 1, 2001)
         for axis, path in ((2, z), (0, along), (1, along)):
             X = np.repeat(rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, gap], (10, 3))[:, None], len(path), axis=1)
@@ -99,21 +93,20 @@ def test_walls_that_slide_on_each_other_stretch_space_by_the_bound_at_most(cells
 def test_nested_spheres_that_move_apart_stretch_space_by_the_bound_at_most(levels, ratio):
     """Walls whose normals agree: their samples must stay apart although the gap is narrow."""
     one, other = (icosphere(level) for level in levels)
-    V = np.concatenate([one.V, ratio * other.V])
-    shift = np.where(np.arange(len(V)) < one.n, 0.0, 0.2)[:, None] * [1, 0, 0]
-    mesh = Mesh(V, np.concatenate([one.F, other.F + one.n]))
+    mesh = beside(one, Mesh(ratio * other.V, other.F))
+    posed = np.concatenate([one.V, ratio * other.V + [0.2, 0, 0]])
     direction = np.random.default_rng(0).normal(size=(60, 1, 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     radii = np.linspace(1.5 - 0.5 * ratio, 1.5 * ratio - 0.5, 601)
     X = direction * radii[:, None]
-    moved = bind_points(mesh, X.reshape(-1, 3))(V + shift).reshape(X.shape) - X
+    moved = bind_points(mesh, X.reshape(-1, 3))(posed).reshape(X.shape) - X
     slope = np.linalg.norm(np.diff(moved, axis=1), axis=2).max() / (radii[1] - radii[0])
     assert 2 * 0.2 / (ratio - 1) < slope <= 4 * 0.2 / (ratio - 1)
 
 
 def test_nothing_jumps_around_a_bent_ball():
     posed, rng = bent(BALL.V), np.random.default_rng(2)
-    ends = around(BALL, 20).reshape(10, 2, 3)
+    ends = around(20).reshape(10, 2, 3)
     fraction = np.linspace(0, 1, 4001)[:, None]
     paths = ends[:, :1] * (1 - fraction) + ends[:, 1:] * fraction
     moved = bind_points(BALL, paths.reshape(-1, 3))(posed).reshape(paths.shape)
@@ -127,8 +120,8 @@ def test_nothing_jumps_around_a_bent_ball():
 def test_triangles_without_area_and_poses_without_area_are_allowed():
     V = np.concatenate([BALL.V, BALL.V[:1], BALL.V[:1]])
     F = np.concatenate([BALL.F, [[0, BALL.n, BALL.n + 1]]])
-    bound = bind_points(Mesh(V, F), around(BALL))
-    assert np.isfinite(bound(V)).all() and abs(bound(V) - around(BALL)).max() < 1e-12
+    bound = bind_points(Mesh(V, F), around())
+    assert np.isfinite(bound(V)).all() and abs(bound(V) - around()).max() < 1e-12
     flat = bound.with_maps(V * [1, 1, 0])
     assert np.isfinite(flat.positions).all() and np.isfinite(flat.rotations).all()
 
@@ -138,7 +131,7 @@ def test_a_deformer_and_its_result_are_taken():
     deformer = Deformer(BALL, index, vertices=60)
     result = deformer(BALL.V[index] + [0, 0, 0.1])
     assert isinstance(result, DeformationResult)
-    bound, out = bind_points(deformer, around(BALL)), np.empty((400, 3))
+    bound, out = bind_points(deformer, around()), np.empty((400, 3))
     assert bound(result, out=out) is out and (out == bound(result.vertices)).all() and len(bound) == 400
 
 
@@ -157,9 +150,9 @@ def test_bad_points_and_poses_are_refused():
         with pytest.raises(InputError, match=r"1 of 2 points are too far .* point 1 by"):
             bind_points(BALL, [[0, 0, 1], X])
     with pytest.raises(InputError, match="pose has shape"):
-        bind_points(BALL, around(BALL))(BALL.V[1:])
+        bind_points(BALL, around())(BALL.V[1:])
     with pytest.raises(InputError, match="NaN"):
-        bind_points(BALL, around(BALL))(np.full_like(BALL.V, np.nan))
+        bind_points(BALL, around())(np.full_like(BALL.V, np.nan))
     with pytest.raises(InputError, match="no face of the mesh has an area"):
         bind_points(Mesh(np.arange(3.0)[:, None] * [1, 0, 0], [[0, 1, 2]]), np.zeros((1, 3)))
 
