@@ -127,17 +127,16 @@ def slide_on(path: str) -> None:
         Path(f"slide_{number}.json").write_text(json.dumps(data))
 
 
-def test_surfaces_and_buffers_are_inputs_too(folder, monkeypatch, capsys):
+def test_surfaces_and_buffers_are_inputs_too(folder, capsys):
     floor = bumpy(1)
-    write_mesh("floor.ply", floor.V * 1.5, floor.F)
-    slide_on("floor.ply")
-    for output in ("floor.ply", "out_floor.ply"):
-        further = ["--with", "floor.ply"] if output != "floor.ply" else []
-        name = "floor.ply" if output == "floor.ply" else "out.ply"
-        slide_on(output) if further else None
-        write_mesh(output, floor.V * 1.5, floor.F)
-        assert main(["deform", "body.ply", "slide_0.json", "-o", name, *further, *FAST]) == 2
-        assert f"{output}: is the input" in capsys.readouterr().err
+    for surface, output in (
+        ("floor.ply", ["floor.ply"]),
+        ("out_floor.ply", ["out.ply", "--with", "floor.ply"]),
+    ):
+        write_mesh(surface, floor.V * 1.5, floor.F)
+        slide_on(surface)
+        assert main(["deform", "body.ply", "slide_0.json", "-o", *output, *FAST]) == 2
+        assert f"{surface}: is the input" in capsys.readouterr().err
     slide_on("floor.ply")
     command = ["deform", "body.ply", "slide_0.json", "slide_1.json", "-o", "on_%d.ply", *FAST]
     assert main(command) == 0
@@ -521,7 +520,7 @@ def test_numbered_files_never_replace_the_mesh(here, capsys):
     np.testing.assert_array_equal(read_arrays("body_1.ply")[0], BODY.V)
 
 
-def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch, capsys):
+def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch):
     for output, module, write in (
         ("out.glb", gltf_morph, "write_morphs"),
         ("out.pc2", point_cache, "write_point_cache"),
