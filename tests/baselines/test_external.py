@@ -227,7 +227,7 @@ def test_memory_is_of_all_processes_of_the_program(run):
     assert 76 < alone < 130 and 1.7 * alone < both < 2.3 * alone
 
 
-def test_start_up_is_the_time_on_four_vertices(run, task, tmp_path, monkeypatch):
+def test_start_up_is_the_time_on_four_vertices(run, tmp_path, monkeypatch):
     assert tetrahedron().mesh.n == 4 and tetrahedron().mesh.is_closed and tetrahedron().mesh.volume > 0
     monkeypatch.setattr(module, "_startup", {})
     text = f"sleep 0.2; {SHIFTING}"

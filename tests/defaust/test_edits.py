@@ -9,7 +9,7 @@ from defaust.edits import Fin, Horns, Inflate, Stretch
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
 from sshade.cli.configuration import CONFIGURATION
-from tests.shapes import bumpy, icosphere, strip
+from tests.shapes import beside, bumpy, icosphere, shifted, strip
 
 EDITS = [
     Inflate(at=(0.5, 0.5, 1.0), radius=0.2, amount=0.05),
@@ -80,10 +80,8 @@ def test_only_the_connected_region_moves():
     ],
 )
 def test_edits_that_do_not_fit(edit, message):
-    ball = icosphere(1)
-    two = Mesh(np.concatenate([ball.V, ball.V + [5.0, 0, 0]]), np.concatenate([ball.F, ball.F + ball.n]))
     with pytest.raises(InputError, match=message):
-        edit(two)
+        edit(beside(icosphere(1), shifted(icosphere(1), [5.0, 0, 0])))
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGURATION.glob("edit/*.yaml")), ids=lambda path: path.stem)

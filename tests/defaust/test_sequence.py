@@ -19,7 +19,7 @@ from sshade.io.meshes import write_mesh
 from tests.defaust.registrations import configured
 from tests.defaust.toy import KEPT
 from tests.files import contents
-from tests.shapes import icosphere, strip, torus
+from tests.shapes import beside, icosphere, strip, torus
 from tests.sshade.mesh.test_cutting import moebius
 
 sequence = partial(configured, "sequence")
@@ -192,7 +192,7 @@ def test_vertices_and_faces_outside_the_surface_are_removed(tmp_path):
 
 def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path, refused):
     ball = icosphere(3)
-    pair = Mesh(np.concatenate([ball.V, 0.5 * ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
+    pair = beside(ball, Mesh(0.5 * ball.V + 3, ball.F))
     shapes = {"ball": ball, "camel": fins(ball), "cup": Mesh(ball.V, ball.F[1:]), "pair": pair}
     shapes["ring"] = moebius(60)
     for name, mesh in shapes.items():  # the workers read MATLAB files in separate processes

@@ -9,7 +9,7 @@ from defaust.build import upsample as module
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
 from sshade import InputError, Mesh
-from tests.shapes import icosphere, torus
+from tests.shapes import beside, icosphere, shifted, torus
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_every_edge_is_split(ball):
 
 
 def test_unfit_surfaces_are_refused(ball):
-    two = Mesh(np.concatenate([ball.V, ball.V + 3]), np.concatenate([ball.F, ball.F + ball.n]))
+    two = beside(ball, shifted(ball, 3))
     for mesh, message in ((Mesh(ball.V, ball.F[1:]), "3 boundary edges"), (two, "2 components")):
         with pytest.raises(InputError, match=message):
             upsample(mesh, BuildOptions(target_vertices=500))

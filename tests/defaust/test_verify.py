@@ -1,11 +1,11 @@
 """verify finds every kind of damage, and names the file."""
 
-import numpy as np
 import pytest
 
 from defaust.build.verify import verify
 from sshade.io.meshes import read_mesh, write_mesh
 from tests.defaust.toy import change, change_handles, relist
+from tests.shapes import beside, shifted
 
 
 def files(faults):
@@ -47,11 +47,8 @@ def test_wrong_meshes(dataset):
     write_mesh(dataset / "subject_00/rest.ply", low.V, low.F)
     write_mesh(dataset / "subject_01/pose_1_low.ply", low.V, low.F[:, [1, 2, 0]])
     write_mesh(dataset / "subject_01/pose_2_low.ply", low.V, low.F[1:])
-    write_mesh(
-        dataset / "subject_02/rest.ply",
-        np.concatenate([high.V, high.V + 5]),
-        np.concatenate([high.F, high.F + high.n]),
-    )
+    two = beside(high, shifted(high, 5))
+    write_mesh(dataset / "subject_02/rest.ply", two.V, two.F)
     (dataset / "subject_02/pose_1_low.ply").write_bytes(b"not a mesh")
     expected = {
         "subject_00/rest.ply": "number of vertices: 642, not ",

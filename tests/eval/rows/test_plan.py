@@ -9,8 +9,8 @@ from eval.rows.plan import forget_plans, missing_rows, read_plans, write_plan
 from sshade.errors import InputError
 
 
-def planned(method="a", pose=1, *, seed=0, root="data"):
-    source = {"_target_": "load", "root": root, "pose": pose}
+def planned(method="a", pose=1, *, seed=0, root="data", **more):
+    source = {"_target_": "load", "root": root, **more, "pose": pose}
     return {"method.name": method, "seed": seed, "task.source": json.dumps(source)}
 
 
@@ -66,9 +66,6 @@ def test_what_no_row_answers_for_is_missing():
     ],
 )
 def test_planned_cases_have_the_names_of_other_cases_of_their_dataset(known, name):
-    def of(subject, pose):
-        source = {"_target_": "load", "root": "data", "subject": subject, "pose": pose}
-        return {"method.name": "a", "seed": 0, "task.source": json.dumps(source)}
-
-    rows = [row("a", known, task__source=of(0, 1)["task.source"])]
-    assert [one["task.name"] for one in missing_rows([of(0, 1), of(7, 12)], rows)] == [name]
+    one, other = planned(subject=0), planned(subject=7, pose=12)
+    rows = [row("a", known, task__source=one["task.source"])]
+    assert [run["task.name"] for run in missing_rows([one, other], rows)] == [name]

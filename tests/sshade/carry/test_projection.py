@@ -7,7 +7,7 @@ from sshade import Mesh
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.mesh import LARGEST
 from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
-from tests.shapes import bumpy, double_torus, jittered, rotation, strip, tube
+from tests.shapes import beside, bumpy, double_torus, jittered, rotation, shifted, strip, tube
 
 
 def nearest_in_triangle(p: np.ndarray, corners: np.ndarray) -> float:
@@ -69,8 +69,7 @@ def test_samples_lie_on_themselves(bound):
 def test_only_the_own_fan_counts_where_two_sheets_touch():
     """A vertex of the first sheet is projected onto the first sheet even if the second sheet is nearer."""
     sheet = strip(6, 6)
-    V = np.concatenate([sheet.V, sheet.V + [0, 0, 0.1]])
-    proxy = Mesh(V, np.concatenate([sheet.F, sheet.F + sheet.n]))
+    proxy = beside(sheet, shifted(sheet, [0, 0, 0.1]))
     query = sheet.V[[24]] + [0.2, 0.1, 0.09]
     own = project_to_fans(query, proxy, at(proxy, [24]))
     assert own.distance[0] == pytest.approx(0.09) and own.face[0] < sheet.m

@@ -53,7 +53,7 @@ def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
     assert "loses the" not in capsys.readouterr().err
 
 
-def test_remesh_carry_and_transfers_keep_the_file_too(folder, capsys):
+def test_remesh_carry_and_transfers_keep_the_file_too(folder):
     own, faces = V[1:], F - 1  # without the unused vertex, which these commands refuse
     Path("seam.obj").write_text(as_obj(own, faces))
     assert main(["remesh", "seam.obj", "-o", "proxy.ply", "--map", "m.npz", "--vertices", "40"]) == 0

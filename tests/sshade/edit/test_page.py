@@ -274,7 +274,7 @@ def test_a_group_that_turns_only_is_chosen_on_the_page_and_repeated_by_the_comma
 
 
 @pytest.mark.parametrize("page", [1280, 400], indirect=True)
-def test_it_fits_the_window_and_ends_by_its_button(page, session):
+def test_it_fits_the_window_and_ends_by_its_button(page):
     width = page.viewport_size["width"]
     assert page.evaluate("document.documentElement.scrollWidth") == width
     stage = pixels(page.locator("#stage"))

@@ -131,7 +131,7 @@ def test_the_file_is_beside_the_mesh_where_the_next_session_looks(monkeypatch):
     assert [offer.path for offer in Session(Path("body.ply")).recovery.offers] == [session.recovery.path]
 
 
-def test_a_surface_beside_the_handles_is_named_from_there(monkeypatch):
+def test_a_surface_beside_the_handles_is_named_from_there():
     write_mesh("tool.ply", BODY.V * 1.2, BODY.F)
     session = begun(BODY)
     number = added(session, np.arange(5), "moving")

@@ -170,7 +170,7 @@ def open_mesh(page, name):
     page.wait_for_selector(f"#name:text-is('{name}')")
 
 
-def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page, session):
+def test_symmetry_and_a_falloff_move_both_sides_and_show_who_follows_whom(page):
     ball = icosphere(3)
     write_mesh("ball.ply", ball.V, ball.F)
     open_mesh(page, "ball.ply")

@@ -74,10 +74,12 @@ def test_dense_handles_are_not_fought(method):
     assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
 
 
+def portion_of(task: DeformationTask) -> float:
+    return getattr(find_warp(task, "auto"), "portion", 0.0)
+
+
 def test_between_dense_and_sparse_the_result_blends():
-    portions = [
-        getattr(find_warp(task(bent, count), "auto"), "portion", 0.0) for count in (10, 16, 24, 40, 80)
-    ]
+    portions = [portion_of(task(bent, count)) for count in (10, 16, 24, 40, 80)]
     assert portions[0] < 0.5 and portions[-1] == 1 and any(0 < portion < 1 for portion in portions)
     between = task(bent, (10, 16, 24, 40, 80)[[0 < p < 1 for p in portions].index(True)])
     elastic, mixed, warped = (deform(between, warp=mode) for mode in ("never", "auto", "always"))
@@ -91,7 +93,7 @@ def test_handles_that_are_hardly_predicted_deform_elastically():
     portions = []
     for scale in np.geomspace(0.002, 0.1, 14):
         noisy = task(lambda V, scale=scale: bent(V) + scale * noise, 150)
-        portions.append(getattr(find_warp(noisy, "auto"), "portion", 0.0))
+        portions.append(portion_of(noisy))
     assert portions == sorted(portions, reverse=True) and portions[0] == 1
     assert 0.5 < portions[3] < 0.7 and not any(portions[5:])
 
@@ -114,8 +116,7 @@ def test_lines_of_handles_determine_the_shape_only_if_other_lines_predict_them(l
     on_lines = np.abs(BODY.V[:, :1] - np.linspace(-1.9, 1.9, lines)).min(axis=1) < 0.03
     index = np.flatnonzero(on_lines)
     contours = DeformationTask("contours", BODY, Handles(index, bent(BODY.V)[index]))
-    portion = getattr(find_warp(contours, "auto"), "portion", 0.0)
-    assert portion == (1 if nearer == "always" else 0)
+    assert portion_of(contours) == (1 if nearer == "always" else 0)
     errors = {mode: off(deform(contours, warp=mode), bent) for mode in ("never", "always")}
     assert min(errors, key=errors.__getitem__) == nearer
 
