@@ -28,7 +28,7 @@ def server():
 
 
 def state(server: Server):
-    return server.commands._session.state
+    return server.session.state
 
 
 def post(server: Server, path: str, body: bytes | None = b"{}", **headers) -> int:
@@ -47,7 +47,7 @@ def test_the_page_is_sent_whole_and_takes_nothing_from_elsewhere(server):
         if name != "three.js":
             assert b"http://" not in content and b"https://" not in content
     assert server.server_address[0] == "127.0.0.1"
-    with Server(server.commands._session) as other:
+    with Server(server.session) as other:
         assert other.token != server.token and len(server.token) >= 32
 
 
@@ -156,7 +156,7 @@ def test_a_mistaken_command_is_told_in_a_sentence_and_changes_nothing(server, na
     answer = command(server, name, given)
     assert answer["status"] == 400 and words in answer["error"] and "\n" not in answer["error"]
     assert state(server) is before
-    assert not list(Path(server.commands._session.document.outputs["mesh"]).parent.glob("x.json"))
+    assert not Path("x.json").exists()
 
 
 def test_bytes_that_are_no_command_are_told(server):
@@ -176,7 +176,7 @@ def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypat
     def broken(*_):
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr(server.commands._session, "undo", broken)
+    monkeypatch.setattr(server.session, "undo", broken)
     with caplog.at_level(logging.ERROR):
         answer = command(server, "undo")
     assert answer == {"status": 500, "error": "the editor failed; its terminal shows the error"}
@@ -184,7 +184,7 @@ def test_an_error_of_the_program_is_told_without_its_traceback(server, monkeypat
 
 
 def test_commands_do_what_the_session_does(server):
-    session, first = server.commands._session, whole(server)
+    session, first = server.session, whole(server)
     assert np.array_equal(first["faces"].reshape(-1, 3), BODY.F)
     centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
     P = first["positions"].reshape(-1, 3)
