@@ -6,10 +6,9 @@ import re
 import sys
 from pathlib import Path
 from shutil import which
-from time import monotonic, sleep
+from time import monotonic
 
 import numpy as np
-import psutil
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +18,7 @@ from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
 from sshade.errors import InputError
 from sshade.programs import TIME_LIMIT, words_of
-from tests.eval.external_programs import TEXTS, allow
+from tests.eval.external_programs import TEXTS, allow, ended, wait_for
 from tests.shapes import bumpy, end_handles
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
@@ -182,16 +181,6 @@ def test_no_shell_reads_a_command(task, monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def gone(pids: list[int]) -> bool:
-    """Return whether all processes end within 10 s. A killed process that is not yet collected has ended."""
-    end = monotonic() + 10
-    while monotonic() < end:
-        if not any(psutil.pid_exists(p) and psutil.Process(p).status() != psutil.STATUS_ZOMBIE for p in pids):
-            return True
-        sleep(0.02)
-    return False
-
-
 @pytest.mark.parametrize("after", ["wait", "exit 0", "exit 1"])
 def test_no_process_of_a_program_is_left(run, tmp_path, monkeypatch, after):
     """A program's children are killed at the time limit, or at its end if it leaves them behind."""
@@ -208,7 +197,7 @@ def test_no_process_of_a_program_is_left(run, tmp_path, monkeypatch, after):
             run(text)
     else:
         run(text)
-    assert gone([int(word) for word in pids.read_text().split()])
+    wait_for(lambda: ended(pids), seconds=10)
 
 
 @pytest.mark.skipif(not which("setsid"), reason="there is no program setsid")
@@ -217,7 +206,7 @@ def test_a_child_that_leaves_the_group_is_killed_too(run, tmp_path, monkeypatch)
     pids = tmp_path / "pids"
     with pytest.raises(TimeoutError):
         run(f"setsid sh -c 'echo $$ > {pids}; sleep 600; true' & wait")
-    assert gone([int(pids.read_text())])
+    wait_for(lambda: ended(pids), seconds=10)
 
 
 def test_memory_is_of_all_processes_of_the_program(run):

@@ -1,8 +1,12 @@
 """Programs for the tests of external methods, and configurations of methods that run them."""
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
+
+import psutil
 
 from sshade.programs import ALLOWED
 
@@ -10,6 +14,19 @@ from sshade.programs import ALLOWED
 TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
 #: Shell script that writes the positions of an OFF file unchanged.
 COPYING = 'tail -n +3 "$1" | head -n "$(sed -n 2p "$1" | cut -d" " -f1)" > "$3"\n'
+
+
+def wait_for(condition: Callable[[], bool], seconds: float = 60) -> None:
+    end = monotonic() + seconds
+    while not condition():
+        assert monotonic() < end, "waited in vain"
+        sleep(0.05)
+
+
+def ended(pids: Path) -> bool:
+    """Return whether all processes that a file lists have ended. A process not yet collected has ended."""
+    found = [int(pid) for pid in pids.read_text().split()]
+    return not any(psutil.pid_exists(p) and psutil.Process(p).status() != psutil.STATUS_ZOMBIE for p in found)
 
 
 def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> dict[str, Any]:

@@ -5,10 +5,11 @@ import pty
 import signal
 import subprocess
 from contextlib import contextmanager, suppress
-from time import monotonic, sleep
+from time import sleep
 
 import pytest
 from eval_program import ENVIRONMENT, RUN
+from external_programs import wait_for
 
 from eval.rows.collect import gather
 from eval.rows.frame import records
@@ -43,13 +44,6 @@ def start_eval(folder, *arguments, **streams):
         for pipe in (process.stdout, process.stderr):
             if pipe is not None:
                 pipe.close()
-
-
-def wait_for(condition, seconds=60):
-    end = monotonic() + seconds
-    while not condition():
-        assert monotonic() < end, "waited in vain"
-        sleep(0.05)
 
 
 def alive(group):

@@ -11,9 +11,9 @@ import pytest
 import yaml
 from eval_cases import bumpy_task
 from eval_program import run_eval
-from external_programs import COPYING, TEXTS, allow, program
+from external_programs import COPYING, TEXTS, allow, ended, program, wait_for
 from test_code_version import forget
-from test_eval_interrupt import alive, start_eval, wait_for
+from test_eval_interrupt import alive, start_eval
 
 from eval.main import call, main
 from eval.rows.collect import gather
@@ -71,7 +71,7 @@ def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path, monkeypa
     row = run(task, method, name="p", root=tmp_path / "runs", time_limit=0.5).row
     reason = "no result within 0.5 s; its last line was: still at it"
     assert (row["status"], row["reason"]) == ("timeout", reason)
-    wait_for(lambda: not any(map(running, pids.read_text().split())))
+    wait_for(lambda: ended(pids))
 
 
 def test_a_program_runs_on_its_case_and_on_the_mesh_of_its_startup_alone(task, tmp_path, monkeypatch):
@@ -81,11 +81,6 @@ def test_a_program_runs_on_its_case_and_on_the_mesh_of_its_startup_alone(task, t
     assert run(task, method, name="p", root=tmp_path / "runs").row["status"] == "ok"
     counts = {int(line.split()[0]) for line in seen.read_text().splitlines()}
     assert counts == {4, task.mesh.n}
-
-
-def running(pid):
-    status = Path(f"/proc/{pid}/status")
-    return status.exists() and "State:\tZ" not in status.read_text()
 
 
 def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
@@ -183,7 +178,7 @@ def sleeping(folder, fresh):
     with start_eval(folder, *overrides) as process:
         wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
         yield process
-    wait_for(lambda: not any(map(running, pids.read_text().split())))
+    wait_for(lambda: ended(pids))
 
 
 @pytest.mark.parametrize("fresh", few(["false", "true"], "true"))
@@ -283,18 +278,17 @@ def test_a_name_on_the_command_line_allows_that_command_alone(theirs):
 
 
 @pytest.mark.parametrize(
-    ("place", "content"),
+    "content",
     [
-        ("experiment/e", {"run": {"allow_programs": ["sh evil.sh"]}}),
-        ("experiment/e", {"hydra": {"job": {"env_set": {ALLOWED: "sh evil.sh"}}}}),
-        ("experiment/e", {"method": {"command": ["sh", "evil.sh"]}}),
+        {"run": {"allow_programs": ["sh evil.sh"]}},
+        {"hydra": {"job": {"env_set": {ALLOWED: "sh evil.sh"}}}},
+        {"method": {"command": ["sh", "evil.sh"]}},
     ],
 )
-def test_a_yaml_cannot_allow_itself(theirs, place, content):
+def test_a_yaml_cannot_allow_itself(theirs, content):
     write_method(theirs, command=["sh", "evil.sh"])
-    path = theirs / f"configs/{place}.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"# @package _global_\n{yaml.safe_dump(content)}")
+    (theirs / "configs/experiment").mkdir()
+    (theirs / "configs/experiment/e.yaml").write_text(f"# @package _global_\n{yaml.safe_dump(content)}")
     code_, out, err = run_command(f"{COMMAND} experiment=e {MINE}")
     assert (code_, out) == (2, "") and ("not allowed" in err or "sets hydra's env_set" in err)
     assert not Path("hacked").exists()
