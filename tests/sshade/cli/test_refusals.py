@@ -32,22 +32,17 @@ HANDLES = {
     "target.json": {"vertices": [1, 2], "target": [[0, 0, 0]]},
     "parts.yaml": "handles: {static: {positions: [gone]}}",
     "plain.json": {"vertices": [1]},
-    **{
-        f"{name}.yaml": text
-        for name, text in {
-            "typo": "volum: 0",
-            "old": "parts: 1",
-            "value": "tolerance: small",
-            "negative": "weight: -1",
-            "flag": "raw: 1",
-            "list": "- volume",
-            "broken": "a: [1",
-            "twice": "seed: 1\nseed: 2",
-            "other": "method: fine\nsamplings: 3",
-            "quick": "method: quick",
-            "half": "volume: 0.5",
-        }.items()
-    },
+    "typo.yaml": "volum: 0",
+    "old.yaml": "parts: 1",
+    "value.yaml": "tolerance: small",
+    "negative.yaml": "weight: -1",
+    "flag.yaml": "raw: 1",
+    "list.yaml": "- volume",
+    "broken.yaml": "a: [1",
+    "twice.yaml": "seed: 1\nseed: 2",
+    "other.yaml": "method: fine\nsamplings: 3",
+    "quick.yaml": "method: quick",
+    "half.yaml": "volume: 0.5",
 }
 #: Command lines, and words of their errors.
 LIGHT = {
