@@ -496,17 +496,16 @@ def test_static_or_moving_parts_may_be_missing(tmp_path, far_body):
     assert read_handles(path, far_body).dynamic.all()
 
 
-def test_a_task_is_made_of_what_of_a_file_is_a_surface(tmp_path):
+def test_a_task_is_made_of_what_of_a_file_is_a_surface(here):
     """The file has an unused first vertex, a face that repeats a vertex, and a body without handles."""
     body = bumpy(1)
     V = np.concatenate([[[9.0, 9, 9]], body.V, body.V + 5])
     F = np.concatenate([body.F + 1, [[1, 1, 2]], body.F + 1 + body.n])
-    write_mesh(tmp_path / "bodies.ply", V, F)
-    write_handles(tmp_path / "pose.json", Handles([1, 5], V[[1, 5]]))
-    files = tmp_path / "bodies.ply", tmp_path / "pose.json"
+    write_mesh("bodies.ply", V, F)
+    write_handles("pose.json", Handles([1, 5], V[[1, 5]]))
     with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
-        read_task(str(files[0]), handles=str(files[1]))
-    task = read_task(str(files[0]), handles=str(files[1]), carry_unconstrained=True)
+        read_task("bodies.ply", handles="pose.json")
+    task = read_task("bodies.ply", handles="pose.json", carry_unconstrained=True)
     assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
     result = deform(task, vertices=30)
     assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
