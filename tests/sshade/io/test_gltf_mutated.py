@@ -10,7 +10,7 @@ from sshade.io.meshes import read_file, write_file
 from tests.full import few
 from tests.gltf import glb, taken_apart
 from tests.shapes import bent
-from tests.sshade.io.test_gltf import SPHERE, exported
+from tests.sshade.io.test_gltf import SPHERE, exported, stored
 
 #: Values that replace the numbers of the JSON: mostly NUMBERS for whole numbers, otherwise FLOATS.
 NUMBERS = (-1, 0, 1, 2, 3, 4, 5, 6, 12, 16, 24, 36, 40, 44, 52, 100, 162, 480, 5121, 5123, 5125, 5126)
@@ -132,17 +132,14 @@ def test_accessors_that_read_the_same_are_one(tmp_path):
     assert len(new) == 9 and new[6] == new[0] != tree["accessors"][0]
     # A second primitive without normals is a separate surface at the same positions.
     del second["attributes"]["NORMAL"], second["attributes"]["TANGENT"]
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    assert len(read_file(tmp_path / "a.glb").V) == 2 * SPHERE.n + 3
+    assert len(stored(tmp_path, tree, buffer).V) == 2 * SPHERE.n + 3
     assert outcome(tree, buffer, tmp_path) == "written"
 
 
 def test_a_result_that_single_precision_cannot_hold_is_refused(tmp_path):
     skewed = np.eye(4)
     skewed[0, 1] = 1e7
-    tree, buffer = exported(node={"mesh": 0, "matrix": skewed.T.ravel().tolist()})
-    (tmp_path / "a.glb").write_bytes(glb(tree, buffer))
-    file = read_file(tmp_path / "a.glb")
+    file = stored(tmp_path, *exported(node={"mesh": 0, "matrix": skewed.T.ravel().tolist()}))
     write_file(tmp_path / "b.glb", file, file.V)
     V = file.V[:, [1, 0, 2]]
     with pytest.raises(InputError, match=r"c\.glb: .*single precision"):
