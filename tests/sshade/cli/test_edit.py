@@ -13,18 +13,13 @@ from pathlib import Path
 import pytest
 
 from sshade.cli.main import main
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
 from tests.robustness.case import assert_refused
-from tests.shapes import bumpy, end_handles
-
-BODY = bumpy(2)
+from tests.robustness.inputs import BODY, write_sound
 
 
 @pytest.fixture(autouse=True)
 def folder(here) -> Path:
-    write_mesh("body.ply", BODY.V, BODY.F)
-    write_handles("pose.json", end_handles(BODY.V, shift=(0.3, 0, 0.2)))
+    write_sound()
     return here
 
 
@@ -48,6 +43,12 @@ def get(address: str, body: bytes | None = None) -> bytes:
         return answer.read()
 
 
+def mark(address: str, kind: str) -> None:
+    """Make a group of the first vertex."""
+    get(f"{address}select?how=replace", b"\0\0\0\0")
+    get(f"{address}mark", json.dumps({"kind": kind}).encode())
+
+
 def facts_of(address: str) -> dict:
     size = int.from_bytes((content := get(f"{address}whole"))[:4], "little")
     return json.loads(content[4 : 4 + size])
@@ -68,8 +69,7 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
 
 def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        get(f"{address}select?how=replace", b"\0\0\0\0")
-        get(f"{address}mark", b'{"kind": "static"}')
+        mark(address, "static")
         get(f"{address}quit", b"")
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and out == "" and "handles were not saved" in err
@@ -80,8 +80,7 @@ def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
 def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        get(f"{address}select?how=replace", b"\0\0\0\0")
-        get(f"{address}mark", b'{"kind": "static"}')
+        mark(address, "static")
         process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 143 and out == "" and "Traceback" not in err
@@ -92,8 +91,7 @@ def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
 def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        get(f"{address}select?how=replace", b"\0\0\0\0")
-        get(f"{address}mark", b'{"kind": "moving"}')
+        mark(address, "moving")
         (kept,) = Path().glob("body.ply.recovery-*.npz")
         with running("body.ply", "--no-browser") as (_, other):  # the first editor still runs
             assert facts_of(other)["recovery"] == []
