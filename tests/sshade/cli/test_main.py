@@ -263,21 +263,21 @@ def test_signals_are_as_before_after_a_command():
 
 
 @pytest.mark.parametrize(
-    ("line", "output", "given"),
+    ("line", "output"),
     [
-        ("deform body.ply pose.json -o {}", "body.ply", "body.ply"),
-        ("remesh body.ply --map map.npz -o {}", "body.ply", "body.ply"),
-        ("carry body.ply map.npz edited.ply -o {}", "edited.ply", "edited.ply"),
-        ("reconstruct body.ply posed.ply -o {}", "posed.ply", "posed.ply"),
-        ("transfer-pose body.ply posed.ply edited.ply -o {}", "edited.ply", "edited.ply"),
-        ("edit body.ply pose.json --no-browser --handles-out {}", "pose.json", "pose.json"),
+        ("deform body.ply pose.json -o {}", "body.ply"),
+        ("remesh body.ply --map map.npz -o {}", "body.ply"),
+        ("carry body.ply map.npz edited.ply -o {}", "edited.ply"),
+        ("reconstruct body.ply posed.ply -o {}", "posed.ply"),
+        ("transfer-pose body.ply posed.ply edited.ply -o {}", "edited.ply"),
+        ("edit body.ply pose.json --no-browser --handles-out {}", "pose.json"),
     ],
 )
-def test_no_command_overwrites_an_input_unasked(folder, line, output, given):
+def test_no_command_overwrites_an_input_unasked(folder, line, output):
     for name in ("posed.ply", "edited.ply"):
         write_mesh(name, BODY.V, BODY.F)
     Path("map.npz").touch()
-    assert_refused("sshade", line.format(output).split(), f"{output}: is the input {given}", "--overwrite")
+    assert_refused("sshade", line.format(output).split(), f"{output}: is the input {output}", "--overwrite")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")
