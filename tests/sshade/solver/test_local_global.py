@@ -169,31 +169,22 @@ def fitted(S: np.ndarray, Q: np.ndarray | None = None) -> np.ndarray:
     return R
 
 
-def covariances(kind: str, count: int = 2000) -> np.ndarray:
-    rng = np.random.default_rng(7)
-    S = rng.normal(size=(count, 3, 3))
-    if kind == "rank two":
-        S = S[:, :, :2] @ rng.normal(size=(count, 2, 3))
-    elif kind == "nearly rank two":
-        S[:, :, 2] *= 1e-9
-    elif kind == "nearly rank one":
-        S[:, :, 1:] *= 1e-6
-    elif kind == "reflected":
-        S = S * -np.sign(np.linalg.det(S))[:, None, None]
-    elif kind == "huge":
-        S *= 1e150
-    elif kind == "tiny":
-        S *= 1e-150
-    return S
-
-
-KINDS = ("random", "rank two", "nearly rank two", "nearly rank one", "reflected", "huge", "tiny")
+#: Changes of random covariances, by the kind that they make.
+KINDS = {
+    "random": lambda S: S,
+    "rank two": lambda S: S[:, :, :2] @ S[:, 1:],
+    "nearly rank two": lambda S: S * [1, 1, 1e-9],
+    "nearly rank one": lambda S: S * [1, 1e-6, 1e-6],
+    "reflected": lambda S: S * -np.sign(np.linalg.det(S))[:, None, None],
+    "huge": lambda S: S * 1e150,
+    "tiny": lambda S: S * 1e-150,
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("warm", [False, True])
 def test_rotations_are_those_of_the_svd(kind, warm):
-    S = covariances(kind)
+    S = KINDS[kind](np.random.default_rng(7).normal(size=(2000, 3, 3)))
     Q = identities(len(S))
     if warm:
         near = S @ Rotation.from_rotvec(np.random.default_rng(8).normal(0, 0.02, (len(S), 3))).as_matrix()
