@@ -16,10 +16,10 @@ from sshade.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
 
 
-def ends_task(mesh: Mesh, *, angle: float = 30.0, lift: float = 0.1, name: str = "ends") -> DeformationTask:
+def ends_task(mesh: Mesh, *, angle: float = 30.0, name: str = "ends") -> DeformationTask:
     """Fix the lowest tenth along z, turn the highest tenth about z by `angle` degrees and lift it."""
     turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
-    handles = end_handles(mesh.V, turn=turn, shift=[0, 0, lift])
+    handles = end_handles(mesh.V, turn=turn, shift=[0, 0, 0.1])
     return DeformationTask(name, mesh, handles, meta={"angle": angle})
 
 

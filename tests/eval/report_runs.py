@@ -30,9 +30,9 @@ def collected(root: Path) -> Path:
     return path
 
 
-def make_runs(folder: Path, *, name: str = "tiny") -> Path:
-    """Run the experiment; return the CSV of its rows. The run folders lie in folder/runs/<name>."""
-    root = folder / "runs" / name
+def make_runs(folder: Path) -> Path:
+    """Run the experiment; return the CSV of its rows. The run folders lie in folder/runs/tiny."""
+    root = folder / "runs" / "tiny"
     for angle in ANGLES:
         task = bumpy_task(level=2, angle=angle)
         for method, config in METHODS.items():

@@ -54,9 +54,9 @@ def user(monkeypatch):
     assert failures == []
 
 
-def mark_and_lift(server, low, high):
-    """Fix some vertices, and move others up by a tenth of the diagonal."""
-    number = mark(server, low, high)
+def mark_and_lift(server, high=HIGH):
+    """Fix the lower end, and move others up by a tenth of the diagonal."""
+    number = mark(server, LOW, high)
     still = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1], "move": [0, 0, 0.1]}
     assert "error" not in command(server, "release", {"group": number, **still})
 
@@ -65,7 +65,7 @@ def test_it_returns_the_groups_of_the_page_and_leaves_no_files(user, capsys):
     def act(server):
         said = whole(server)
         assert said["returns"] and said["mesh"]["vertices"] == BODY.n and said["settings"]["method"] == "fine"
-        mark_and_lift(server, LOW, HIGH)
+        mark_and_lift(server)
         assert len(list(Path().glob("mesh_*.ply.recovery-*.npz"))) == 1
         status, _, _ = ask(server, "POST", f"/{server.token}/quit", b"")
         assert status == 200
@@ -106,7 +106,7 @@ def test_copies_along_a_seam_all_have_handles(user):
     before = np.array(shape.vertices)
 
     def act(server):
-        mark_and_lift(server, LOW, seam - 1)  # the first vertex of the arrays has no face
+        mark_and_lift(server, seam - 1)  # the first vertex of the arrays has no face
 
     user(act)
     handles = sshade.edit_handles(shape)
@@ -134,7 +134,7 @@ def test_a_killed_session_is_offered_to_the_next_call_with_the_same_mesh(user, m
     folder = Path()
 
     def killed(server):
-        mark_and_lift(server, LOW, HIGH)
+        mark_and_lift(server)
         (kept,) = folder.glob("*.npz")
         kept.with_name(kept.name.replace("recovery-", "recovery-0")).write_bytes(kept.read_bytes())
 
@@ -156,7 +156,7 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
     saved = Path("mine.json").resolve()
 
     def act(server):
-        mark_and_lift(server, LOW, HIGH)
+        mark_and_lift(server)
         said = command(server, "save", {"what": "handles", "name": "mine.json"})
         assert said["command"] == (
             f"from sshade.io.handles import read_handles; handles = read_handles({str(saved)!r}, mesh)"

@@ -27,9 +27,9 @@ def picture() -> Image.Image:
     return Image.fromarray(QUARTERS.repeat(16, axis=0).repeat(16, axis=1))
 
 
-def textured(name: str, V: np.ndarray, F: np.ndarray, uv: np.ndarray, image=None) -> None:
+def textured(name: str, V: np.ndarray, F: np.ndarray, uv: np.ndarray) -> None:
     """Write a mesh whose texture coordinates grow upwards."""
-    visual = trimesh.visual.TextureVisuals(uv, image=picture() if image is None else image)
+    visual = trimesh.visual.TextureVisuals(uv, image=picture())
     made = trimesh.Trimesh(V, F, visual=visual, process=False)
     files = {}
     if name.endswith(".obj"):

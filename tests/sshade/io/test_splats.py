@@ -16,7 +16,7 @@ def names(rest: int = 45) -> list[str]:
     return NAMES.format(" ".join(f"f_rest_{i}" for i in range(rest))).split()
 
 
-def write_splats(path, X, *, properties=None, text=False, kind="<f4", extra=""):
+def write_splats(path, X, *, properties=None, text=False, kind="<f4"):
     """Write splats at X (n, 3), with random numbers for all else; return the numbers (n, p)."""
     properties = names() if properties is None else properties
     values = np.random.default_rng(1).normal(size=(len(X), len(properties))).astype(kind)
@@ -24,7 +24,7 @@ def write_splats(path, X, *, properties=None, text=False, kind="<f4", extra=""):
     form = "ascii" if text else "binary_little_endian"
     word = {"<f4": "float", "<f8": "double"}[kind]
     header = f"ply\nformat {form} 1.0\ncomment by a test\nelement vertex {len(X)}\n"
-    header += "".join(f"property {word} {name}\n" for name in properties) + extra + "end_header\n"
+    header += "".join(f"property {word} {name}\n" for name in properties) + "end_header\n"
     rows = "".join(" ".join(map(repr, row)) + "\n" for row in values.tolist()).encode() if text else None
     path.write_bytes(header.encode() + (values.tobytes() if rows is None else rows))
     return values
