@@ -13,7 +13,7 @@ from sshade.io import gltf_morph, meshes, point_cache
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
-from tests.gltf import buffer_beside, with_arrays
+from tests.gltf import buffer_beside, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles, tube
 
@@ -214,15 +214,12 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
     """Read a .glb and check what a validator checks: lengths, alignment, bounds, targets, animations."""
     data = Path(path).read_bytes()
-    magic, version, length = struct.unpack("<4sII", data[:12])
-    assert (magic, version, length) == (b"glTF", 2, len(data)) and len(data) % 4 == 0
+    tree, binary = taken_apart(data)
+    assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data)) and len(data) % 4 == 0
     size, kind = struct.unpack("<I4s", data[12:20])
     assert kind == b"JSON" and size % 4 == 0
-    tree = json.loads(data[20 : 20 + size])
-    rest = data[20 + size :]
-    binary_size, kind = struct.unpack("<I4s", rest[:8])
-    binary = rest[8 : 8 + binary_size]
-    assert kind == b"BIN\0" and len(tree["buffers"]) == 1 and "uri" not in tree["buffers"][0]
+    assert struct.unpack("<I4s", data[20 + size : 28 + size]) == (len(binary), b"BIN\0")
+    assert len(tree["buffers"]) == 1 and "uri" not in tree["buffers"][0]
     assert 0 <= len(binary) - tree["buffers"][0]["byteLength"] < 4
     arrays = []
     for accessor in tree["accessors"]:
