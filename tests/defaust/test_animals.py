@@ -110,9 +110,8 @@ def test_weights_poses_and_landmarks_of_the_asset_can_be_baked_again(species):
     arrays, animal, table = arrays_of(species), load_animal(species), read_table()[species]
     rig = make_rig(table)
     V, F = animal.rest[0], animal.faces
-    assert np.abs(rig.level(V)).max() < 0.01 * np.linalg.norm(
-        np.ptp(V, axis=0)
-    )  # the vertices lie on the surface of the formulas
+    # The vertices lie on the surface of the formulas.
+    assert np.abs(rig.level(V)).max() < 0.01 * np.linalg.norm(np.ptp(V, axis=0))
     bone, weight = quantise_weights(bone_weights(rig, V, F), keep=arrays["bone"].shape[1])
     assert np.abs(weight.astype(int) - arrays["weight"]).max() <= 1
     rotations, shifts = make_poses(rig, table["poses"])

@@ -62,9 +62,8 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     assert call("front", [*paths, "-o", str(picture)]) == 0
     text = picture.read_text()
     assert text.count("<!-- fine -->") == text.count("<!-- arap -->") == 1
-    assert (
-        text.count("<!-- 0.0 -->") == text.count("<!-- inf -->") == 2
-    )  # both ends of the curve in two panels
+    # Both ends of the curve are in two panels.
+    assert text.count("<!-- 0.0 -->") == text.count("<!-- inf -->") == 2
     assert str(picture) in capsys.readouterr().out
     assert call("front", [*paths, "-o", str(picture), "--leave-out", "arap"]) == 0
     assert "<!-- arap -->" not in picture.read_text()
