@@ -140,9 +140,8 @@ def test_targets_at_rest_give_the_rest_shape_and_rigid_poses_move_the_edited_one
         if method.transfers:
             at_rest = TransferTask("rigid", mesh, task.rest, task.rest.V @ R.T + shift)
         else:
-            at_rest = DeformationTask(
-                "at rest", mesh, Handles(task.handles.index, mesh.V[task.handles.index])
-            )
+            held = task.handles.index
+            at_rest = DeformationTask("at rest", mesh, Handles(held, mesh.V[held]))
         gap = np.abs(method.call(at_rest, seed=3).vertices - (mesh.V @ R.T + shift)).max()
         assert gap <= close(method) * mesh.diagonal
 

@@ -21,9 +21,8 @@ def test_every_file_and_case(finished):
         assert entry["sha256"] == sha256(finished / name)
         assert entry["contentSize"] == f"{(finished / name).stat().st_size} B"
     cases = content["recordSet"][0]["data"]
-    assert [(case["cases/subject"], case["cases/pose"]) for case in cases] == [
-        (s, k) for s in range(3) for k in (1, 2)
-    ]
+    found = [(case["cases/subject"], case["cases/pose"]) for case in cases]
+    assert found == [(s, k) for s in range(3) for k in (1, 2)]
     assert {case["cases/target"] for case in cases} < files
 
 

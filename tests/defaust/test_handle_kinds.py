@@ -85,9 +85,8 @@ def test_landmarks_of_regions_are_few_and_spread(ball, handles):
 def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
     top = int(ball.V[:, 1].argmax())
     beside = int(np.flatnonzero(distances(ball, top) < 0.6 * REACH * ball.diagonal)[-1])
-    pair = Handles(
-        np.array([top, beside]), ball.V[[top, beside]] + [[1.0, 0, 0], [2.0, 0, 0]], group=np.array([0, 1])
-    )
+    target = ball.V[[top, beside]] + [[1.0, 0, 0], [2.0, 0, 0]]
+    pair = Handles(np.array([top, beside]), target, group=np.array([0, 1]))
     regions = of_kind(ball, pair, "regions")
     nearer = np.argmin([distances(ball, top), distances(ball, beside)], axis=0)[regions.index]
     np.testing.assert_array_equal(regions.group, nearer)

@@ -39,9 +39,8 @@ def test_rows_of_other_metrics_are_measured_again_whole_and_no_others(runs, monk
     (folder,) = outdate(runs, of="bumpy_10")
     row = read_row(folder)
     monkeypatch.setitem(METRICS, "area", Metric("area", "%", "7", lambda deformed: 7.0))
-    monkeypatch.setitem(
-        METRICS, "count", Metric("count", "count", "n", lambda deformed: len(deformed.shape.V))
-    )
+    count = Metric("count", "count", "n", lambda deformed: len(deformed.shape.V))
+    monkeypatch.setitem(METRICS, "count", count)
     assert call("remeasure", [str(runs)]) == 0
     assert f"{runs}: 1 of 4 rows changed" in capsys.readouterr().out
     again = read_row(folder)
@@ -49,9 +48,8 @@ def test_rows_of_other_metrics_are_measured_again_whole_and_no_others(runs, monk
     assert again.pop("metric.count") == 162 and again.pop("metric.area") == 7.0 != row.pop("metric.area")
     assert again.pop("env.version.metrics") == METRICS_VERSION and row.pop("env.version.metrics")
     metrics = [name for name in row if name.startswith("metric.") and row[name] is not None]
-    assert {name: again.pop(name) for name in metrics} == pytest.approx(
-        {name: row.pop(name) for name in metrics}, rel=1e-4, abs=1e-4
-    )
+    found, expected = ({name: one.pop(name) for name in metrics} for one in (again, row))
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-4)
     assert again == row
     assert (folder / "vertices.npy").is_file() and not list(folder.glob(".*"))
     others = [r for r in rows_of(runs) if r["key"] != row["key"]]

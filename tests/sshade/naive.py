@@ -15,9 +15,8 @@ def bend(mesh: Mesh, *, axis: int, pivot: list[float]) -> DeformationTask:
     index = np.flatnonzero((mesh.V[:, axis] < low) | (mesh.V[:, axis] > high))
     R = Rotation.from_rotvec(np.deg2rad(90) * np.eye(3)[1]).as_matrix()
     moved = (mesh.V - pivot) @ R.T + pivot
-    return DeformationTask(
-        "bend", mesh, Handles(index, np.where((high < mesh.V)[:, [axis]], moved, mesh.V)[index])
-    )
+    target = np.where((high < mesh.V)[:, [axis]], moved, mesh.V)[index]
+    return DeformationTask("bend", mesh, Handles(index, target))
 
 
 TASKS = {

@@ -82,9 +82,8 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
 def test_captions_are_values_of_the_rows_below_shapes_of_one_scale():
     task = held_ends(bumpy(2))
     task = replace(task, truth=1.1 * task.mesh.V)
-    case = figures.Case(
-        task, {"a": 2 * task.mesh.V}, {"a": {"metric.volume": 7.04}, "unused": {"metric.volume": 1.0}}
-    )
+    rows = {"a": {"metric.volume": 7.04}, "unused": {"metric.volume": 1.0}}
+    case = figures.Case(task, {"a": 2 * task.mesh.V}, rows)
     entry = {"titles": {"a": "A", "rest": "At rest"}, "captions": {"metric.volume": "volume {:.1f} %"}}
     view = {"towards": np.array([0.0, 0, 1]), "up": np.array([0.0, 1, 0])}
     rest, a, truth, bar = figures.captioned(case, entry, view).axes

@@ -50,9 +50,8 @@ def test_hard_handles_that_miss_are_a_warning(here, capsys, method):
 def test_soft_handles_are_counted_apart_and_are_no_warning(here, capsys):
     write_mesh("body.ply", BODY.V, BODY.F)
     weight = np.where(np.arange(len(POSE)) < 3, 0.5, np.inf)
-    run(
-        "out.ply", handles=Handles(POSE.index, POSE.target + 0.1 * weight[:, None].clip(max=1), weight=weight)
-    )
+    target = POSE.target + 0.1 * weight[:, None].clip(max=1)
+    run("out.ply", handles=Handles(POSE.index, target, weight=weight))
     err = capsys.readouterr().err
     assert f"{len(POSE) - 3} handles reached to 0 % and 3 soft handles to " in err and "warning" not in err
     run("out.ply", "--weight", "1")

@@ -279,9 +279,8 @@ def test_a_glb_has_a_morph_target_and_a_key_for_each_pose(folder):
     np.testing.assert_allclose(shown_at(tree, arrays, 0, "POSITION"), vertices("out_*.ply"), atol=1e-6)
     sampler = tree["animations"][0]["samplers"][0]
     np.testing.assert_allclose(arrays[sampler["input"]][:, 0], [0, 0.1, 0.2, 0.3], atol=1e-7)
-    np.testing.assert_allclose(
-        arrays[tree["meshes"][0]["primitives"][0]["attributes"]["POSITION"]], BODY.V, atol=1e-6
-    )
+    rest = tree["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    np.testing.assert_allclose(arrays[rest], BODY.V, atol=1e-6)
     text = json.loads(Path("out.gltf").read_text())
     assert text["accessors"] == tree["accessors"] and text["meshes"] == tree["meshes"]
 
@@ -303,10 +302,8 @@ def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
     for number, step in enumerate(STEPS[:2]):
         moved = V[second] + 2 * ENDS.dynamic[:, None] * [step, 0, 0]
         index = np.concatenate([ENDS.index, second])
-        group = np.repeat([0, 1], len(second))
-        write_handles(
-            f"two_{number}.json", Handles(index, np.concatenate([targets(step), moved]), group=group)
-        )
+        target = np.concatenate([targets(step), moved])
+        write_handles(f"two_{number}.json", Handles(index, target, group=np.repeat([0, 1], len(second))))
     assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out.glb", *FAST]) == 0
     assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out_%d.glb", *FAST]) == 0
     tree, arrays = read_gltf("out.glb")

@@ -250,9 +250,8 @@ def test_followers_of_a_single_vertex_are_where_they_were_when_a_file_is_opened_
     near = np.flatnonzero(np.linalg.norm(BODY.V - BODY.V[top], axis=1) < 0.3)
     number = added(session, near if loses else np.array([top]), "moving")
     session.fade(number, 0.8)
-    session.release(
-        number, Motion.about(BODY.V[top], Rotation.from_rotvec([1, 0, 0]).as_quat(), [0, 0.2, 0.3])
-    )
+    turn = Rotation.from_rotvec([1, 0, 0]).as_quat()
+    session.release(number, Motion.about(BODY.V[top], turn, [0, 0.2, 0.3]))
     if loses:
         added(session, near[:5], "moving")
     session.settle()

@@ -191,9 +191,8 @@ def test_commands_do_what_the_session_does(server):
     assert np.allclose(P, (BODY.V - centre) / BODY.diagonal, atol=1e-7)
     number = mark(server)
     answer = command(server, "alter", {"group": number, "name": "tip", "weight": None})
-    assert np.array_equal(
-        answer["labels"], 1 * np.isin(range(BODY.n), LOW) + 2 * np.isin(range(BODY.n), HIGH)
-    )
+    low, high = (np.isin(range(BODY.n), end) for end in (LOW, HIGH))
+    assert np.array_equal(answer["labels"], 1 * low + 2 * high)
     (tip,) = [group for group in answer["groups"] if group["name"] == "tip"]
     assert np.allclose(tip["pivot"], P[HIGH].mean(axis=0))
     move = {"group": number, "pivot": tip["pivot"], "move": [0.05, 0, 0.05], "quaternion": [0, 0.3, 0, 1]}

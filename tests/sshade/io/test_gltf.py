@@ -229,9 +229,8 @@ def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
     write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
     new, data = taken_apart((tmp_path / "b.glb").read_bytes())
     assert [node["mesh"] for node in new["nodes"]] == [2, 0]
-    view = new["bufferViews"][
-        new["accessors"][new["meshes"][2]["primitives"][0]["attributes"]["POSITION"]]["bufferView"]
-    ]
+    accessor = new["accessors"][new["meshes"][2]["primitives"][0]["attributes"]["POSITION"]]
+    view = new["bufferViews"][accessor["bufferView"]]
     hidden = np.frombuffer(data, "<f4", 3 * SPHERE.n, view["byteOffset"]).reshape(-1, 3)
     assert np.array_equal(hidden, SPHERE.V.astype("f4"))
     del tree["scenes"], tree["scene"]

@@ -98,9 +98,8 @@ def test_a_scene_of_a_glb_is_deformed_where_its_node_puts_the_mesh(tmp_path, pla
     expected = deform(rest, BODY.F, B, BC @ R.T + t, vertices=60)
     np.testing.assert_allclose(result.dump()[0].vertices, expected, rtol=0, atol=1e-9)
     (name,) = result.geometry
-    assert np.array_equal(
-        result.graph[result.graph.nodes_geometry[0]][0], scene.graph[scene.graph.nodes_geometry[0]][0]
-    )
+    places = [one.graph[one.graph.nodes_geometry[0]][0] for one in (result, scene)]
+    assert np.array_equal(*places)
     np.testing.assert_allclose(result.geometry[name].vertices[B], BC, rtol=0, atol=1e-5)
     sshade.write(tmp_path / "out.ply", result)
     np.testing.assert_allclose(sshade.read(tmp_path / "out.ply").V, expected, rtol=0, atol=1e-9)

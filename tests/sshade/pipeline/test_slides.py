@@ -162,9 +162,8 @@ def test_motions_that_nothing_determines_stay_and_the_others_are_found():
     """Five handles on horizontal planes turn a ball. No handle determines a shift along the planes."""
     at = [SPHERE.V[:, c].argmax() for c in range(3)] + [SPHERE.V[:, 0].argmin(), SPHERE.V[:, 1].argmin()]
     R, normal = Rotation.from_euler("xy", [20, 10], degrees=True).as_matrix(), [0.0, 0.0, 1.0]
-    task = DeformationTask(
-        "ball", SPHERE, Handles(np.array(at), SPHERE.V[at] @ R.T, slide=Slide.plane(normal))
-    )
+    sliding = Handles(np.array(at), SPHERE.V[at] @ R.T, slide=Slide.plane(normal))
+    task = DeformationTask("ball", SPHERE, sliding)
     result = local_global(task, start="rigid", **EXACT)
     assert result.extra["energy"] < 1e-12 and off(task, result.vertices) < 1e-12
     assert np.abs(result.vertices[:, :2].mean(axis=0)).max() < 0.1
