@@ -110,10 +110,8 @@ def test_the_reason_for_a_compilation_names_what_the_package_came_with(folder):
     assert kernels.why_compiled() == "it came without compiled kernels"
     (folder / "store").mkdir()
     (folder / "store" / kernels.MADE_FOR).write_text("cpython-310, numba 0.1 and x86-64-v3 processors")
-    assert (
-        f"for cpython-310, numba 0.1 and x86-64-v3 processors, this is {sys.implementation.cache_tag}"
-        in kernels.why_compiled()
-    )
+    told = f"for cpython-310, numba 0.1 and x86-64-v3 processors, this is {sys.implementation.cache_tag}"
+    assert told in kernels.why_compiled()
 
 
 def test_the_list_of_signatures_is_read_as_it_is_written():
@@ -127,7 +125,5 @@ def test_the_list_of_signatures_is_read_as_it_is_written():
 def test_read_only_arrays_are_described():
     frozen = np.zeros((2, 2))
     frozen.flags.writeable = False
-    assert (
-        describe((kernels.numba.typeof(frozen), kernels.numba.typeof((1, 2.0))))
-        == "float64:2Cr ( int64 float64 )"
-    )
+    kinds = tuple(map(kernels.numba.typeof, (frozen, (1, 2.0))))
+    assert describe(kinds) == "float64:2Cr ( int64 float64 )"

@@ -94,13 +94,12 @@ def test_landmarks_are_apart_and_on_their_side(subject):
     assert tuple(found) == source.landmark_names and len(set(found.values())) == len(found)
     for name, vertex in found.items():
         x = rest.V[vertex, 0]
-        assert (
-            (x > 0)
-            if name.endswith("_l")
-            else (x < 0)
-            if name.endswith("_r")
-            else abs(x) < 0.02 * rest.diagonal
-        )
+        if name.endswith("_l"):
+            assert x > 0
+        elif name.endswith("_r"):
+            assert x < 0
+        else:
+            assert abs(x) < 0.02 * rest.diagonal
     z = {name: rest.V[vertex, 2] for name, vertex in found.items()}
     assert z["nose"] > z["forefoot_l"] > z["back"] > z["hindfoot_l"] > z["tail_tip"]
 

@@ -173,12 +173,8 @@ def test_lines_with_fewer_values_are_refused_with_their_number(tmp_path, old, ne
 
 
 def test_rows_of_a_text_may_go_on_in_the_next_line(tmp_path):
-    (tmp_path / "a.ply").write_bytes(
-        b"end_header\n".join(
-            part.replace(b" ", b"\n") if i else part
-            for i, part in enumerate(ply("ascii").split(b"end_header\n"))
-        )
-    )
+    header, end, rows = ply("ascii").partition(b"end_header\n")
+    (tmp_path / "a.ply").write_bytes(header + end + rows.replace(b" ", b"\n"))
     assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
 
 
