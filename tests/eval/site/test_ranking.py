@@ -118,9 +118,8 @@ def test_a_submission_joins_the_track_that_it_names_only():
 def test_cases_of_two_tracks_are_refused_in_one_ranking():
     """The tracks of large and small bodies have tasks of the same names."""
     mixed = frame(*near("a", 1.0, task__checksum="large"), *near("b", 2.0, task__checksum="small"))
-    with pytest.raises(
-        InputError, match="2 tasks that are called bodies/subject_0/pose_1, of several tracks"
-    ):
+    words = "2 tasks that are called bodies/subject_0/pose_1, of several tracks"
+    with pytest.raises(InputError, match=words):
         contests_of(TRACK, mixed, {})
 
 

@@ -209,9 +209,8 @@ def test_a_program_is_named_by_its_rows_and_never_run(folder, published, here):
     assert check(folder, TRACK, published).remeasured == 2
     assert not (here / "hacked").exists()
     (folder / "method.yaml").write_text(yaml.safe_dump(program | {"command": ["touch", "other"]}))
-    with pytest.raises(
-        InputError, match=r"has rows of \['touch', .*, and the submission is of \['touch', 'other"
-    ):
+    words = r"has rows of \['touch', .*, and the submission is of \['touch', 'other"
+    with pytest.raises(InputError, match=words):
         check(folder, TRACK, published)
     (folder / "method.yaml").write_text(yaml.safe_dump({"defaults": ["external"], "command": command}))
     with pytest.raises(InputError, match=r"method\.yaml: has no _target_"):

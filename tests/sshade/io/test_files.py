@@ -192,7 +192,6 @@ def test_a_file_that_is_no_npz_is_refused_without_advice_to_load_a_pickle(tmp_pa
         read_npz(tmp_path / "gone.npz", what="a map")
     for content in (b"", b"random bytes", b"PK\x03\x04"):
         (tmp_path / "map.npz").write_bytes(content)
-        with pytest.raises(
-            InputError, match=r"map\.npz: not a map \(it is no \.npz file, or ends too early\)$"
-        ):
+        words = r"map\.npz: not a map \(it is no \.npz file, or ends too early\)$"
+        with pytest.raises(InputError, match=words):
             read_npz(tmp_path / "map.npz", what="a map")

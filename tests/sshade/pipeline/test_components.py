@@ -346,10 +346,8 @@ def three() -> tuple[Mesh, Handles]:
 
 def test_a_component_without_handles_is_refused_by_its_size_and_place():
     mesh, own = three()
-    with pytest.raises(
-        InputError,
-        match=r"1 of the mesh's 3 components has no handle \(the first has 42 vertices, one of them 324\)",
-    ):
+    words = r"1 of the mesh's 3 components has no handle \(the first has 42 vertices, one of them 324\)"
+    with pytest.raises(InputError, match=words):
         deformed(mesh, own, METHOD, vertices=80)
 
 

@@ -89,9 +89,8 @@ def test_the_random_vertex_follows_the_given_ones_and_is_none_of_them():
 
 def test_giving_up_names_the_cells(monkeypatch):
     monkeypatch.setattr(module, "MAX_ROUNDS", 0)
-    with pytest.raises(
-        InputError, match=r"remeshing to 4 vertices failed: after 0 rounds .*raise the option"
-    ):
+    words = r"remeshing to 4 vertices failed: after 0 rounds .*raise the option"
+    with pytest.raises(InputError, match=words):
         sample_proxy(SURFACES["torus"], 4)
 
 
