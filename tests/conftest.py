@@ -15,6 +15,7 @@ from numba.core import event
 from sshade.kernels import Store, describe
 from sshade.mesh.mesh import Mesh
 from tests.browser import browser as browser
+from tests.robustness.inputs import write_sound
 from tests.shapes import bumpy
 from tools.compile_kernels import LIST
 
@@ -48,6 +49,13 @@ def here(tmp_path, monkeypatch) -> Path:
     """A new folder, which is the working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def sound(here) -> Path:
+    """A new folder with a sound mesh, body.ply, and a sound pose, pose.json; it is the working folder."""
+    write_sound()
+    return here
 
 
 @pytest.hookimpl(wrapper=True)

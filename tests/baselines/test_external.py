@@ -173,12 +173,11 @@ def test_soft_handles_need_json(run, task):
     run('grep -q weight "$2" && ' + SHIFTING, task=soft, handles_format="json")
 
 
-def test_no_shell_reads_a_command(task, monkeypatch, tmp_path):
+def test_no_shell_reads_a_command(task, monkeypatch, here):
     command = allow(monkeypatch, ["sh", "-c", 'echo "$1" >&2; exit 1', "-", "$(touch hacked); *"])
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(ProgramFailed, match=r"its last line was: \$\(touch hacked\); \*$"):
         external(task, command=command)
-    assert not list(tmp_path.iterdir())
+    assert not list(here.iterdir())
 
 
 @pytest.mark.parametrize("after", ["wait", "exit 0", "exit 1"])

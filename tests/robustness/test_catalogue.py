@@ -4,7 +4,6 @@ import pytest
 
 from tests.robustness import datasets, evaluation, outputs, places, surfaces
 from tests.robustness.case import attempt
-from tests.robustness.inputs import write_sound
 
 PARTS = (surfaces, outputs, places, datasets, evaluation)
 CASES = [
@@ -15,7 +14,5 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_case(case, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_sound()
+def test_case(case, sound):
     attempt(case)

@@ -117,12 +117,11 @@ TWO_BODIES = beside(BODY, shifted(BODY, [5, 0, 0]))
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_argument_is_refused(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_wrong_argument_is_refused(name, here):
     call, words = WRONG[name]
     with pytest.raises(InputError, match=words):
         call()
-    assert not list(tmp_path.iterdir())
+    assert not list(here.iterdir())
 
 
 NO_MESH = {

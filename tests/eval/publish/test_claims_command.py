@@ -99,15 +99,14 @@ def test_make_verify_runs_each_method_that_a_claim_names():
             assert not number or re.search(rf"[=,]{number}\b", text), claim
 
 
-def test_the_command_writes_the_table_or_says_what_is_missing(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_writes_the_table_or_says_what_is_missing(here, capsys):
     assert main(["claims", "faust"]) == 2
     assert capsys.readouterr().err == "error: out/rows has no rows of faust; `make verify` makes them\n"
-    (tmp_path / "out").mkdir()
-    write(tmp_path / "out" / "rows", {"fast": [0.01, 0.02, 0.03]}, name="bodies_170k_faust")
+    (here / "out").mkdir()
+    write(here / "out" / "rows", {"fast": [0.01, 0.02, 0.03]}, name="bodies_170k_faust")
     assert main(["claims", "mars"]) == 2
     assert "conf/claims.yaml has no claims about 'mars'; use faust or tosca" in capsys.readouterr().err
     assert main(["claims", "faust"]) == 0
-    text = (tmp_path / "out" / "tables" / "claims_faust.md").read_text()
+    text = (here / "out" / "tables" / "claims_faust.md").read_text()
     assert "| fast keeps the volume | volume (%) | 0.02 < 0.1 |  | 3 | 3 | confirmed |" in text
     assert text in capsys.readouterr().out

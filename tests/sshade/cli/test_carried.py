@@ -7,16 +7,13 @@ from sshade import Mesh, bind_points
 from sshade.io.meshes import read_file, read_mesh, write_mesh
 from sshade.io.splats import read_points
 from tests.robustness.case import run
-from tests.robustness.inputs import BODY, write_sound
+from tests.robustness.inputs import BODY
 from tests.sshade.io.test_splats import write_splats
 
 CALL = "sshade deform body.ply pose.json -o posed.ply --with {}"
 
 
-@pytest.fixture(autouse=True)
-def _sound(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_sound()
+pytestmark = pytest.mark.usefixtures("sound")
 
 
 def shirt() -> Mesh:

@@ -14,13 +14,9 @@ import pytest
 
 from sshade.cli.main import main
 from tests.robustness.case import assert_refused
-from tests.robustness.inputs import BODY, write_sound
+from tests.robustness.inputs import BODY
 
-
-@pytest.fixture(autouse=True)
-def folder(here) -> Path:
-    write_sound()
-    return here
+pytestmark = pytest.mark.usefixtures("sound")
 
 
 @contextmanager
