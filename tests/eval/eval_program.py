@@ -4,9 +4,10 @@ import os
 import shlex
 import subprocess
 import sys
+from contextlib import chdir
 from pathlib import Path
 
-from tests.robustness.case import run, working_in
+from tests.robustness.case import run
 
 _HERE = Path(__file__).parent
 _ARGUMENTS = ["run", "--config-dir", str(_HERE / "extra_conf")]
@@ -26,6 +27,6 @@ def run_program(folder: Path, *arguments: str, **variables: str) -> subprocess.C
 
 def run_eval(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
     """Run the program in this process, in `folder`. It starts ten times as fast as in a new process."""
-    with working_in(folder):
+    with chdir(folder):
         ended = run(shlex.join(["sshade-eval", *_ARGUMENTS, *arguments]))
     return subprocess.CompletedProcess(arguments, *ended)

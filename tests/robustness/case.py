@@ -196,14 +196,3 @@ def _without_privileges() -> Iterator[None]:
         yield
     finally:
         assert library.capset(header, words) == 0, os.strerror(ctypes.get_errno())
-
-
-@contextlib.contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """Make a folder the working folder for a while."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)

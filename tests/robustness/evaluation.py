@@ -7,6 +7,7 @@ import pickle
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,6 @@ from tests.robustness.case import (
     on_a_full_disk,
     refused,
     run,
-    working_in,
 )
 from tests.robustness.datasets import RUN, dataset
 from tests.robustness.inputs import Given, both, cut, data, text
@@ -39,7 +39,7 @@ def _done() -> Path:
     """A working folder with a dataset, two runs and their rows."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
-    with working_in(place):
+    with chdir(place):
         dataset()
         assert run(SWEEP)[0] == 0
         for path in Path(RUNS).rglob("row.json"):  # as if the metrics had changed since the run
