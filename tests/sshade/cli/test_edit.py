@@ -15,6 +15,7 @@ import pytest
 from sshade.cli.main import main
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
+from tests.sshade.edit.lent import unpacked
 
 pytestmark = pytest.mark.usefixtures("sound")
 
@@ -45,17 +46,12 @@ def mark(address: str, kind: str) -> None:
     get(f"{address}mark", json.dumps({"kind": kind}).encode())
 
 
-def facts_of(address: str) -> dict:
-    size = int.from_bytes((content := get(f"{address}whole"))[:4], "little")
-    return json.loads(content[4 : 4 + size])
-
-
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
 def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     with running("body.ply", "pose.json", "--no-browser") as (process, address):
         assert address.startswith("http://127.0.0.1:") and address.endswith("/")
         assert b"<title>sshade edit</title>" in get(address)
-        facts = facts_of(address)
+        facts = unpacked(get(f"{address}whole"))
         assert facts["mesh"]["vertices"] == BODY.n
         assert [group["kind"] for group in facts["groups"]] == ["static", "moving"]
         process.send_signal(signal.SIGINT)
@@ -90,11 +86,11 @@ def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved
         mark(address, "moving")
         (kept,) = Path().glob("body.ply.recovery-*.npz")
         with running("body.ply", "--no-browser") as (_, other):  # the first editor still runs
-            assert facts_of(other)["recovery"] == []
+            assert unpacked(get(f"{other}whole"))["recovery"] == []
         process.kill()
         process.wait()
     with running("body.ply", "--no-browser", "--recover", str(kept)) as (process, address):
-        assert [group["vertices"] for group in facts_of(address)["groups"]] == [1]
+        assert [group["vertices"] for group in unpacked(get(f"{address}whole"))["groups"]] == [1]
         assert kept not in (new := list(Path().glob("*.npz"))) and len(new) == 1
         get(f"{address}save", b'{"what": "handles", "name": "saved.json"}')
         get(f"{address}quit", b"")
