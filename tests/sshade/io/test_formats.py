@@ -1,6 +1,7 @@
 """OFF, OBJ and STL files as other programs write them; damaged files are refused with their place."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +9,15 @@ import trimesh
 
 from sshade import InputError
 from sshade.io.document import MeshFile
-from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
+from sshade.io.meshes import read_file, write_file, write_mesh
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
+
+
+def stored(path: Path, text: str) -> MeshFile:
+    path.write_bytes(text.encode())
+    return read_file(path)
 
 
 def test_another_reader_agrees_with_what_is_written_as_stl(tmp_path):
@@ -45,10 +51,9 @@ CNOFF # with colours
 def test_off_with_comments_colours_and_polygons(tmp_path):
     one_line_head = OFF.replace("CNOFF # with colours\n5", "CNOFF 5")
     for text in (OFF, OFF.replace("\n", "\r\n"), OFF.replace("\n", "\r"), one_line_head):
-        (tmp_path / "a.off").write_bytes(text.encode())
-        V, F = read_arrays(tmp_path / "a.off")
-        assert V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
-        assert F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
+        file = stored(tmp_path / "a.off", text)
+        assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
+        assert file.F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
 
 
 def test_off_of_modelnet_whose_first_line_does_not_end(tmp_path):
@@ -59,11 +64,9 @@ def test_off_of_modelnet_whose_first_line_does_not_end(tmp_path):
 
 def test_off_of_meshlab_with_normals_behind_colours(tmp_path):
     """MeshLab writes NCSTOFF, and colours, normals and texture coordinates in this order."""
-    path = tmp_path / "a.off"
     row = "{} 255 0 0 255 0 0 1 0.5 0.25 \n"
     points = "".join(row.format(p) for p in ("0 0 0", "1 0 0", "0 1 0"))
-    path.write_text(f"NCSTOFF\n3 1 0\n{points}3 0 1 2 9 9 9\n")
-    file = read_file(path)
+    file = stored(tmp_path / "a.off", f"NCSTOFF\n3 1 0\n{points}3 0 1 2 9 9 9\n")
     assert file.holds == ("texture coordinates", "normals", "vertex colours", "face colours")
     write_file(tmp_path / "b.off", file, file.V[:, [1, 2, 0]])  # z to y
     written = read_file(tmp_path / "b.off")
@@ -96,10 +99,9 @@ endsolid two
 
 @pytest.mark.parametrize("text", [STL, STL.upper(), STL.replace("\n", "\r\n"), "\n" + STL.replace("  ", "")])
 def test_stl_as_text(tmp_path, text):
-    (tmp_path / "a.stl").write_bytes(text.encode())
-    V, F = read_arrays(tmp_path / "a.stl")
-    assert V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    assert F.tolist() == [[0, 1, 2], [3, 4, 5]]
+    file = stored(tmp_path / "a.stl", text)
+    assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert file.F.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_a_text_that_ends_behind_a_facet_gives_a_note_and_elsewhere_it_is_refused(tmp_path):
@@ -122,8 +124,7 @@ def test_several_solids_of_an_stl(tmp_path):
     shifted = STL.replace("vertex 0 0 0", "vertex 0 0 7").replace(" two", "")
     text = f"{STL}\n{shifted}solid three\nendsolid three\n" + "".join(lines[:8])
     for variant in (text, text.upper(), text.replace("\n", "\r\n"), "\ufeff" + text.replace("  ", "\t")):
-        path.write_bytes(variant.encode())
-        file = read_file(path)
+        file = stored(path, variant)
         assert file.F.tolist() == np.arange(15).reshape(5, 3).tolist()
         assert file.V[:, 2].tolist() == [0] * 6 + [7] + [0] * 8
         assert file.notes == ("solids without a line endsolid: 1 of 4; check that the file is complete",)
@@ -150,8 +151,7 @@ def test_a_text_in_utf_16_is_refused(tmp_path, name, coding):
 
 def obj(text: str, tmp_path) -> MeshFile:
     """Read an OBJ file, and check that it is written as it is if nothing moves."""
-    (tmp_path / "a.obj").write_bytes(text.encode())
-    file = read_file(tmp_path / "a.obj")
+    file = stored(tmp_path / "a.obj", text)
     write_file(tmp_path / "b.obj", file, file.V)
     assert (tmp_path / "b.obj").read_bytes() == text.encode()
     return file
@@ -162,8 +162,7 @@ def test_normals_that_are_no_numbers_stay(tmp_path, nan):
     file = obj(OBJ.replace("vn 0 0 1", f"vn 0 {nan} 1"), tmp_path)
     write_file(tmp_path / "b.obj", file, file.V[:, [1, 2, 0]])
     assert f"vn 0 {nan} 1\n" in (tmp_path / "b.obj").read_text()
-    (tmp_path / "a.stl").write_text(STL.replace("normal 0 0 1", f"normal 0 {nan} 1"))
-    file = read_file(tmp_path / "a.stl")
+    file = stored(tmp_path / "a.stl", STL.replace("normal 0 0 1", f"normal 0 {nan} 1"))
     write_file(tmp_path / "b.stl", file, file.V[:, [1, 2, 0]])
     assert (tmp_path / "b.stl").read_text().count(f"normal 0 {nan} 1\n") == 2
 
@@ -268,11 +267,9 @@ end
 def test_damaged_files_are_refused_with_their_place(tmp_path, suffix, sound, old, new, words):
     assert sound.count(old) == 1
     path = tmp_path / f"a{suffix}"
-    path.write_text(sound)
-    read_file(path)
-    path.write_text(sound.replace(old, new))
+    stored(path, sound)
     with pytest.raises(InputError, match=rf"a\{suffix}: .*{words}"):
-        read_file(path)
+        stored(path, sound.replace(old, new))
 
 
 def test_a_binary_stl_that_begins_with_solid_and_one_of_another_length(tmp_path):

@@ -1,11 +1,13 @@
 """PLY files: every type and byte order, mixed polygons, and messages about errors."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+from sshade.io.document import MeshFile
 from sshade.io.meshes import read_file, write_file
 from sshade.io.ply import parsed, read_ply
 
@@ -46,6 +48,12 @@ def ply(
     return (header + "\n".join(" ".join(map(repr, map(float, values))) for _, values in rows) + "\n").encode()
 
 
+def stored(folder: Path, content: bytes) -> MeshFile:
+    """Write a.ply and read it."""
+    (folder / "a.ply").write_bytes(content)
+    return read_ply(folder / "a.ply")
+
+
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
 @pytest.mark.parametrize(
     ("position", "count", "corner"),
@@ -57,18 +65,14 @@ def ply(
     ],
 )
 def test_types_and_byte_orders(tmp_path, order, position, count, corner):
-    (tmp_path / "a.ply").write_bytes(ply(order, position=position, count=count, corner=corner))
-    file = read_ply(tmp_path / "a.ply")
+    file = stored(tmp_path, ply(order, position=position, count=count, corner=corner))
     assert file.V.dtype == np.float64 and np.array_equal(file.V, SQUARE)
     assert file.F.dtype == np.int64 and file.F.tolist() == FANNED
 
 
 def test_windows_line_ends_and_points_alone(tmp_path):
-    text = ply("ascii").replace(b"\n", b"\r\n")
-    (tmp_path / "a.ply").write_bytes(text)
-    assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
-    (tmp_path / "a.ply").write_bytes(ply("ascii", polygons=[]))
-    file = read_ply(tmp_path / "a.ply")
+    assert stored(tmp_path, ply("ascii").replace(b"\n", b"\r\n")).F.tolist() == FANNED
+    file = stored(tmp_path, ply("ascii", polygons=[]))
     assert len(file.V) == 5 and file.F.shape == (0, 3)
 
 
@@ -78,9 +82,8 @@ def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
     # A text may lack the last line end. A cut in the last number of a text cannot be detected.
     last = len(whole) - (len(whole.split()[-1]) + 1 if order == "ascii" else 0)
     for end in [*range(0, last, 7), last - 1]:
-        (tmp_path / "a.ply").write_bytes(whole[:end])
         with pytest.raises(ValueError, match="ends within|its header|begin with ply|to float: b'-'"):
-            read_ply(tmp_path / "a.ply")
+            stored(tmp_path, whole[:end])
 
 
 @pytest.mark.parametrize(
@@ -108,9 +111,8 @@ def test_any_end_but_the_last_byte_is_too_early(tmp_path, order):
 def test_what_is_wrong_is_said(tmp_path, old, new, words):
     sound = ply("ascii")
     assert old in sound
-    (tmp_path / "a.ply").write_bytes(sound.replace(old, new))
     with pytest.raises(ValueError, match=words):
-        read_ply(tmp_path / "a.ply")
+        stored(tmp_path, sound.replace(old, new))
 
 
 #: Older versions of MeshLab write texture coordinates and flags that their header does not declare.
@@ -167,15 +169,13 @@ def test_further_values_on_lines_of_a_text_stay(tmp_path, end, mark):
 )
 def test_lines_with_fewer_values_are_refused_with_their_number(tmp_path, old, new, words):
     assert OLD_MESHLAB.count(old) == 1
-    (tmp_path / "a.ply").write_text(OLD_MESHLAB.replace(old, new))
     with pytest.raises(ValueError, match=words):
-        read_ply(tmp_path / "a.ply")
+        stored(tmp_path, OLD_MESHLAB.replace(old, new).encode())
 
 
 def test_rows_of_a_text_may_go_on_in_the_next_line(tmp_path):
     header, end, rows = ply("ascii").partition(b"end_header\n")
-    (tmp_path / "a.ply").write_bytes(header + end + rows.replace(b" ", b"\n"))
-    assert read_ply(tmp_path / "a.ply").F.tolist() == FANNED
+    assert stored(tmp_path, header + end + rows.replace(b" ", b"\n")).F.tolist() == FANNED
 
 
 @pytest.mark.parametrize("order", ["ascii", "binary_big_endian"])
