@@ -1,5 +1,6 @@
 """A whole task in a browser: pick, fix, drag, undo, animate, save, a killed program, recover, export."""
 
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from sshade.cli.main import main
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
-from tests.browser import changed, pixels
+from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked
@@ -24,12 +25,13 @@ def session(here) -> Session:
     return begun(upright(BODY))
 
 
-def opened(browser, address: str, size: tuple[int, int]):
-    page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-    page.on("dialog", lambda dialog: dialog.accept())
-    page.goto(address)
-    page.wait_for_selector("#stage[data-state=converged]")
-    return page
+@contextmanager
+def shown(browser, address: str, size: tuple[int, int]):
+    """Open the page; wait for the converged shape."""
+    with opened(browser, address, width=size[0], height=size[1]) as page:
+        page.on("dialog", lambda dialog: dialog.accept())
+        page.wait_for_selector("#stage[data-state=converged]")
+        yield page
 
 
 def press(page, name: str, answer: str) -> None:
@@ -59,8 +61,8 @@ def in_sight(page, locator) -> bool:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_work_survives_a_killed_program_and_is_exported(browser, session, size):
     V = session.mesh.V
-    with running("body.ply", "--no-browser") as (process, address):
-        page = opened(browser, address, size)
+    editor = "body.ply", "--no-browser"
+    with running(*editor) as (process, address), shown(browser, address, size) as page:
         mark(page, session, where(page, V, V))
         press(page, "Store key", "key")
         set_time(page, 1)
@@ -78,9 +80,7 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
         process.kill()
         page.wait_for_selector("body.ended", timeout=20_000)
         assert "offers work that was not saved" in page.locator("#message").inner_text()
-        page.close()
-    with running("body.ply", "--no-browser") as (process, address):
-        page = opened(browser, address, size)
+    with running(*editor) as (process, address), shown(browser, address, size) as page:
         page.wait_for_selector("#recovery:has-text('2 groups')")
         press(page, "Recover", "recover")
         page.wait_for_selector("#groups li:nth-child(2)")
@@ -100,7 +100,6 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
         still = page.locator("#command").inner_text().split()
         page.get_by_role("button", name="End").click()
         assert process.wait(20) == 0
-        page.close()
     assert list(Path().glob("*.npz")) == []
     assert main([*still[1:-1], "again.ply"]) == 0 and main([*run[1:-1], "out_%04d.ply"]) == 0
     final = read_arrays("body_deformed.ply")[0]
@@ -113,8 +112,7 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
 @pytest.mark.parametrize("size", few(SIZES, SIZES[1]))
 def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size):
     marked(session)
-    with lent(session) as server:
-        page = opened(browser, server.address, size)
+    with lent(session) as server, shown(browser, server.address, size) as page:
         stage = page.locator("#stage")
         assert page.get_by_role("button", name="Play").is_disabled() and page.locator("#slider").is_disabled()
         press(page, "Store key", "key")
@@ -156,14 +154,12 @@ def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size)
         set_time(page, 2)
         press(page, "Delete key", "unkey")
         assert [key.time for key in session.state.keys] == [0]
-        page.close()
 
 
 def test_all_controls_have_names_and_messages_are_announced(browser, session):
     added(session, np.arange(9), "moving")
     session.key(0.0)
-    with lent(session) as server:
-        page = opened(browser, server.address, SIZES[0])
+    with lent(session) as server, shown(browser, server.address, SIZES[0]) as page:
         page.get_by_role("button", name="choose group 1").click()
         unnamed = page.evaluate(
             "[...document.querySelectorAll('button, input, select, summary')].filter((it) => !["
@@ -190,4 +186,3 @@ def test_all_controls_have_names_and_messages_are_announced(browser, session):
         with page.expect_response("**/unkey"):
             page.keyboard.press("Enter")
         assert session.state.keys == ()
-        page.close()
