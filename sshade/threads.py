@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Thread
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from sshade.errors import InputError
 
@@ -58,13 +58,14 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
         return team(chunk, count)
 
 
-def in_ranges(work: Callable[[int, int], Result], n: int) -> list[Result]:
-    """Return ``[work(first, end), ...]`` for ranges that cover n rows in order, with a thread for each CPU.
+def in_ranges(work: Callable[..., Result], n: int, *arguments: Any) -> list[Result]:
+    """Return ``[work(first, end, *arguments), ...]`` for ranges that cover n rows, in order.
 
-    Ranges have :data:`CHUNK` rows for any number of threads. The calling thread works on a single range.
+    A thread for each CPU works. Ranges have :data:`CHUNK` rows for any number of threads. The calling thread
+    works on a single range.
     """
     with ThreadTeam(available_cpus() if n > CHUNK else 1) as team:
-        return team.ranges(work, n, rows=CHUNK)
+        return team.ranges(work, n, *arguments, rows=CHUNK)
 
 
 class ThreadTeam:
@@ -136,10 +137,15 @@ class ThreadTeam:
             raise errors[min(errors)]
         return cast(list[Result], results)
 
-    def ranges(self, work: Callable[[int, int], Result], n: int, *, rows: int | None = None) -> list[Result]:
-        """Return ``[work(first, end), ...]`` for ranges of `rows` rows, by default :data:`ROWS`, out of n."""
+    def ranges(
+        self, work: Callable[..., Result], n: int, *arguments: Any, rows: int | None = None
+    ) -> list[Result]:
+        """Return ``[work(first, end, *arguments), ...]`` for ranges of `rows` rows out of n, in order.
+
+        By default a range has :data:`ROWS` rows.
+        """
         bounds = [*range(0, n, rows or ROWS), n]
-        return self(lambda i: work(bounds[i], bounds[i + 1]), len(bounds) - 1)
+        return self(lambda i: work(bounds[i], bounds[i + 1], *arguments), len(bounds) - 1)
 
 
 def _serve(tasks: SimpleQueue[Callable[[], None] | None]) -> None:

@@ -93,7 +93,7 @@ class BlendedFrames(Frames):
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Return the offsets x - p; see :class:`sshade.carry.frames.Frames`."""
         local, F, NV = np.empty_like(V), self.proxy.F, self.proxy.V
-        in_ranges(lambda first, end: _offsets(first, end, V, on.face, on.barycentric, NV, F, local), len(V))
+        in_ranges(_offsets, len(V), V, on.face, on.barycentric, NV, F, local)
         return local
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
@@ -118,7 +118,7 @@ class BlendedFrames(Frames):
         if not error <= ORTHOGONAL:
             raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
         triangles = np.empty((len(F), WIDTH))
-        team.ranges(lambda first, end: _triangles(first, end, F, NV, Q, triangles), len(F), rows=ROWS)
+        team.ranges(_triangles, len(F), F, NV, Q, triangles, rows=ROWS)
         if self.stretch:
             S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
             _add_stretch(triangles, F, self.proxy.V, Q, S)

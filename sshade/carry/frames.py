@@ -88,7 +88,7 @@ class Frames(ABC):
         """
         V, team = np.empty((len(local), 3)) if out is None else out, team or ThreadTeam(1)
         place, degenerate = self.posed(NV, rotations, team)
-        team.ranges(lambda first, end: place(first, end, local, on, V), len(local))
+        team.ranges(place, len(local), local, on, V)
         return V, degenerate
 
 

@@ -125,7 +125,7 @@ class PointBinder:
         self._tree = box_tree(corners.min(axis=1), corners.max(axis=1), leaf=LEAF)
         self._triangles, self._corners = triangles_of_leaves(corners), corners.reshape(-1, 9)
         self._inverse = np.empty((len(faces), 9))
-        in_ranges(lambda first, end: _invert(first, end, self._corners, self._inverse), len(faces))
+        in_ranges(_invert, len(faces), self._corners, self._inverse)
         self._samples: SurfaceSamples = sample_surface(corners, self._areas, mesh.face_normals[faces])
 
     def bind(self, points: np.ndarray) -> BoundPoints:
@@ -145,13 +145,11 @@ class PointBinder:
         order = curve_order(X)
         X = X.take(order, axis=0)
         squared, found = np.empty(len(X)), self._samples
-        in_ranges(
-            lambda first, end: squared_distances(first, end, X, self._triangles, self._tree, squared), len(X)
-        )
+        in_ranges(squared_distances, len(X), X, self._triangles, self._tree, squared)
         self._require_near(X, np.sqrt(squared), "surface", order)
         triangles = self._corners, self._triangles, self._tree
         samples = found.spacing, found.levels, found.boxes, found.begin, found.parts
-        parts = in_ranges(lambda first, end: weigh(first, end, X, squared, *triangles, *samples), len(X))
+        parts = in_ranges(weigh, len(X), X, squared, *triangles, *samples)
         count, element, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
         start = np.concatenate([[0], np.cumsum(count)])
         return BoundPoints(self, X, order, start, element, weight)
@@ -179,18 +177,14 @@ class PointBinder:
         """Return the rows A and t (e, 12) of the maps of triangles and samples, for a pose V (n, 3)."""
         triangles, samples = len(self._F), sum(len(means.start) - 1 for means in self._samples.means)
         M = np.empty((triangles + samples, 12))
-        areas = team.ranges(lambda first, end: _normals(first, end, V, self._F, M), triangles, rows=ROWS)
+        areas = team.ranges(_normals, triangles, V, self._F, M, rows=ROWS)
         scale = np.sqrt(sum(areas) / self._areas.sum())
-        corners = self._corners
-        team.ranges(
-            lambda first, end: _triangle_maps(first, end, V, self._F, corners, self._inverse, scale, M),
-            triangles,
-            rows=ROWS,
-        )
+        rest = self._F, self._corners, self._inverse
+        team.ranges(_triangle_maps, triangles, V, *rest, scale, M, rows=ROWS)
         before, here = 0, triangles
         for means in self._samples.means:
             rows = len(means.start) - 1
-            team.ranges(lambda first, end: _mean_maps(first, end, *means, M, before, here), rows, rows=ROWS)  # noqa: B023
+            team.ranges(_mean_maps, rows, *means, M, before, here, rows=ROWS)
             before, here = here, here + rows
         return M
 
@@ -256,8 +250,9 @@ class BoundPoints:
         near = 0.5 * (low + high)
         with ThreadTeam(available_cpus() if len(self) > ROWS else 1) as team:
             M = self.binder.maps(V - near, team)
-            arrays = self.points, self.order, self.start, self.element, self.weight, M, near, positions, maps
-            team.ranges(lambda first, end: _blend(first, end, *arrays), len(self), rows=ROWS)
+            weights = self.start, self.element, self.weight
+            posed = M, near, positions, maps
+            team.ranges(_blend, len(self), self.points, self.order, *weights, *posed, rows=ROWS)
 
 
 def nearest_rotations_in_threads(A: np.ndarray) -> np.ndarray:

@@ -63,8 +63,8 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projectio
     fan = corner // 3  # the faces at each vertex
     tie = TIE * float(np.abs(proxy.V).max())
     on = Projection(np.empty(len(V), dtype=np.int64), np.empty((len(V), 3)), np.empty(len(V)))
-    arrays = V, sampling.cell, start, fan, proxy.V, proxy.F, tie, on.face, on.barycentric, on.distance
-    in_ranges(lambda first, end: _project(first, end, *arrays), len(V))
+    rest = V, sampling.cell, start, fan, proxy.V, proxy.F, tie
+    in_ranges(_project, len(V), *rest, on.face, on.barycentric, on.distance)
     return on
 
 

@@ -73,7 +73,7 @@ def edge_graph(mesh: Mesh) -> VertexGraph:
     """Return the graph of :func:`vertex_graph` for any mesh, manifold and oriented or not."""
     near = mesh.connectivity.neighbours
     lengths = np.empty(len(near.indices))
-    in_ranges(lambda first, end: _lengths(first, end, mesh.V, near.indptr, near.indices, lengths), mesh.n)
+    in_ranges(_lengths, mesh.n, mesh.V, near.indptr, near.indices, lengths)
     if not lengths.all():
         lengths[lengths == 0.0] = SHORTEST * lengths.mean()
     return VertexGraph(near.indptr, near.indices, lengths, near.boundary)

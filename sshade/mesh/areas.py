@@ -23,7 +23,7 @@ def face_areas(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Triangles that are needles or collapsed; see :data:`NO_AREA`.
     """
     areas, without = np.empty(len(F)), np.empty(len(F), dtype=np.bool_)
-    in_ranges(lambda first, end: _areas(first, end, V, F, areas, without), len(F))
+    in_ranges(_areas, len(F), V, F, areas, without)
     return areas, without
 
 

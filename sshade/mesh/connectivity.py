@@ -99,14 +99,14 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
         lambda part: _sort(F, faces[part], faces[part + 1], place[part], around), sorters, workers=workers
     )
     indptr = np.zeros(n + 1, dtype=np.int32)
-    checks = in_ranges(lambda first, end: _rows(first, end, start, around, indptr), n)
+    checks = in_ranges(_rows, n, start, around, indptr)
     if (entries := int(indptr.sum(dtype=np.int64))) > MOST:
         raise InputError(
             f"the mesh has {entries // 2:,} edges, and at most {MOST // 2:,} are supported; split it"
         )
     np.cumsum(indptr, out=indptr)
     indices, boundary = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1], dtype=np.bool_)
-    in_ranges(lambda first, end: _pack(first, end, start, around, indptr, indices, boundary), n)
+    in_ranges(_pack, n, start, around, indptr, indices, boundary)
     near = Neighbours(indptr, indices, boundary)
 
     component, components = _components(*near, False)

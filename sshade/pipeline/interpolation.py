@@ -228,10 +228,8 @@ def interpolate(splines: Splines, V: np.ndarray, reliable: np.ndarray) -> tuple[
     fitted = splines.offset, splines.weights, splines.scale, reliable, values
     out, weight = np.empty_like(V), np.empty(len(V))
     with ThreadTeam(available_cpus() if len(nodes) > NODES else 1) as team:
-        team.ranges(lambda *own: _evaluate(*own, nodes, *blended, *fitted), len(nodes), rows=NODES)
-        team.ranges(
-            lambda *own: _place(*own, V, low, cell, size, number, values, out, weight), len(V), rows=CHUNK
-        )
+        team.ranges(_evaluate, len(nodes), nodes, *blended, *fitted, rows=NODES)
+        team.ranges(_place, len(V), V, low, cell, size, number, values, out, weight, rows=CHUNK)
     return out, weight
 
 

@@ -46,8 +46,8 @@ def shifted(
         # Each half of the faces has its own sums, so that results do not depend on the number of threads.
         G, Z = np.zeros((2, n, 3)), np.empty_like(V)
         team(lambda i: add_gradients(F[i * half :][:half], VOLUME_ALONE, V, 1.0, 0.0, G[i], G[i], 0, n), 2)
-        low = sum(team.ranges(lambda *own: _directions(*own, *G, weight, V, origin, Z), n, rows=CHUNK))
-        high = sum(team.ranges(lambda *own: _higher(*own, F, V, Z, origin), len(F), rows=CHUNK))
+        low = sum(team.ranges(_directions, n, *G, weight, V, origin, Z, rows=CHUNK))
+        high = sum(team.ranges(_higher, len(F), F, V, Z, origin, rows=CHUNK))
     now, a, b, c = np.concatenate([low, high]).tolist()
     deficit, shift = volume - now, 0.0
     for _ in range(NEWTON_STEPS):

@@ -349,7 +349,7 @@ class HandleRegions:
 def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
     """Return the volume inside the faces F (m, 3) of a closed, oriented surface at positions V (n, 3)."""
     origin = V[F[0, 0]]
-    return float(sum(in_ranges(lambda first, end: volume_and_area(first, end, F, V, origin), len(F)))[0])
+    return float(sum(in_ranges(volume_and_area, len(F), F, V, origin))[0])
 
 
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:

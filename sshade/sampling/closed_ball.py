@@ -148,9 +148,7 @@ def count_unions(F: np.ndarray, fronts: Fronts) -> Unions:
     """
     graph, cell, k = fronts.graph, fronts.cell, len(fronts.samples)
     rows = graph.indptr, graph.indices, graph.boundary
-    counts, *lists = zip(
-        *in_ranges(lambda first, end: _count_edges(first, end, *rows, cell, k), graph.n), strict=True
-    )
+    counts, *lists = zip(*in_ranges(_count_edges, graph.n, *rows, cell, k), strict=True)
     (chi, trace), (edges, inner, joined) = np.sum(counts, axis=0), map(np.concatenate, lists)
     trace[np.bincount(cell[graph.on_boundary], minlength=k) == 0] = 1
     corners, faces = faces_of_three(F, cell, k)
@@ -187,9 +185,7 @@ def faces_of_three(F: np.ndarray, cell: np.ndarray, k: int) -> tuple[np.ndarray,
     faces : (b,) int64
         In ascending order.
     """
-    touching, faces = zip(
-        *in_ranges(lambda first, end: _count_triangles(first, end, F, cell, k), len(F)), strict=True
-    )
+    touching, faces = zip(*in_ranges(_count_triangles, len(F), F, cell, k), strict=True)
     return np.sum(touching, axis=0), np.concatenate(faces)
 
 

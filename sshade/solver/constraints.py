@@ -135,7 +135,7 @@ class Surface:
         rest = np.empty((mesh.n, 3))
         rest[place] = mesh.V
         self.slender = np.empty(len(self.F), dtype=np.float32)
-        in_ranges(lambda first, end: _slender(first, end, self.F, rest, self.slender), len(self.F))
+        in_ranges(_slender, len(self.F), self.F, rest, self.slender)
         self.rest = self.measure(rest, ThreadTeam(1))
         self.without_volume = _reason_for_no_volume(mesh, self.rest)
 
@@ -145,9 +145,7 @@ class Surface:
         The bits are the same with any number of threads.
         """
         origin = P[self.F[0, 0]]
-        whole = sum(
-            team.ranges(lambda *own: volume_and_area(*own, self.F, P, origin), len(self.F), rows=FACES)
-        )
+        whole = sum(team.ranges(volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
         return np.append(whole, [part.measure(P)[0] for part in self.parts]) if self.parts else whole
 
     def report(
@@ -320,11 +318,11 @@ class Constraints:
 
     def _along(self, G: np.ndarray) -> np.ndarray:
         """(q, q) derivatives ``sum_i G_i . Z_i`` of each quantity along each direction."""
-        return sum(self._team.ranges(lambda *own: _along(*own, G, self._Z), G.shape[1]))
+        return sum(self._team.ranges(_along, G.shape[1], G, self._Z))
 
     def add_moves(self, B: np.ndarray) -> None:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
-        self._team.ranges(lambda *own: _shift(*own, B, self._G, self._grown), len(B))
+        self._team.ranges(_shift, len(B), B, self._G, self._grown)
 
     def project(self, P: np.ndarray, before: np.ndarray, solve: Solves) -> None:
         """Move P along the directions until the equations hold, and update the multipliers.
@@ -415,7 +413,7 @@ class Constraints:
             if action == STAY:
                 break
             multiplier += step
-            self._team.ranges(lambda *own: _shift(*own, P, self._Z, step), len(P))
+            self._team.ranges(_shift, len(P), P, self._Z, step)
             if action == MOVE_LAST:
                 break
         return best

@@ -41,7 +41,7 @@ def half_cotangents(mesh: Mesh) -> np.ndarray:
     all triangles by one length).
     """
     flat, h = mesh.without_area, np.empty((mesh.m, 3))
-    in_ranges(lambda first, end: _half_cotangents(first, end, mesh.V, mesh.F, mesh.face_areas, h), mesh.m)
+    in_ranges(_half_cotangents, mesh.m, mesh.V, mesh.F, mesh.face_areas, h)
     if flat.any():
         h[flat] = _mollified(np.linalg.norm(_sides(mesh, flat), axis=2), mesh.mean_edge)
     return h

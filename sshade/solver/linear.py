@@ -162,7 +162,7 @@ class ConjugateGradients(VCycle):
             )
 
         def times(P: np.ndarray, Q: np.ndarray) -> None:
-            team.ranges(lambda *own: multiply(*own, *A, P, Q), n)
+            team.ranges(multiply, n, *A, P, Q)
             Q[self._fixed] = 0.0
 
         X[:] = conjugate_gradients(

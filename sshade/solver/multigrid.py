@@ -175,24 +175,24 @@ class _Level:
     def begin(self, B: np.ndarray, scale: float, team: ThreadTeam) -> None:
         """Take the smoother's first step, from 0, for `scale` times B (n, 3)."""
         inverse, b = self.matrix[-1], np.float32(SMOOTHER[0][1])
-        team.ranges(lambda *own: _begin(*own, inverse, b, scale, B, self._r, self._d, self.x), len(B))
+        team.ranges(_begin, len(B), inverse, b, scale, B, self._r, self._d, self.x)
 
     def step(self, a: float, b: float, team: ThreadTeam) -> None:
         """``r -= A d``, ``d = a d + b D^-1 r``, ``x += d``."""
         r, d, e, factors = self._r, self._d, self._e, (np.float32(a), np.float32(b))
-        team.ranges(lambda *own: _step(*own, *self.matrix, *factors, r, d, e, self.x), len(r))
+        team.ranges(_step, len(r), *self.matrix, *factors, r, d, e, self.x)
         self._d, self._e = e, d
 
     def restrict(self, team: ThreadTeam) -> np.ndarray:
         """``r -= A d``, and (c, 3) ``P^T r``."""
         r, d = self._r, self._d
-        team.ranges(lambda *own: _subtract(*own, *self.matrix, d, r), len(r))
-        team.ranges(lambda *own: multiply(*own, *self._down, r, self._coarse), len(self._coarse))
+        team.ranges(_subtract, len(r), *self.matrix, d, r)
+        team.ranges(multiply, len(self._coarse), *self._down, r, self._coarse)
         return self._coarse
 
     def prolong(self, X: np.ndarray, team: ThreadTeam) -> None:
         """``d = P X``, ``x += d``."""
-        team.ranges(lambda *own: _prolong(*own, *self._up, X, self._d, self.x), len(self.x))
+        team.ranges(_prolong, len(self.x), *self._up, X, self._d, self.x)
 
 
 def _single(A: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

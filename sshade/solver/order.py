@@ -84,8 +84,7 @@ def pattern_in_order(mesh: Mesh, vertex: np.ndarray, place: np.ndarray) -> tuple
     start = np.zeros(mesh.n + 1, dtype=np.int32)
     np.cumsum(np.diff(near.indptr)[vertex] + 1, out=start[1:])
     column = np.empty(start[-1], dtype=np.int32)
-    arrays = near.indptr, near.indices, vertex, place, start, column
-    in_ranges(lambda first, end: _rows_in_order(first, end, *arrays), mesh.n)
+    in_ranges(_rows_in_order, mesh.n, near.indptr, near.indices, vertex, place, start, column)
     return start, column
 
 

@@ -119,13 +119,13 @@ class QuasiNewton:
         """
         last, window, new = (self._u, self._F, self._G), self._window, NONE
         pair = self._per_unit, u, last[0], product, last[2]
-        sums = sum(self._chunks(lambda *own: _curvature(*own, *pair), LEAST_SHORT))
+        sums = sum(self._chunks(_curvature, *pair, least=LEAST_SHORT))
         if self._begun and sums[0] > CURVED * np.sqrt(sums[1] * sums[2]):
             new = self._steps % window
             self._steps += 1
         self._pairs = (self._steps - 1 - np.arange(min(self._steps, window))) % window
         stored = self._S, self._Z, self._pairs, new
-        rows = sum(self._chunks(lambda *own: _products(*own, self._per_unit, u, F, product, *last, *stored)))
+        rows = sum(self._chunks(_products, self._per_unit, u, F, product, *last, *stored))
         if new != NONE:
             self._sy[self._pairs, new] = rows[:-1, 0]
             self._zy[self._pairs, new] = self._zy[new, self._pairs] = rows[:-1, 1]
@@ -139,14 +139,11 @@ class QuasiNewton:
     def move(self, u: np.ndarray, fraction: float) -> None:
         """Replace u (n, 3) by the last iterate plus a fraction of the last quasi-Newton step."""
         step = self._F, self._S, self._Z, self._pairs, self._along_s, self._along_z
-        flat = u.reshape(-1)
-        self._chunks(
-            lambda *own: _add_step(*own, fraction, self._per_unit, self._u, *step, flat), LEAST_SHORT
-        )
+        self._chunks(_add_step, fraction, self._per_unit, self._u, *step, u.reshape(-1), least=LEAST_SHORT)
 
-    def _chunks(self, kernel: Callable[[int, int], Any], least: int = LEAST) -> list[Any]:
+    def _chunks(self, kernel: Callable[..., Any], *arguments: Any, least: int = LEAST) -> list[Any]:
         half = -(-len(self._F) // (2 * BLOCK)) * BLOCK
-        return self._team.ranges(kernel, len(self._F), rows=min(CHUNK, max(least, half)))
+        return self._team.ranges(kernel, len(self._F), *arguments, rows=min(CHUNK, max(least, half)))
 
 
 # The compiler may reorder these sums, so that an addition need not wait for the last one. All sums of a
