@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
 from time import perf_counter
@@ -17,14 +16,14 @@ from sshade.errors import InputError
 from sshade.handle_checks import checked_index
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
-from sshade.pipeline.drag import Drag, NearestPlacement
-from sshade.pipeline.engine import BoundProxy, Engine
+from sshade.pipeline.drag import NearestPlacement, bound_proxies
+from sshade.pipeline.engine import Engine
 from sshade.pipeline.goals import on_component, with_ratios
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
-from sshade.threads import ThreadTeam, in_threads
+from sshade.threads import ThreadTeam
 from sshade.volume_goals import VolumeGoal
 
 #: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
@@ -108,25 +107,12 @@ class Deformer:
         self._task, self._values, self._volumes = task, dict(ratios), task.volumes
         self._parts: tuple[VolumeGoal, ...] = ()
         self._options = self._resolved()
-        self._engine = engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
-        self._regions = engine.regions
+        self._engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
+        self._regions = self._engine.regions
         self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
-        self._team = ThreadTeam(engine.proxies.carriers)
-
-        def bind(number: int) -> BoundProxy:
-            with ThreadPoolExecutor(max_workers=1) as pool:
-                bound = engine.bind(
-                    number,
-                    pool,
-                    lambda proxy, _, place, parts: Drag(proxy, place(self._rest), self._options, parts),
-                )
-            bound.binding  # noqa: B018 - raises errors of the binding
-            progress("binding", number + 1, engine.proxies.samplings)
-            return bound
-
-        samplings = 0 if engine.regions.covered else engine.proxies.samplings
-        self._proxies = in_threads(bind, samplings, workers=engine.proxies.workers)
+        self._team = ThreadTeam(self._engine.proxies.carriers)
+        self._proxies = bound_proxies(self._engine, self._rest, self._options, progress=progress)
 
     @property
     def index(self) -> np.ndarray:

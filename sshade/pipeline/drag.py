@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -12,13 +13,15 @@ import numpy as np
 from sshade.carry.neighbours import sums_by_index
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options
-from sshade.pipeline.engine import ratios_of, solve_proxy, solver_threads
+from sshade.pipeline.engine import BoundProxy, Engine, ratios_of, solve_proxy, solver_threads
+from sshade.progress import Progress, silent
 from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.threads import in_threads
 
 
 class Drag:
@@ -146,6 +149,33 @@ class Drag:
         task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, ratios))
         ratio = goals["volume_goal"]
         return solve_proxy(task, options, solve=solve, volume_goal=ratio, seed=options.seed)
+
+
+def bound_proxies(
+    engine: Engine, rest: Handles, options: Options, *, progress: Progress = silent
+) -> list[BoundProxy]:
+    """Bind a mesh to the proxies of its engine, each solved by a :class:`Drag`.
+
+    Parameters
+    ----------
+    engine : Engine
+    rest : Handles
+        On the mesh, at rest. There are no proxies if every vertex is a hard handle.
+    options : Options
+    progress : Progress
+    """
+
+    def bind(number: int) -> BoundProxy:
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            bound = engine.bind(
+                number, pool, lambda proxy, _, place, parts: Drag(proxy, place(rest), options, parts)
+            )
+        bound.binding  # noqa: B018 - raises errors of the binding
+        progress("binding", number + 1, engine.proxies.samplings)
+        return bound
+
+    samplings = 0 if engine.regions.covered else engine.proxies.samplings
+    return in_threads(bind, samplings, workers=engine.proxies.workers)
 
 
 class NearestPlacement:

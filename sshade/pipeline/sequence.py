@@ -12,7 +12,6 @@ therefore be interrupted and go on from the last vertices, with the same bits.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
@@ -22,12 +21,12 @@ import numpy as np
 from sshade.handles import Handles
 from sshade.options import Options, accepted, require_method, resolve, takes_options
 from sshade.pipeline.deform import deform_task
-from sshade.pipeline.drag import Drag
-from sshade.pipeline.engine import BoundProxy, Engine, deform_once
+from sshade.pipeline.drag import bound_proxies
+from sshade.pipeline.engine import Engine, deform_once
 from sshade.pipeline.regions import all_on_targets
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
-from sshade.threads import ThreadTeam, in_threads
+from sshade.threads import ThreadTeam
 
 #: Largest move of a handle, as a fraction of the bounding-box diagonal, with which a pose starts from the
 #: pose before. At 24 poses a second, a hand of a body moves by 0.05 in a fast throw.
@@ -213,19 +212,9 @@ class _Bound:
 
     def __init__(self, task: DeformationTask, options: Options) -> None:
         self._options = options
-        self._engine = engine = Engine(task.mesh, task.handles, options, volumes=task.volumes)
+        self._engine = Engine(task.mesh, task.handles, options, volumes=task.volumes)
         rest = task.handles.at(task.mesh.V[task.handles.index], task.handles.rotation)
-
-        def bind(number: int) -> BoundProxy:
-            with ThreadPoolExecutor(max_workers=1) as pool:
-                bound = engine.bind(
-                    number, pool, lambda proxy, _, place, parts: Drag(proxy, place(rest), options, parts)
-                )
-            bound.binding  # noqa: B018 - raises errors of the binding
-            return bound
-
-        samplings = 0 if engine.regions.covered else engine.proxies.samplings
-        self._proxies = in_threads(bind, samplings, workers=engine.proxies.workers)
+        self._proxies = bound_proxies(self._engine, rest, options)
 
     def deform(self, task: DeformationTask) -> DeformationResult:
         """Deform for the targets of a task, from its guess."""
