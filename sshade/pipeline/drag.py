@@ -93,14 +93,11 @@ class Drag:
         self._solver = self._solver.with_handles(attachment.vertex, **binding)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
-    def __call__(
-        self, handles: Handles, *, volume_goal: float, part_goals: np.ndarray | None = None, **stop: Any
-    ) -> DeformationResult:
+    def __call__(self, handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         pulls: dict[str, Any] = {"prescribed": handles.prescribed_rotations, "fraction": fraction}
-        goals: dict[str, Any] = {"volume_goal": volume_goal, "part_goals": part_goals}
         energy: dict[str, Any] = self._options.subset(ENERGY)
         energy["workers"] = solver_threads(self._options)
         if self._following is None and self._last is not None:
@@ -112,7 +109,7 @@ class Drag:
                 R = result.extra["rotations"]
                 self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
             else:
-                result = self._following.solve(targets, **pulls, **goals, **stop).result()
+                result = self._following.solve(targets, **pulls, goals=goals, **stop).result()
         except FloatingPointError:  # the positions are of no use to the next solve
             self.reset()
             raise
@@ -125,7 +122,7 @@ class Drag:
         targets: np.ndarray,
         pulls: Mapping[str, Any],
         options: Options,
-        goals: Mapping[str, Any],
+        goals: np.ndarray,
     ) -> DeformationResult:
         energy = options.subset(ENERGY)
 
@@ -135,8 +132,8 @@ class Drag:
             del context["seed"], context["volume_goal"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
-            context |= {**pulls, **goals, **stop, **energy}
-            return self._solver.solve(targets, start=guess, **context).result()
+            context |= {**pulls, **stop, **energy}
+            return self._solver.solve(targets, start=guess, goals=goals, **context).result()
 
         def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
             solver = {
@@ -145,10 +142,8 @@ class Drag:
             }
             return local_global(task, **solver, **context)
 
-        ratios = () if goals["part_goals"] is None else goals["part_goals"]
-        task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, ratios))
-        ratio = goals["volume_goal"]
-        return solve_proxy(task, options, solve=solve, volume_goal=ratio, seed=options.seed)
+        task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, goals[1:]))
+        return solve_proxy(task, options, solve=solve, volume_goal=float(goals[0]), seed=options.seed)
 
 
 def bound_proxies(

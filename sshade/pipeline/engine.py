@@ -46,9 +46,9 @@ GUIDE_AREA = 1.0
 
 #: Places handles of M on a proxy.
 Place = Callable[[Handles], Handles]
-#: Solves a proxy for handles on it: ``solve(handles, volume_goal=, tolerance=, max_iterations=)``, where the
-#: goal is a multiple of the volume at rest, with ``part_goals=`` where parts have goals. Each solve starts
-#: from the result of the last one.
+#: Solves a proxy for handles on it: ``solve(handles, goals=, tolerance=, max_iterations=)``, where the goals
+#: (1 + p,) of the whole and of the parts are multiples of the volumes at rest. Each solve starts from the
+#: result of the last one.
 SolveProxy = Callable[..., DeformationResult]
 #: Samples a mesh: ``sample(mesh, regions, seed)``.
 Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Place]]
@@ -214,8 +214,8 @@ class Engine:
         bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
         parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals else []
         solver = solver_of(proxy, sampling, place, parts)
-        made = BoundProxy(proxy, sampling, place, solver, bound, seconds)
-        made.part_volumes = np.array([CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts])
+        volumes = [proxy.volume, *(CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts)]
+        made = BoundProxy(proxy, sampling, place, solver, bound, seconds, np.array(volumes))
         made.aim(self.volume_goal, self.goals)
         return made
 
@@ -257,14 +257,12 @@ class BoundProxy:
         A :data:`SolveProxy`; in a Deformer a :class:`sshade.pipeline.drag.Drag`.
     bound : Future of Binding
     sampling_seconds : float
-    volume_goal : float
-        Volume of N', as a multiple of the volume of N, with which M' has the volume of M, or the volume that
-        the user wants.
-    part_goals : (p,) float64
-        The same for parts of N.
-    part_volumes : (p,) float64
-        Volumes of the parts of N at rest.
-    first_goals : (float, (p,) float64)
+    volumes : (1 + p,) float64
+        Volumes of N and of its parts at rest.
+    goals : (1 + p,) float64
+        Volumes of N' and of its parts, as multiples of `volumes`, with which M' has the volume of M, or the
+        volumes that the user wants.
+    first_goals : (1 + p,) float64
         Goals before any correction.
     secants : Secants, optional
         How the volumes of M' answer corrections, where parts have goals.
@@ -276,23 +274,21 @@ class BoundProxy:
     solver: Any
     bound: Future[Binding]
     sampling_seconds: float
-    volume_goal: float = 1.0
-    part_goals: np.ndarray = field(default_factory=lambda: np.ones(0))
-    part_volumes: np.ndarray = field(default_factory=lambda: np.ones(0))
-    first_goals: tuple[float, np.ndarray] = (1.0, np.ones(0))
+    volumes: np.ndarray
+    goals: np.ndarray = field(default_factory=lambda: np.ones(1))
+    first_goals: np.ndarray = field(default_factory=lambda: np.ones(1))
     secants: Secants | None = None
 
     def aim(self, ratio: float | None, goals: Goals | None) -> None:
         """Begin with the user's goals: the ratio of the whole, and the goals of parts."""
-        self.volume_goal = 1.0 if ratio is None else ratio
-        if goals:
-            self.part_goals = np.array([goal.ratio for goal in goals.parts], dtype=np.float64)
-            self.secants = Secants(1 + len(goals.parts))
-        self.first_goals = self.volume_goal, self.part_goals
+        parts = goals.parts if goals else ()
+        wanted = [1.0 if ratio is None else ratio, *(goal.ratio for goal in parts)]
+        self.goals = self.first_goals = np.array(wanted, dtype=np.float64)
+        self.secants = Secants(len(wanted)) if goals else None
 
     def restart(self) -> None:
         """Forget the corrections of goals."""
-        self.volume_goal, self.part_goals = self.first_goals
+        self.goals = self.first_goals
 
     @property
     def binding(self) -> Binding:
@@ -310,9 +306,7 @@ class BoundProxy:
         placed = self.place(handles)
         if handles.prescribed_rotations and not placed.prescribed_rotations:
             raise InputError("no handle with a rotation is a vertex of the proxy; raise the option vertices")
-        if len(self.part_goals):
-            stop["part_goals"] = self.part_goals
-        return self.solver(placed, volume_goal=self.volume_goal, **stop)
+        return self.solver(placed, goals=self.goals, **stop)
 
     def deform(
         self,
@@ -375,15 +369,15 @@ class BoundProxy:
             if not worse:
                 solver_facts |= solved.extra
                 best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            steps = np.append(deficit, np.zeros(len(self.goals) - 1))
             if goals and self.secants:
                 steps = self.secants.step(np.append(deficit, goals.deficits(V)))
-                deficit, part_goals = float(steps[0]), self.part_goals + steps[1:] / self.part_volumes
-            else:
-                part_goals = self.part_goals
-            goal = self.volume_goal + (deficit / self.proxy.volume if deficit else 0.0)
-            corrected = smallest <= VOLUME_ERROR or not exact or goal <= 0 or (part_goals <= 0).any()
+            # An open proxy may have no volume, and has no deficit.
+            changes = np.divide(steps, self.volumes, out=np.zeros_like(steps), where=steps != 0)
+            next_goals = self.goals + changes
+            corrected = smallest <= VOLUME_ERROR or not exact or (next_goals <= 0).any()
             if not corrected:
-                self.volume_goal, self.part_goals = goal, part_goals
+                self.goals = next_goals
             learn = getattr(self.place, "learn", None)
             missed = learn(handles, V) if learn else 0.0
             met = missed <= MET * binding.mesh.diagonal
@@ -484,21 +478,19 @@ def _single_solver(
     context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
     coarser = renamed(progress, f"coarser {stage}")
 
-    def solve(
-        handles: Handles, *, volume_goal: float, part_goals: Sequence[float] = (), **stop: Any
-    ) -> DeformationResult:
+    def solve(handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
         nonlocal guess
-        task = DeformationTask(name, proxy, handles, guess=guess, volumes=ratios_of(parts, part_goals))
+        task = DeformationTask(name, proxy, handles, guess=guess, volumes=ratios_of(parts, goals[1:]))
         if options.coarse is not None:
             return options.coarse(task, **context)
-        own = replace(options, **stop)
-        result = solve_proxy(task, own, volume_goal=volume_goal, coarser_progress=coarser, **context)
+        own, goal = replace(options, **stop), float(goals[0])
+        result = solve_proxy(task, own, volume_goal=goal, coarser_progress=coarser, **context)
         guess = result.vertices
         return result
 
     return solve
 
 
-def ratios_of(parts: Sequence[np.ndarray], ratios: Sequence[float]) -> tuple[VolumeGoal, ...]:
+def ratios_of(parts: Sequence[np.ndarray], ratios: np.ndarray) -> tuple[VolumeGoal, ...]:
     """Return the volume goals of a proxy, for the faces of its parts."""
     return tuple(VolumeGoal(ratio=ratio, faces=faces) for faces, ratio in zip(parts, ratios, strict=True))

@@ -148,16 +148,8 @@ class Surface:
         whole = sum(team.ranges(volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
         return np.append(whole, [part.measure(P)[0] for part in self.parts]) if self.parts else whole
 
-    def report(
-        self,
-        P: np.ndarray,
-        volume: float,
-        area: float,
-        *,
-        volume_goal: float,
-        part_goals: np.ndarray | None = None,
-    ) -> dict[str, Any]:
-        """Describe volume and area at positions P (n, 3) after a solve with these weights.
+    def report(self, P: np.ndarray, volume: float, area: float, *, goals: np.ndarray) -> dict[str, Any]:
+        """Describe volume and area at positions P (n, 3) after a solve with these weights and goals.
 
         The error of the volume is the largest error of the whole and of all parts.
 
@@ -170,13 +162,13 @@ class Surface:
         """
         now, facts = self.measure(P, ThreadTeam(1)), dict[str, Any]()
         cases = (
-            ("volume", volume, volume_goal, self.without_volume),
+            ("volume", volume, goals[0], self.without_volume),
             ("area", area, 1.0, self.rest[AREA] == 0),
         )
         for q, (name, weight, goal, without) in enumerate(cases):
             error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
             if q == VOLUME and self.parts:
-                of_parts = now[PARTS:] / self.rest[PARTS:] - (1.0 if part_goals is None else part_goals)
+                of_parts = now[PARTS:] / self.rest[PARTS:] - goals[1:]
                 error = float(np.nanmax([error, *np.abs(of_parts)]))
             reached = "exact" if error <= REACHED else "infeasible"
             state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
@@ -242,21 +234,19 @@ class Constraints:
         self._violation, self._steps, self._error, self._near = 0.0, 0, np.zeros(count), 0.0
         #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
-        self.aim(1.0)
+        self.aim(np.ones(1 + len(surface.parts)))
 
     def __len__(self) -> int:
         """Number of constrained quantities."""
         return len(self._kinds)
 
-    def aim(self, volume_goal: float, part_goals: np.ndarray | None = None) -> None:
-        """Set the goals of volumes, as multiples of their values at rest, and try an exact area again.
+    def aim(self, goals: np.ndarray) -> None:
+        """Set the goals (1 + parts,) of volumes, as multiples of their values at rest.
 
-        Goals of parts (k,) are 1 if missing.
+        An exact area is tried again.
         """
-        goal = np.where(np.array(self._kinds) == VOLUME, volume_goal, 1.0)
-        if part_goals is not None and self._parts:
-            goal[np.array(self._kinds) >= PARTS] = part_goals
-        self._scale = 1.0 / self._surface.rest[self._kinds] / goal
+        of_kind = np.insert(goals, AREA, 1.0)
+        self._scale = 1.0 / self._surface.rest[self._kinds] / of_kind[self._kinds]
         self._lasting = self._weight = self._asked
         self._failures = 0
 

@@ -61,8 +61,7 @@ class LocalGlobal(System):
         accelerate: bool = True,
         window: int = 5,
         max_seconds: float = inf,
-        volume_goal: float = 1.0,
-        part_goals: np.ndarray | None = None,
+        goals: np.ndarray | None = None,
         workers: int = 1,
         softened: bool = False,
         progress: Progress = silent,
@@ -98,10 +97,9 @@ class LocalGlobal(System):
             Number of steps that L-BFGS stores.
         max_seconds : float
             No iteration begins later. The result then depends on the machine.
-        volume_goal : float
-            Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
-        part_goals : (p,) float64, optional
-            The same for each part; 1 if missing.
+        goals : (1 + p,) float64, optional
+            Volumes to reach if volumes are constrained, of the mesh and of each part, as multiples of their
+            volumes at rest; positive; 1 if missing.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
@@ -127,15 +125,13 @@ class LocalGlobal(System):
         """
         options = complete(energy, ENERGY)
         targets = checked_target(targets, self.index)
-        if not 0 < volume_goal < inf:
-            raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
         u = self.to_system(self.mesh.V if start is None else start, targets)
         del start  # frees a large array if this is the last reference
         with ThreadTeam(workers) as team:
             window = window if accelerate else 0
             kinds = {"single": self.multigrid, "softened": softened}
             state = Descent(self, options, u, team=team, window=window, **kinds)
-            state.aim(targets, prescribed, fraction, volume_goal, part_goals)
+            state.aim(targets, prescribed, fraction, goals)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin(tolerance)
@@ -160,13 +156,7 @@ class LocalGlobal(System):
             energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
-            **self.surface.report(
-                state.u,
-                options.volume,
-                options.area,
-                volume_goal=state.volume_goal,
-                part_goals=state.part_goals,
-            ),
+            **self.surface.report(state.u, options.volume, options.area, goals=state.goals),
         )
 
     def project(
@@ -175,8 +165,7 @@ class LocalGlobal(System):
         *,
         volume: float = 0.0,
         area: float = 0.0,
-        volume_goal: float = 1.0,
-        part_goals: np.ndarray | None = None,
+        goals: np.ndarray | None = None,
         workers: int = 1,
     ) -> np.ndarray:
         """Project positions onto the exact constraints with the least rise of the energy.
@@ -189,7 +178,7 @@ class LocalGlobal(System):
             Near a shape that fulfils the constraints. Hard handles stay.
         volume, area : float
             Weights; only inf has an effect.
-        volume_goal, part_goals
+        goals
             See :meth:`solve`.
         workers : int
             Threads; no influence on the result.
@@ -202,7 +191,7 @@ class LocalGlobal(System):
         with ThreadTeam(workers) as team:
             u = self.to_system(positions, targets)
             state = Descent(self, Options(volume=volume, area=area), u, team=team)
-            state.aim_volumes(volume_goal, part_goals)
+            state.aim_volumes(goals)
             state.project()
         return self.from_system(state.u, targets)
 
@@ -338,8 +327,7 @@ def local_global(
         start=guess,
         prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
-        volume_goal=volume_goal,
-        part_goals=part_ratios(task),
+        goals=goals_of(task, volume_goal),
         workers=workers,
         softened=softened,
         progress=progress,
@@ -355,16 +343,18 @@ def part_faces(task: DeformationTask) -> list[np.ndarray]:
     return [goal.faces for goal in task.volumes if goal.faces is not None]
 
 
-def part_ratios(task: DeformationTask) -> np.ndarray | None:
-    """Return the goals (p,) of the parts, as ratios of their volumes at rest; None without parts.
+def goals_of(task: DeformationTask, volume_goal: float) -> np.ndarray:
+    """Return the goals (1 + p,) of the whole volume and of the parts, as ratios of the volumes at rest.
 
     Raises
     ------
     InputError
-        On a goal of the whole mesh, or a goal that is no ratio.
+        On a task with a goal of the whole mesh, or a goal that is no ratio, or on a goal out of range.
     """
+    if not 0 < volume_goal < inf:
+        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     if any(goal.faces is None or goal.ratio is None for goal in task.volumes):
         raise InputError(
             "this solver takes volume goals of parts, as ratios; give a goal of the whole mesh as volume_goal"
         )
-    return np.array([goal.ratio for goal in task.volumes]) if task.volumes else None
+    return np.array([volume_goal, *(goal.ratio for goal in task.volumes)], dtype=np.float64)

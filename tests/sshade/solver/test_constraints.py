@@ -232,11 +232,11 @@ def test_exact_constraints_are_exact(name, kind):
 @pytest.mark.parametrize("goal", [0.9, 1.0, 1.2])
 def test_another_volume_than_that_at_rest_can_be_the_one_to_hold(name, goal):
     task = SHAPES[name]
-    held = solve(task, (inf, 0.5), volume_goal=goal)
+    held = solve(task, (inf, 0.5), goals=np.array([goal]))
     volume = measured(held.positions, task.mesh.F)[0] / measured(task.mesh.V, task.mesh.F)[0]
     assert volume == pytest.approx(goal, rel=1e-6)
     assert held.volume_constraint == "exact" and held.volume_error <= CLOSE
-    pressed = solve(task, (100.0, 0), volume_goal=goal)
+    pressed = solve(task, (100.0, 0), goals=np.array([goal]))
     assert pressed.volume_constraint == "weighted" and pressed.volume_error < 0.01
 
 
@@ -255,7 +255,7 @@ def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
     solver = LocalGlobal(BAR.mesh, BAR.handles.index)
     u, options = solver.to_system(BAR.mesh.V, BAR.handles.target), Options(volume=weights[0], area=weights[1])
     state = Descent(solver, options, u, team=ThreadTeam(1), window=5)
-    state.aim(BAR.handles.target, None, None, 1.0)
+    state.aim(BAR.handles.target, None, None)
     state.begin(1e-11)
     assert run(state, Stop(1e-11)).converged
     constraints, G = state.constraints, np.zeros((sum(weight > 0 for weight in weights), *u.shape))
