@@ -192,10 +192,10 @@ class Deformer:
             self._values, self._options, self._parts = before
             raise
         self._engine.aim(self._options.volume_goal, self._parts)
-        self._regions.volume_goal, self._regions.goals = self._engine.volume_goal, self._engine.goals
+        self._regions.goals = self._engine.goals
         for bound in self._proxies:
             bound.solver.change(self._options)
-            bound.aim(self._engine.volume_goal, self._engine.goals)
+            bound.aim(self._engine.goals)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""

@@ -180,8 +180,7 @@ class Engine:
 
     def aim(self, ratio: float | None, volumes: Sequence[VolumeGoal]) -> None:
         """Set the volume goals: the ratio of the whole, and ratios of parts."""
-        self.volume_goal = ratio
-        self.goals = Goals(self._mesh, ratio, volumes) if volumes else None
+        self.goals = Goals(self._mesh, ratio, volumes)
 
     def regions_of(self, handles: Handles) -> HandleRegions:
         """Return the handle regions of M for other handles."""
@@ -190,7 +189,6 @@ class Engine:
             handles,
             vertices=self.proxies.vertices,
             graph=self.proxies.graph,
-            volume_goal=self.volume_goal,
             goals=self.goals,
         )
 
@@ -212,11 +210,11 @@ class Engine:
             return binding
 
         bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
-        parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals else []
+        parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals.parts else []
         solver = solver_of(proxy, sampling, place, parts)
         volumes = [proxy.volume, *(CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts)]
         made = BoundProxy(proxy, sampling, place, solver, bound, seconds, np.array(volumes))
-        made.aim(self.volume_goal, self.goals)
+        made.aim(self.goals)
         return made
 
     def average(
@@ -279,12 +277,11 @@ class BoundProxy:
     first_goals: np.ndarray = field(default_factory=lambda: np.ones(1))
     secants: Secants | None = None
 
-    def aim(self, ratio: float | None, goals: Goals | None) -> None:
-        """Begin with the user's goals: the ratio of the whole, and the goals of parts."""
-        parts = goals.parts if goals else ()
-        wanted = [1.0 if ratio is None else ratio, *(goal.ratio for goal in parts)]
+    def aim(self, goals: Goals) -> None:
+        """Begin with the user's goals."""
+        wanted = [1.0 if goals.ratio is None else goals.ratio, *(goal.ratio for goal in goals.parts)]
         self.goals = self.first_goals = np.array(wanted, dtype=np.float64)
-        self.secants = Secants(len(wanted)) if goals else None
+        self.secants = Secants(len(wanted)) if goals.parts else None
 
     def restart(self) -> None:
         """Forget the corrections of goals."""
@@ -341,7 +338,7 @@ class BoundProxy:
         """
         corrects = corrects_volume(options)
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
-        goals = regions.goals if corrects else None
+        goals = regions.goals if corrects and regions.goals.parts else None
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
         if self.secants:

@@ -25,7 +25,7 @@ from sshade.sampling.fronts import Fronts
 from sshade.sampling.proxy import Sampling
 from sshade.solver.capped import CappedVolume
 from sshade.task import DeformationTask
-from sshade.volume_goals import VolumeGoal, restricted
+from sshade.volume_goals import VolumeGoal
 
 log = logging.getLogger(__name__)
 
@@ -186,37 +186,36 @@ class Goals:
 
     Attributes
     ----------
-    parts : tuple of VolumeGoal
-    target : (p,) float64
-        Volumes that the parts are to have.
+    ratio, parts
+        The parameters.
     """
 
     def __init__(self, mesh: Mesh, ratio: float | None, parts: Sequence[VolumeGoal]) -> None:
-        self._mesh, self.parts = mesh, tuple(parts)
+        self._mesh, self.ratio, self.parts = mesh, ratio, tuple(parts)
+        whole = [] if ratio is None else [CappedVolume(mesh.F, caps=False)]
         faces = [goal.faces for goal in parts if goal.faces is not None]
-        self._measures = [CappedVolume(mesh.F[own]) for own in faces]
-        ratios = np.array([goal.ratio for goal in parts], dtype=np.float64)
-        self.target = ratios * self._measured(mesh.V)
-        self._whole = [] if ratio is None else [CappedVolume(mesh.F, caps=False)]
-        self._whole_target = [one.measure(mesh.V)[0] * ratio for one in self._whole]
+        #: The volumes that have goals, the whole before the parts, and the goals in length^3.
+        self._first_part = len(whole)
+        self._volumes = [*whole, *(CappedVolume(mesh.F[own]) for own in faces)]
+        ratios = [*([] if ratio is None else [ratio]), *(goal.ratio for goal in parts)]
+        self._targets = np.array(ratios, dtype=np.float64) * self._measured(mesh.V)
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
-        return np.array([one.measure(V)[0] for one in self._measures])
+        return np.array([volume.measure(V)[0] for volume in self._volumes])
 
     def deficits(self, V: np.ndarray) -> np.ndarray:
         """Return (p,) the volumes that the parts of M' (n, 3) lack, in length^3."""
-        return self.target - self._measured(V)
+        return (self._targets - self._measured(V))[self._first_part :]
 
     def relative_error(self, V: np.ndarray) -> float:
         """Return the largest error of a part's volume in M' (n, 3), as a fraction of its goal."""
-        return float(np.abs(self.deficits(V) / self.target).max(initial=0.0))
+        return float(np.abs(self.deficits(V) / self._targets[self._first_part :]).max(initial=0.0))
 
     def errors(self, V: np.ndarray) -> dict[str, float]:
         """Return the relative error of each goal in M' (n, 3), by the names of the parts."""
-        names = ["the mesh"] * len(self._whole) + [goal.name or "a part" for goal in self.parts]
-        goal = np.array([*self._whole_target, *self.target])
-        found = np.array([one.measure(V)[0] for one in [*self._whole, *self._measures]])
-        return {f"{k}: {name}": float(found[k] / goal[k] - 1) for k, name in enumerate(names)}
+        names = ["the mesh"] * self._first_part + [goal.name or "a part" for goal in self.parts]
+        errors = self._measured(V) / self._targets - 1
+        return {f"{k}: {name}": float(errors[k]) for k, name in enumerate(names)}
 
     def on_proxy(self, proxy: Mesh, sampling: Sampling, fixed: np.ndarray) -> list[np.ndarray]:
         """Return the faces (f,) of N that stand for each part.
@@ -229,7 +228,7 @@ class Goals:
         InputError
             When a part has no face, or there are more goals than movable vertices.
         """
-        goals, free = len(self._whole) + len(self.parts), int((~fixed[sampling.samples]).sum())
+        goals, free = len(self._volumes), int((~fixed[sampling.samples]).sum())
         if goals > free:
             raise InputError(
                 f"{goals} volume goals are too many for a proxy with {free} vertices that are no handles; "
@@ -262,22 +261,21 @@ class Goals:
         most : float
             Largest move, in the unit of length.
         """
-        measures = [*self._whole, *self._measures]
-        target = np.array([*self._whole_target, *self.target])
+        volumes, targets = self._volumes, self._targets
         normal = np.zeros((len(V), 3))
         CappedVolume(self._mesh.F, caps=False).add_gradient(V, 1.0, normal)
         normal = unit_rows(normal) * movable[:, None]
-        weight = [np.ones(len(V))] * len(self._whole) + self._fades
-        slope = np.empty((len(measures), len(measures)))
-        for q, measure in enumerate(measures):
+        weight = [np.ones(len(V))] * self._first_part + self._fades
+        slope = np.empty((len(volumes), len(volumes)))
+        for q, volume in enumerate(volumes):
             G = np.zeros((len(V), 3))
-            measure.add_gradient(V, 1.0, G)
+            volume.add_gradient(V, 1.0, G)
             along = np.einsum("ic,ic->i", G, normal)
             slope[q] = [along @ own for own in weight]
-        shift, moved, best, smallest = np.zeros(len(measures)), V, V, np.inf
+        shift, moved, best, smallest = np.zeros(len(volumes)), V, V, np.inf
         for _ in range(NEWTON_STEPS):
-            deficit = target - np.array([measure.measure(moved)[0] for measure in measures])
-            error = float(np.abs(deficit / target).max())
+            deficit = targets - self._measured(moved)
+            error = float(np.abs(deficit / targets).max())
             if error >= smallest:
                 break
             best, smallest = moved, error
@@ -293,10 +291,10 @@ class Goals:
     def _fades(self) -> list[np.ndarray]:
         """(n,) weights of each part: 0 outside and at its ends, 1 half-way to its inside."""
         graph, found = vertex_graph(self._mesh), []
-        for goal, measure in zip(self.parts, self._measures, strict=True):
+        for goal, volume in zip(self.parts, self._volumes[self._first_part :], strict=True):
             assert goal.faces is not None
             inside, outside = np.zeros((2, self._mesh.n), dtype=bool)
-            inside[measure.vertex] = True
+            inside[volume.vertex] = True
             others = np.ones(self._mesh.m, dtype=bool)
             others[goal.faces] = False
             outside[self._mesh.F[others]] = True
@@ -345,6 +343,3 @@ def warn_of_missed(errors: Mapping[str, float]) -> None:
         if abs(error) > MISSED:
             where = name.split(": ", 1)[1]
             log.warning("the volume of %s is %.2g %% from its goal", where, 100 * abs(error))
-
-
-__all__ = ["GOAL_AREA", "Goals", "on_component", "restricted", "warn_of_missed", "with_ratios"]

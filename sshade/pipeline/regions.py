@@ -69,14 +69,12 @@ class HandleRegions:
         Number of samples.
     graph : VertexGraph
         Of M.
-    volume_goal : float, optional
-        Volume that M' is to have, as a multiple of the volume of M. It is corrected without regions, too.
     goals : Goals, optional
-        Volume goals of parts of M.
+        Volume goals of M and of its parts. The volume is then corrected without regions, too.
 
     Attributes
     ----------
-    vertices, graph, volume_goal, goals
+    vertices, graph, goals
         The parameters.
     regional : bool
         Whether more than half of the handles are surrounded by others, or handles are more than half of the
@@ -100,10 +98,9 @@ class HandleRegions:
         *,
         vertices: int,
         graph: VertexGraph,
-        volume_goal: float | None = None,
         goals: Goals | None = None,
     ) -> None:
-        self.volume_goal, self.goals = volume_goal, goals
+        self.goals = goals or Goals(mesh, None, ())
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
         index, self._hard = handles.index, handles.exact
         self.number = np.full(mesh.n, -1)
@@ -226,10 +223,10 @@ class HandleRegions:
 
         It is 0 without regions and without a goal, or where M encloses no volume.
         """
-        corrects = self.regional or self.volume_goal is not None
+        corrects = self.regional or self.goals.ratio is not None
         if not (corrects and self._mesh.is_closed and self._mesh.is_oriented):
             return 0.0
-        return self._rest_volume * (self.volume_goal or 1.0)
+        return self._rest_volume * (self.goals.ratio or 1.0)
 
     @cached_property
     def _rest_volume(self) -> float:
@@ -247,7 +244,7 @@ class HandleRegions:
         from handles move alike, by at most :data:`SHIFT`. M' without regions or with a boundary stays, unless
         there are goals.
         """
-        if self.goals:
+        if self.goals.parts:
             most = SHIFT * float(np.sqrt(self._mesh.area / self.vertices))
             return self.goals.corrected(V, self._movable, most=most)
         if not self.volume:
