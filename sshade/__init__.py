@@ -10,54 +10,33 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sshade.carry.binding import Binding
-    from sshade.carry.binding_file import load_binding, save_binding
-    from sshade.carry.points import BoundPoints, PosedPoints, bind_points
-    from sshade.edit.call import edit_handles
-    from sshade.errors import InputError
-    from sshade.handles import Handles
-    from sshade.io.arrays import read, write
-    from sshade.mesh.mesh import Mesh
-    from sshade.pipeline.deform import deform
-    from sshade.pipeline.deformer import Deformer
-    from sshade.pipeline.proxies import bind
-    from sshade.pipeline.retarget import retarget
-    from sshade.pipeline.sequence import deform_sequence
-    from sshade.pipeline.transfer import transfer_pose
-    from sshade.plotting.figure import plot
-    from sshade.slides import Slide
-    from sshade.task import DeformationResult, DeformationTask, Method, TransferTask
-    from sshade.volume_goals import VolumeGoal
+    from sshade.carry.binding import Binding as Binding
+    from sshade.carry.binding_file import load_binding as load_binding
+    from sshade.carry.binding_file import save_binding as save_binding
+    from sshade.carry.points import BoundPoints as BoundPoints
+    from sshade.carry.points import PosedPoints as PosedPoints
+    from sshade.carry.points import bind_points as bind_points
+    from sshade.edit.call import edit_handles as edit_handles
+    from sshade.errors import InputError as InputError
+    from sshade.handles import Handles as Handles
+    from sshade.io.arrays import read as read
+    from sshade.io.arrays import write as write
+    from sshade.mesh.mesh import Mesh as Mesh
+    from sshade.pipeline.deform import deform as deform
+    from sshade.pipeline.deformer import Deformer as Deformer
+    from sshade.pipeline.proxies import bind as bind
+    from sshade.pipeline.retarget import retarget as retarget
+    from sshade.pipeline.sequence import deform_sequence as deform_sequence
+    from sshade.pipeline.transfer import transfer_pose as transfer_pose
+    from sshade.plotting.figure import plot as plot
+    from sshade.slides import Slide as Slide
+    from sshade.task import DeformationResult as DeformationResult
+    from sshade.task import DeformationTask as DeformationTask
+    from sshade.task import Method as Method
+    from sshade.task import TransferTask as TransferTask
+    from sshade.volume_goals import VolumeGoal as VolumeGoal
 
     __version__: str
-
-__all__ = [
-    "Binding",
-    "BoundPoints",
-    "DeformationResult",
-    "DeformationTask",
-    "Deformer",
-    "Handles",
-    "InputError",
-    "Mesh",
-    "Method",
-    "PosedPoints",
-    "Slide",
-    "TransferTask",
-    "VolumeGoal",
-    "bind",
-    "bind_points",
-    "deform",
-    "deform_sequence",
-    "edit_handles",
-    "load_binding",
-    "plot",
-    "read",
-    "retarget",
-    "save_binding",
-    "transfer_pose",
-    "write",
-]
 
 _MODULES = {
     "carry.binding": ["Binding"],
@@ -80,6 +59,7 @@ _MODULES = {
     "volume_goals": ["VolumeGoal"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:
