@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from time import perf_counter
@@ -105,10 +105,8 @@ class Deformer:
         task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
         task, ratios = with_ratios(task, method, self._values)
         self._task, self._values, self._volumes = task, dict(ratios), task.volumes
-        self._parts: tuple[VolumeGoal, ...] = ()
-        self._options = self._resolved()
+        self._options, self._parts = self._resolved(self._values)
         self._engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
-        self._regions = self._engine.regions
         self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(self._engine.proxies.carriers)
@@ -162,8 +160,8 @@ class Deformer:
         for bound in self._proxies:
             place = NearestPlacement(self.mesh, bound.proxy, rest)
             proxies.append(replace(bound, place=place, solver=bound.solver.with_handles(place.rest)))
-        regions = self._engine.regions_of(rest)
-        self._rest, self._proxies, self._regions, self._last_handles = rest, proxies, regions, None
+        self._engine.regions = self._engine.regions_of(rest)
+        self._rest, self._proxies, self._last_handles = rest, proxies, None
 
     def change_energy(self, **energy: Any) -> None:
         """Change constraints, their goals or softening from the next call on; the shape stays.
@@ -182,17 +180,12 @@ class Deformer:
         """
         values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
         kept = {name: value for name, value in self._values.items() if name not in energy}
-        before = self._values, self._options, self._parts
-        try:
-            self._values = {**kept, **values}
-            self._options = self._resolved()
-            if len(self._parts) != len(before[2]):
-                raise InputError("parts and open meshes need their goals from the beginning")
-        except InputError:
-            self._values, self._options, self._parts = before
-            raise
-        self._engine.aim(self._options.volume_goal, self._parts)
-        self._regions.goals = self._engine.goals
+        changed = {**kept, **values}
+        options, parts = self._resolved(changed)
+        if len(parts) != len(self._parts):
+            raise InputError("parts and open meshes need their goals from the beginning")
+        self._values, self._options, self._parts = changed, options, parts
+        self._engine.aim(options.volume_goal, parts)
         for bound in self._proxies:
             bound.solver.change(self._options)
             bound.aim(self._engine.goals)
@@ -292,18 +285,17 @@ class Deformer:
         """
         begin = perf_counter()
         handles, stopping = self._rest.at(targets, rotations), self._stopping(tolerance, max_iterations)
-        if self._regions.covered:
+        if self._engine.regions.covered:
             raise InputError("all vertices are handles: there is no proxy")
         self._last_handles = handles
         stop = stopping.subset(("tolerance", "max_iterations"))
         solved = self._proxies[0].solve(handles, **stop)
         return replace(solved, seconds={"solve": perf_counter() - begin})
 
-    def _resolved(self) -> Options:
-        """Return the method's options with the values of the user."""
-        options = resolve(self._method, self._values, regions=self._regional)
-        options, self._parts = on_component(self.mesh, self._volumes, options, area="area" in self._values)
-        return options
+    def _resolved(self, values: Mapping[str, Any]) -> tuple[Options, tuple[VolumeGoal, ...]]:
+        """Return the method's options with the values of the user, and the volume goals of parts."""
+        options = resolve(self._method, values, regions=self._regional)
+        return on_component(self.mesh, self._volumes, options, area="area" in values)
 
     def _stopping(
         self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None
@@ -317,8 +309,8 @@ class Deformer:
     def _deformed(
         self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
-        task = self._task.at(handles)
-        if self._regions.covered:
+        task, regions = self._task.at(handles), self._engine.regions
+        if regions.covered:
             result = all_on_targets(task)
         else:
             alone = len(self._proxies) == 1
@@ -326,9 +318,9 @@ class Deformer:
             def deform(number: int) -> DeformationResult:
                 bound, into = self._proxies[number], out if alone else None
                 again = settle or bound.solver.at_start
-                return bound.deform(handles, self._regions, options, again=again, team=self._team, out=into)
+                return bound.deform(handles, regions, options, again=again, team=self._team, out=into)
 
-            result = self._engine.average(deform, handles, self._regions, options)
+            result = self._engine.average(deform, handles, options)
         if out is not None and result.vertices is not out:
             out[:] = result.vertices
             result = replace(result, vertices=out)

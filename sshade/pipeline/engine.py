@@ -160,6 +160,7 @@ class Engine:
     Attributes
     ----------
     regions : HandleRegions
+        Of the present handles.
     """
 
     def __init__(
@@ -175,12 +176,12 @@ class Engine:
         self._mesh, self._sample, self._projection = mesh, sample, projection
         self.proxies = Proxies(mesh, options, handles=len(handles))
         mesh.require_one_component()
-        self.aim(options.volume_goal, volumes)
+        self.goals = Goals(mesh, options.volume_goal, volumes)
         self.regions = self.regions_of(handles)
 
     def aim(self, ratio: float | None, volumes: Sequence[VolumeGoal]) -> None:
         """Set the volume goals: the ratio of the whole, and ratios of parts."""
-        self.goals = Goals(self._mesh, ratio, volumes)
+        self.goals = self.regions.goals = Goals(self._mesh, ratio, volumes)
 
     def regions_of(self, handles: Handles) -> HandleRegions:
         """Return the handle regions of M for other handles."""
@@ -218,14 +219,10 @@ class Engine:
         return made
 
     def average(
-        self,
-        deform: Callable[[int], DeformationResult],
-        handles: Handles,
-        regions: HandleRegions,
-        options: Options,
+        self, deform: Callable[[int], DeformationResult], handles: Handles, options: Options
     ) -> DeformationResult:
         """Average the samplings' M', and put it on its targets or correct its volume."""
-        mean = self.proxies.average(deform)
+        mean, regions = self.proxies.average(deform), self.regions
         if corrects_volume(options):  # then each M' is on its targets
             V = regions.correct_volume(mean.vertices)
         else:
@@ -458,7 +455,7 @@ def deform_once(
         def run(number: int) -> DeformationResult:
             return first.result() if first is not None and number == 0 else deform(number)
 
-        return engine.average(run, task.handles, engine.regions, options)
+        return engine.average(run, task.handles, options)
 
 
 def _single_solver(

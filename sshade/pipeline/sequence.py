@@ -220,6 +220,7 @@ class _Bound:
         """Deform for the targets of a task, from its guess."""
         if not self._proxies:
             return all_on_targets(task)
+        regions = self._engine.regions
         with ThreadTeam(self._engine.proxies.carriers) as team:
 
             def deform(number: int) -> DeformationResult:
@@ -229,8 +230,7 @@ class _Bound:
                     bound.solver.reset()
                 else:
                     bound.solver.start_at(task.guess[bound.sampling.samples])
-                regions = self._engine.regions
                 result = bound.deform(task.handles, regions, self._options, again=True, team=team)
                 return replace(result, extra={**result.extra, "added_samples": bound.sampling.added})
 
-            return self._engine.average(deform, task.handles, self._engine.regions, self._options)
+            return self._engine.average(deform, task.handles, self._options)
