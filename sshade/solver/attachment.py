@@ -54,16 +54,10 @@ class Attachment:
     mesh : Mesh
         Rest shape.
     handles : Handles
-        Without `fold`, only the vertices, groups and weights matter, and which handles have a prescribed
-        rotation.
+        Only the vertices, groups and weights matter, and which handles have a prescribed rotation.
     weight : float
         Strength of the pull, without unit. Larger values keep the surface near a group more rigid; 0
         attaches nothing.
-    fold : bool
-        Multiply the stiffness by the pull fractions at the handles' present targets, and drop vertices
-        whose fraction is 0. Suits a single solve with fixed targets: :meth:`pulls` then returns fractions
-        of 1, and fewer vertices are in the system. Without it, the fractions vary from solve to solve,
-        and one factorisation serves all targets.
 
     Attributes
     ----------
@@ -75,7 +69,7 @@ class Attachment:
         Slides of the handles, see :attr:`sshade.Handles.slide`; None for the attached vertices.
     """
 
-    def __init__(self, mesh: Mesh, handles: Handles, weight: float, *, fold: bool = False) -> None:
+    def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
         pull, group_of = np.zeros(mesh.n), np.zeros(mesh.n, dtype=np.int64)
         self._groups: _Groups | None = None
         if weight > 0:
@@ -106,16 +100,11 @@ class Attachment:
         self.slide: np.ndarray | None = None
         if handles.slide is not None:
             self.slide = np.concatenate([handles.slide, np.full(len(near), None)])
-        self._kept: np.ndarray | None = None
-        if fold:
-            fraction = self.pulls(handles.target, handles.rotation)[1]
-            self._kept = fraction > 0
-            self.vertex = self.vertex[self._kept]
-            self.stiffness = (self.stiffness * fraction)[self._kept]
-            self.slide = None if self.slide is None else self.slide[self._kept]
 
     def pulls(self, target: np.ndarray, rotation: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Compute where the vertices are pulled for given targets and rotations of the handles.
+
+        Fractions vary from solve to solve, and one factorisation serves all targets.
 
         Parameters
         ----------
@@ -136,8 +125,6 @@ class Attachment:
             for g, (first, end) in enumerate(pairwise(self._start)):
                 goal[first:end] = np.einsum("ij,kj->ki", R[g], self._arm[first:end]) + centre[g]
             target, fraction[k:] = np.concatenate([target, goal]), certainty[self._group_of]
-        if self._kept is not None:
-            return target[self._kept], np.ones(len(self.vertex))
         return target, fraction
 
 

@@ -240,16 +240,19 @@ def bind_task(
     begin = perf_counter()
     needed = options.bending > 0 or task.handles.slide is not None
     multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
-    attachment = Attachment(task.mesh, task.handles, options.attachment, fold=True)
-    targets, _ = attachment.pulls(task.handles.target, task.handles.rotation)
-    slide, stiffness = attachment.slide, attachment.stiffness
+    attachment = Attachment(task.mesh, task.handles, options.attachment)
+    targets, fraction = attachment.pulls(task.handles.target, task.handles.rotation)
+    # The targets stay, so vertices without a pull are left out of the system.
+    pulled = fraction > 0
+    targets, stiffness = targets[pulled], (attachment.stiffness * fraction)[pulled]
+    slide = None if attachment.slide is None else attachment.slide[pulled]
     if hold_slides and slide is not None:
         free = np.array([one is not None and one.free for one in slide])
         stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
-        targets, slide = targets.copy(), None
+        slide = None
     solver = LocalGlobal(
         task.mesh,
-        attachment.vertex,
+        attachment.vertex[pulled],
         energy=energy,
         stiffness=stiffness,
         slide=slide,

@@ -38,10 +38,10 @@ class Pulled(NamedTuple):
 
 def attached(mesh: Mesh, handles: Handles, weight: float) -> Pulled:
     """Return the attachment of a single solve."""
-    attachment = Attachment(mesh, handles, weight, fold=True)
+    attachment = Attachment(mesh, handles, weight)
     target, fraction = attachment.pulls(handles.target, handles.rotation)
-    assert (fraction == 1).all()
-    return Pulled(attachment.vertex, attachment.stiffness, target)
+    pulled = fraction > 0
+    return Pulled(attachment.vertex[pulled], (attachment.stiffness * fraction)[pulled], target[pulled])
 
 
 def test_each_vertex_is_pulled_by_the_motion_of_the_nearest_group():
