@@ -11,8 +11,8 @@ therefore be interrupted and go on from the last vertices, with the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Any
 
@@ -60,7 +60,7 @@ class Sequence:
             raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
         resolve(require_method(method), options)
         self.task, self._method, self._options = task, method, options
-        self._bindings = _Bindings()
+        self._bound: dict[bytes, _Bound] = {}
 
     def __call__(
         self,
@@ -95,11 +95,9 @@ class Sequence:
         if after is not None and self._is_near(handles, after[0]):
             guess = self.task.mesh.checked(after[1], "pose before")
         pose = replace(self.task, handles=handles, guess=guess)
-        self._bindings.begin()
-        result = deform_task(
-            pose, method=self._method, progress=progress, once=self._bindings, **self._options
-        )
-        self._bindings.end()
+        bindings = _Bindings(self._bound)
+        result = deform_task(pose, method=self._method, progress=progress, once=bindings, **self._options)
+        self._bound = bindings.used
         result = replace(result, extra={**result.extra, "followed": guess is not None})
         return result.of(self.task.at(pose.handles))
 
@@ -171,23 +169,20 @@ def _deformed_poses(
         yield result
 
 
+@dataclass
 class _Bindings:
-    """Takes the place of :func:`sshade.pipeline.engine.deform_once`, and keeps what it made for each mesh.
+    """Takes the place of :func:`sshade.pipeline.engine.deform_once` in a pose, and binds each mesh once.
 
     A pose deforms several connected manifolds if its mesh has several components or was cut.
+
+    Parameters
+    ----------
+    known, used : mapping
+        Bindings of the pose before, and of this pose, by a hash of all that determines them.
     """
 
-    def __init__(self) -> None:
-        self._bound: dict[bytes, _Bound] = {}
-        self._used: set[bytes] = set()
-
-    def begin(self) -> None:
-        """Begin a pose."""
-        self._used = set()
-
-    def end(self) -> None:
-        """Forget bindings that the pose did not use."""
-        self._bound = {key: bound for key, bound in self._bound.items() if key in self._used}
+    known: Mapping[bytes, _Bound]
+    used: dict[bytes, _Bound] = field(default_factory=dict)
 
     def __call__(
         self, task: DeformationTask, options: Options, *, progress: Progress, **hooks: Any
@@ -201,10 +196,9 @@ class _Bindings:
         for array in arrays:
             key.update(np.ascontiguousarray(array).tobytes())
         name = key.digest()
-        if name not in self._bound:
-            self._bound[name] = _Bound(task, options)
-        self._used.add(name)
-        return self._bound[name].deform(task)
+        bound = self.used.get(name) or self.known.get(name) or _Bound(task, options)
+        self.used[name] = bound
+        return bound.deform(task)
 
 
 class _Bound:
