@@ -128,12 +128,6 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
     )
 
 
-def members(labels: np.ndarray, count: int) -> list[np.ndarray]:
-    """For each label in [0, count), return the positions (p,) int64 that have it, in ascending order."""
-    order = np.argsort(labels, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(labels, minlength=count)))[:count]
-
-
 @kernel
 def _count(F, first, end, count):
     for f in range(first, end):

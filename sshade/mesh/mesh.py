@@ -12,6 +12,7 @@ from sshade.errors import InputError, counted
 from sshade.kernels import kernel
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
+from sshade.mesh.ids import flagged
 from sshade.mesh.sides import EdgeSides, sides_by_edge
 from sshade.shown import Shown
 
@@ -247,9 +248,7 @@ class Mesh(Shown):
         outside = index[(index < 0) | (index >= self.n)]
         if len(outside):
             raise InputError(f"handle id {outside[0]} is out of range: the mesh has {self.n} vertices")
-        handled = np.zeros(self.connectivity.components, dtype=bool)
-        handled[self.component[index]] = True
-        free = np.flatnonzero(~handled)
+        free = np.flatnonzero(~flagged(self.component[index], self.connectivity.components))
         if everywhere and len(free):
             sizes, first = np.bincount(self.component), np.argmax(self.component == free[0])
             raise InputError(

@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.kernels import kernel
+from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh, repeats_vertex, unit_rows
 from sshade.mesh.sides import sides_by_edge
 
@@ -145,14 +146,10 @@ def _with_faces(mesh: Mesh, first: np.ndarray) -> np.ndarray:
     first = first.copy()
     while True:
         F = first[mesh.F]
-        alive = np.zeros(mesh.n, dtype=bool)
-        alive[F[~repeats_vertex(F)]] = True
-        lost = ~alive[F]
+        lost = ~flagged(F[~repeats_vertex(F)], mesh.n)[F]
         if not lost.any():
             return first
-        undone = np.zeros(mesh.n, dtype=bool)
-        undone[F[lost.any(axis=1)]] = True
-        apart = np.flatnonzero(undone[first])
+        apart = np.flatnonzero(flagged(F[lost.any(axis=1)], mesh.n)[first])
         first[apart] = apart
 
 

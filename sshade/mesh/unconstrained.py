@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.mesh.connectivity import members
+from sshade.mesh.ids import members
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.seams import same_places

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.errors import InputError
-from sshade.mesh.connectivity import members
 from sshade.mesh.cutting import Cut
+from sshade.mesh.ids import flagged, members, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
 from sshade.options import Options
@@ -58,14 +58,13 @@ class ComponentSet:
         self._cut, self._handles, self._task = cut, handles, task
         self._deform, self._options = deform, options
         self._component, count = cut.mesh.component, cut.mesh.topology.components
-        self._number = np.full(mesh.n, -1)
-        self._number[handles.index] = np.arange(len(handles))
+        self._number = numbered(handles.index, mesh.n)
         self._members = members(self._component, count)
         of_face = self._component[cut.mesh.F[:, 0]]
         self._faces = members(of_face, count)
         self.area = np.bincount(of_face, cut.mesh.face_areas)
         # Number of sides of the surface in each component: 2 where it covers a one-sided surface.
-        self._sides = np.where(np.isin(np.arange(count), of_face[mesh.m :]), 2, 1)
+        self._sides = np.where(flagged(of_face[mesh.m :], count), 2, 1)
         self._hard = handles.hard & ~handles.has_rotation
         self._guess = [task.guess] * count
         self.seconds: dict[str, float] = {}
@@ -93,8 +92,7 @@ class ComponentSet:
 
         A junction has copies in several components, or more copies than sides in one component.
         """
-        chosen = np.zeros(len(self.area), dtype=bool)
-        chosen[order] = True
+        chosen = flagged(np.array(order, dtype=np.int64), len(self.area))
         junction = self._copies @ (chosen / self._sides) > 1
         chosen &= self._copies.T @ junction > 0
         number = self._number[junction]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sshade.carry.neighbours import sums_by_index
+from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, Options
 from sshade.pipeline.engine import BoundProxy, Engine, ratios_of, solve_proxy, solver_threads
@@ -198,8 +199,7 @@ class NearestPlacement:
         self._mesh, self._proxy = mesh, proxy
         self.rest = self._snapped(rest)
         _, nearest = snap_to_vertices(proxy, mesh.V[rest.index], rest.group)
-        number = np.full(proxy.n, -1)
-        number[self.rest.index] = np.arange(len(self.rest))
+        number = numbered(self.rest.index, proxy.n)
         #: The handle of N that stands for each handle of M, and corrections of the targets of N's handles.
         self._stands_for, self._shift = number[nearest], np.zeros((len(self.rest), 3))
         self._farthest = 2 * self.rest.snap_distance

@@ -17,6 +17,7 @@ import numpy as np
 
 from sshade.errors import InputError
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.surface import cut_surface
 from sshade.mesh.unconstrained import without_handles
@@ -87,7 +88,7 @@ def _rest_volume(task: DeformationTask, goal: VolumeGoal) -> float:
     cut = cut_surface(mesh)
     if cut.one_sided.any():
         raise InputError("a one-sided surface has no volume; give no volume goal")
-    faces = np.ones(mesh.m, dtype=bool) if goal.faces is None else np.isin(np.arange(mesh.m), goal.faces)
+    faces = np.ones(mesh.m, dtype=bool) if goal.faces is None else flagged(goal.faces, mesh.m)
     stays = np.isin(mesh.component, without_handles(mesh, task.handles.index))
     faces &= ~stays[mesh.F[:, 0]]
     # Cutting keeps the order of faces; duplicates of faces are left out before.
@@ -293,11 +294,8 @@ class Goals:
         graph, found = vertex_graph(self._mesh), []
         for goal, volume in zip(self.parts, self._volumes[self._first_part :], strict=True):
             assert goal.faces is not None
-            inside, outside = np.zeros((2, self._mesh.n), dtype=bool)
-            inside[volume.vertex] = True
-            others = np.ones(self._mesh.m, dtype=bool)
-            others[goal.faces] = False
-            outside[self._mesh.F[others]] = True
+            inside, others = flagged(volume.vertex, self._mesh.n), ~flagged(goal.faces, self._mesh.m)
+            outside = flagged(self._mesh.F[others], self._mesh.n)
             weight, ends = inside.astype(np.float64), np.flatnonzero(inside & outside)
             if len(ends):
                 distance = np.where(inside, Fronts(graph, ends).distance, 0.0)

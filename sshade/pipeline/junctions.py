@@ -16,6 +16,7 @@ from sshade.carry.binding import bind_proxy
 from sshade.carry.kinds import frame_maker
 from sshade.errors import InputError
 from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import Options
 from sshade.pipeline.engine import solve_proxy
@@ -78,8 +79,7 @@ def deform_joined(
     F = number[sampling.faces]
     F = F[(np.roll(F, 1, axis=1) != F).all(axis=1)]  # a face may have two copies of one junction
     proxy = Mesh(parts.V[samples[one]], F)
-    handle = np.full(parts.n, -1)
-    handle[handles.index] = np.arange(len(handles))
+    handle = numbered(handles.index, parts.n)
     on = np.flatnonzero(handle[samples] >= 0)
     task = DeformationTask(
         "junctions",

@@ -14,7 +14,7 @@ from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.frames import FrameMaker
 from sshade.carry.kinds import FrameKind, frame_maker
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
-from sshade.mesh.connectivity import members
+from sshade.mesh.ids import members
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import Options, checked
 from sshade.sampling.proxy import Sampling, sample_proxy

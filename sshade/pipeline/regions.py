@@ -26,6 +26,7 @@ from sshade.handles import Handles
 from sshade.kernels import kernel
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
+from sshade.mesh.ids import flagged, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import Options
 from sshade.pipeline.goals import Goals
@@ -103,14 +104,12 @@ class HandleRegions:
         self.goals = goals or Goals(mesh, None, ())
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
         index, self._hard = handles.index, handles.exact
-        self.number = np.full(mesh.n, -1)
-        self.number[index] = np.arange(len(index))
+        self.number = numbered(index, mesh.n)
         handle = self.number >= 0
         # Hard handle vertices: `_hard_index` has all ids, `fixed` (n,) marks them, and `_edge` has the ids
         # on the edges of regions.
         self._hard_index = index[self._hard]
-        self.fixed = np.zeros(mesh.n, dtype=bool)
-        self.fixed[self._hard_index] = True
+        self.fixed = flagged(self._hard_index, mesh.n)
         self.covered = bool(handles.hard.sum() == mesh.n)
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
@@ -281,11 +280,10 @@ class HandleRegions:
             A = maps(moved[vertex])[0]
             R[of_edge >= 0] = nearest_rotations(A[of_edge[of_edge >= 0]])
         if handles.prescribed_rotations:
-            number = np.full(self._mesh.n, -1)
-            number[handles.prescribed_rotations[0]] = np.arange(len(handles.prescribed_rotations[0]))
-            number = number[self._edge]
+            rotated, rotations = handles.prescribed_rotations
+            number = numbered(rotated, self._mesh.n)[self._edge]
             prescribed = number >= 0
-            R[prescribed] = handles.prescribed_rotations[1][number[prescribed]]
+            R[prescribed] = rotations[number[prescribed]]
         return R, prescribed
 
     @cached_property
@@ -303,8 +301,7 @@ class HandleRegions:
         Between them stands the number of the vertex, -1 if none, for each of the k vertices of edges. None if
         no region has enough surrounded handles for a rotation.
         """
-        at_edge, region = np.zeros(self._mesh.n, dtype=bool), self._region
-        at_edge[self._edge] = True
+        at_edge, region = flagged(self._edge, self._mesh.n), self._region
         size, edge = (
             np.bincount(region[i], minlength=region.max() + 1) for i in (self._hard_index, self._edge)
         )
@@ -314,9 +311,8 @@ class HandleRegions:
         if len(F) == 0:
             return None
         vertex, F = np.unique(F, return_inverse=True)
-        number = np.full(self._mesh.n, -1)
-        number[vertex] = np.arange(len(vertex))
-        return vertex, number[self._edge], VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
+        number = numbered(vertex, self._mesh.n)[self._edge]
+        return vertex, number, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
 
     @cached_property
     def _margin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -351,8 +347,7 @@ def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
 
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     """Return the handle vertices of `index` (h,) that have a neighbour without a handle."""
-    handle = np.zeros(mesh.n, dtype=bool)
-    handle[index] = True
+    handle = flagged(index, mesh.n)
     near = mesh.connectivity.neighbours
     # The values of the matrix have no meaning; an array of ones would only take memory.
     beside = csr_array((near.indices, near.indices, near.indptr), shape=(mesh.n, mesh.n))[index]

@@ -35,6 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.kernels import kernel
+from sshade.mesh.ids import flagged
 from sshade.mesh.sides import group_rows
 from sshade.sampling.fronts import Fronts
 from sshade.threads import in_ranges
@@ -99,8 +100,7 @@ def refinements(F: np.ndarray, fronts: Fronts) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(0, dtype=np.int64), failed.astype(np.int32)
 
     cell, distance, k = fronts.cell, fronts.distance, len(fronts.samples)
-    is_sample = np.zeros(len(cell), dtype=bool)
-    is_sample[fronts.samples] = True
+    is_sample = flagged(fronts.samples, len(cell))
     concerned = np.zeros(k, dtype=bool)
     for cells in (failed, u.pairs[pairs], split, u.triples[triples]):
         concerned[cells] = True

@@ -20,6 +20,7 @@ from scipy.sparse import coo_array, csr_array
 from sshade.errors import InputError
 from sshade.handle_checks import checked_index
 from sshade.memory import give_back
+from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
 from sshade.solver.capped import CappedVolume
@@ -308,8 +309,7 @@ class System:
             return Factorised(self.metric(np.maximum(weight, LEAST_WEIGHT)), self.fixed)
         if self.factorised:
             return self.factorised
-        fixed = np.zeros(self.mesh.n, dtype=bool)
-        fixed[self.fixed] = True
+        fixed = flagged(self.fixed, self.mesh.n)
         weighted = None if weight is None or self.exact_steps else np.maximum(weight, LEAST_WEIGHT)
         degree = len(SMOOTHER) if self.exact_steps else POLISH_DEGREE
         try:
