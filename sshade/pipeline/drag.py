@@ -13,7 +13,7 @@ import numpy as np
 from sshade.carry.neighbours import sums_by_index
 from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
-from sshade.options import ENERGY, Options
+from sshade.options import ENERGY, SOLVER, Options
 from sshade.pipeline.engine import BoundProxy, Engine, ratios_of, solve_proxy, solver_threads
 from sshade.progress import Progress, silent
 from sshade.snapping import snap_to_vertices
@@ -125,23 +125,14 @@ class Drag:
         options: Options,
         goals: np.ndarray,
     ) -> DeformationResult:
-        energy = options.subset(ENERGY)
-
         def solve(task: DeformationTask, *, tolerance: float, **context: Any) -> DeformationResult:
-            if task.mesh is not self._proxy:
-                return coarser(task, tolerance=tolerance, **context)
+            if task.mesh is not self._proxy:  # a coarser proxy
+                return local_global(task, **{**options.subset(SOLVER), "tolerance": tolerance}, **context)
             del context["seed"], context["volume_goal"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
-            context |= {**pulls, **stop, **energy}
+            context |= {**pulls, **stop, **options.subset(ENERGY)}
             return self._solver.solve(targets, start=guess, goals=goals, **context).result()
-
-        def coarser(task: DeformationTask, **context: Any) -> DeformationResult:
-            solver = {
-                **energy,
-                **options.subset(("attachment", "bending", "thickness", "max_iterations", "start")),
-            }
-            return local_global(task, **solver, **context)
 
         task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, goals[1:]))
         return solve_proxy(task, options, solve=solve, volume_goal=float(goals[0]), seed=options.seed)

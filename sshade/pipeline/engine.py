@@ -21,7 +21,7 @@ from sshade.carry.binding import Binding, bind_proxy
 from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.options import SOLVER, Options, complete
+from sshade.options import SOLVER, Options
 from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
@@ -89,24 +89,20 @@ def solve_proxy(
     **context
         ``volume_goal``, ``seed`` and ``progress`` of the solve.
     """
-    energy = options.subset(SOLVER)
-    tolerance = energy.pop("tolerance")
-    context["workers"] = solver_threads(options)
+    context |= {"tolerance": options.tolerance, "workers": solver_threads(options)}
     with ThreadPoolExecutor(max_workers=2) as pool:
         if solve is None:
-            solve = _SharedBinding(pool, accelerate=options.accelerate, **energy)
+            solve = _SharedBinding(pool, options)
             solve.bind(task)
         if not options.coarser_start:
-            return solve(task, tolerance=tolerance, **context)
+            return solve(task, **context)
         guide = None
         if options.guide_attachment:
             stiff = {"attachment": options.guide_attachment, "stiffness": 1.0}
-            area = min(options.area, GUIDE_AREA)
-            guide = partial(local_global, **{**energy, **stiff, "area": area})
+            stiff["area"] = min(options.area, GUIDE_AREA)
+            guide = partial(local_global, **{**options.subset(SOLVER), **stiff})
         coarsely = partial(deform_coarsely, seed=options.seed, progress=coarser_progress)
-        return initialised(
-            task, solve=solve, guide=guide, deform_coarsely=coarsely, tolerance=tolerance, **context
-        )
+        return initialised(task, solve=solve, guide=guide, deform_coarsely=coarsely, **context)
 
 
 def solver_threads(options: Options) -> int:
@@ -117,8 +113,8 @@ def solver_threads(options: Options) -> int:
 class _SharedBinding:
     """Calls of :func:`local_global` that share a solver on the same mesh; threads of a pool bind solvers."""
 
-    def __init__(self, pool: ThreadPoolExecutor, *, accelerate: bool, **options: Any) -> None:
-        self._pool, self._accelerate, self._options = pool, accelerate, options
+    def __init__(self, pool: ThreadPoolExecutor, options: Options) -> None:
+        self._pool, self._options = pool, options
         self._bound: dict[int, Future[Bound]] = {}
         self._lock = Lock()
 
@@ -126,12 +122,13 @@ class _SharedBinding:
         with self._lock:
             known = id(task.mesh)  # meshes live as long as their solver
             if known not in self._bound:
-                self._bound[known] = self._pool.submit(bind_task, task, complete(self._options))
+                self._bound[known] = self._pool.submit(bind_task, task, self._options)
             return self._bound[known]
 
     def __call__(self, task: DeformationTask, **context: Any) -> DeformationResult:
-        bound = self.bind(task).result()
-        return local_global(task, bound=bound, accelerate=self._accelerate, **self._options, **context)
+        bound, accelerate = self.bind(task).result(), self._options.accelerate
+        solver = {**self._options.subset(SOLVER), **context}
+        return local_global(task, bound=bound, accelerate=accelerate, **solver)
 
 
 def deform_coarsely(
