@@ -119,24 +119,20 @@ def first_of_each(
             bad = int(np.argmax(gap))
             vertex, apart = index[bad], f"{gap[bad]:.3g}"
             raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
-        if (weight != weight[earlier]).any():
-            bad = int(np.argmax(weight != weight[earlier]))
-            found = (
-                "is hard and soft"
-                if np.isinf([weight[bad], weight[earlier[bad]]]).any()
-                else "has two weights"
-            )
-            raise InputError(f"vertex {index[bad]} {found}; give each handle vertex one weight, or none")
+        advice = "give each handle vertex one weight, or none"
+        _refuse(index[np.isinf(weight) != np.isinf(weight[earlier])], f"is hard and soft; {advice}")
+        _refuse(index[weight != weight[earlier]], f"has two weights; {advice}")
         if rotation is not None:
             other = rotation[earlier]
             gap = np.abs(rotation - other).max(axis=(1, 2))
             differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(other)).any(axis=(1, 2))
-            if differ.any():
-                raise InputError(
-                    f"vertex {index[int(np.argmax(differ))]} has two rotations, or is given with a rotation "
-                    "and without; give it one"
-                )
-        if slide is not None and (differ := slide != slide[earlier]).any():
-            bad = int(np.argmax(differ))
-            raise InputError(f"vertex {index[bad]} has two slides, or a slide and a target; give it one")
+            _refuse(index[differ], "has two rotations, or is given with a rotation and without; give it one")
+        if slide is not None:
+            _refuse(index[slide != slide[earlier]], "has two slides, or a slide and a target; give it one")
     return np.sort(first)
+
+
+def _refuse(vertices: np.ndarray, found: str) -> None:
+    """Raise InputError on the first of some vertices, if there are any."""
+    if len(vertices):
+        raise InputError(f"vertex {vertices[0]} {found}")
