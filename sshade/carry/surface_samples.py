@@ -15,6 +15,7 @@ import numpy as np
 
 from sshade.carry.trees import box_tree, curve_order
 from sshade.kernels import kernel, subroutine
+from sshade.mesh.ids import numbered
 
 #: Spacing of the first level, over the root of the area of a triangle that most of the surface exceeds.
 SPACING = 1.5
@@ -77,40 +78,33 @@ def sample_surface(corners: np.ndarray, areas: np.ndarray, normals: np.ndarray) 
     spacing = h = max(SPACING * np.sqrt(typical), np.sqrt(DENSE * below[-1] / most))
     points, row = _points(corners, spacing)
     count = np.bincount(row, minlength=len(areas))
-    sets = [_Set(points, points, (areas / count)[row], normals[row])]
-    parents: list[np.ndarray] = []
+    last = _Set(points, points, (areas / count)[row], normals[row])
     means: list[Means] = []
-    while len(sets) < 3 or len(sets[-1].points) >= LEAST:
-        last = sets[-1]
+    sizes, trees, begin, parts = [0], list[np.ndarray](), [np.zeros(1, dtype=np.int64)], list[np.ndarray]()
+    while len(means) < 2 or len(last.points) >= LEAST:
         kept, parent = _thin(last.points, last.normals, h)
         order = curve_order(last.points[kept])
-        kept, rank = kept[order], np.empty(len(order), dtype=np.int64)
-        rank[order] = np.arange(len(order))
-        parent = rank[parent]
+        kept, parent = kept[order], numbered(order, len(kept))[parent]
         area = np.bincount(parent, last.areas, len(kept))
         sequence = np.argsort(parent, kind="stable")
         start = np.searchsorted(parent[sequence], np.arange(len(kept) + 1))
         weight = (last.areas / area[parent])[sequence]
-        means.append(Means(start, row[sequence] if len(sets) == 1 else sequence, weight))
-        parents.append(parent)
+        means.append(Means(start, sequence if means else row[sequence], weight))
+        low, high, end, of_level = _parts(last.centres, last.areas, parent, len(kept))
+        sizes.append(len(kept))
+        trees.append(box_tree(low, high, leaf=1))
+        begin.append(begin[-1][-1] + end)
+        parts.append(of_level)
         points, n = last.points[kept], last.normals[kept]
         total = np.stack([np.bincount(parent, last.areas * x, len(kept)) for x in last.centres.T], axis=1)
         centre = total / area[:, None]
         # A mean of places lies inside of a curved surface; it moves to the height of the sample's point.
         centre = centre + ((points - centre) * n).sum(axis=1, keepdims=True) * n
-        sets.append(_Set(points, centre, area, n))
+        last = _Set(points, centre, area, n)
         h *= 2
-    trees, begin, parts = [], [np.zeros(1, dtype=np.int64)], []
-    for k in range(1, len(sets)):
-        finer = sets[k - 1]
-        low, high, end, of_level = _parts(finer.centres, finer.areas, parents[k - 1], len(sets[k].points))
-        trees.append(box_tree(low, high, leaf=1))
-        begin.append(begin[-1][-1] + end)
-        parts.append(of_level)
-    sizes = [len(one.points) for one in sets[1:]]
     return SurfaceSamples(
         float(spacing),
-        np.stack([np.cumsum([0, *sizes]), np.cumsum([0, *map(len, trees)])], axis=1),
+        np.stack([np.cumsum(sizes), np.cumsum([0, *map(len, trees)])], axis=1),
         np.concatenate(trees),
         np.concatenate(begin),
         np.concatenate(parts, axis=1),
