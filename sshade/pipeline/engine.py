@@ -420,11 +420,9 @@ def deform_once(
     if engine.regions.covered:
         return all_on_targets(task)
 
-    def stage(number: int) -> str:
-        return "proxy" if options.samplings == 1 else f"proxy {number + 1}"
-
     def deform(number: int) -> DeformationResult:
-        progress(stage(number), 0, options.max_iterations)
+        stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
+        progress(stage, 0, options.max_iterations)
 
         def solver_of(proxy: Mesh, sampling: Sampling, place: Place, parts: list[np.ndarray]) -> SolveProxy:
             guess = first.result().vertices if first is not None and number else task.guess
@@ -435,7 +433,7 @@ def deform_once(
                 name=f"{task.name} proxy {number}",
                 guess=None if guess is None else guess[sampling.samples],
                 progress=progress,
-                stage=stage(number),
+                stage=stage,
             )
 
         with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:

@@ -129,14 +129,10 @@ def neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.nd
     known = (far[:, :, None] == near[:, None, :half]).any(axis=2)
     order = np.argsort(known, axis=1, kind="stable")
     far = np.take_along_axis(far, order, axis=1)
-    fresh = (~known).sum(axis=1)
-    points = near.copy()
-    width = min(p - half, far.shape[1])
-    column = np.arange(width)
-    use = column < fresh[:, None]
+    points, width = near.copy(), min(p - half, far.shape[1])
     # A row with too few other thinned points keeps its nearest points, which include all thinned ones.
-    rows = use.all(axis=1)
-    points[np.ix_(rows, half + column)] = far[rows, :width]
+    rows = (~known).sum(axis=1) >= width
+    points[rows, half : half + width] = far[rows, :width]
     return points
 
 
@@ -215,10 +211,9 @@ def interpolate(splines: Splines, V: np.ndarray, reliable: np.ndarray) -> tuple[
     number, used = _number_nodes(V, low, cell, size)
     ijk = np.column_stack(np.unravel_index(used, size))
     nodes = low + cell * ijk
-    m = min(BLENDED, len(splines.scale) - 1) if len(splines.scale) > 1 else 1
-    distance, centre = splines.tree.query(
-        nodes, k=m + 1 if len(splines.scale) > 1 else 1, workers=available_cpus()
-    )
+    k = min(BLENDED + 1, len(splines.scale))
+    m = max(k - 1, 1)
+    distance, centre = splines.tree.query(nodes, k=k, workers=available_cpus())
     distance, centre = distance.reshape(len(nodes), -1), centre.reshape(len(nodes), -1)
     share = np.maximum(1.0 - distance[:, :m] / np.maximum(distance[:, -1:], 1e-300), 0.0) ** 2
     share[share.sum(axis=1) == 0, 0] = 1.0

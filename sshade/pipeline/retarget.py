@@ -99,14 +99,10 @@ class Retargeting:
         V, F, m = self.fitted.V, self.fitted.F, self.fitted.m
         normal, _ = _normals(V, F)
         double = 2 * self._weight[::3]
-        rows = 3 * np.arange(m)[:, None] + np.arange(3)
-        values = [
-            np.cross(normal, V[F[:, (i + 2) % 3]] - V[F[:, (i + 1) % 3]]) / double[:, None] for i in range(3)
-        ]
-        columns = [np.repeat(F[:, i], 3) for i in range(3)]
-        entries = np.concatenate([value.ravel() for value in values])
-        places = np.tile(rows.ravel(), 3), np.concatenate(columns)
-        return csr_array((entries, places), shape=(3 * m, len(V)))
+        sides = [V[F[:, (i + 2) % 3]] - V[F[:, (i + 1) % 3]] for i in range(3)]
+        values = np.cross(normal, sides) / double[:, None]
+        places = np.tile(np.arange(3 * m), 3), np.repeat(F.T.ravel(), 3)
+        return csr_array((values.ravel(), places), shape=(3 * m, len(V)))
 
     @cached_property
     def _weight(self) -> np.ndarray:
