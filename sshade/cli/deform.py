@@ -122,11 +122,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
-    flags = {
-        "--raw": "keep the targets of the file; by default the target of a handle that is snapped to a "
-        "vertex is corrected by the snap, rotated with its group",
-    }
-    add_flags(parser, {**flags, "--carry-unconstrained": CARRY})
+    raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
+    raw += "corrected by the snap, rotated with its group"
+    add_flags(parser, {"--raw": raw, "--carry-unconstrained": CARRY})
     text = "glTF file whose animated nodes move the groups of the same names (.glb, .gltf)"
     parser.add_argument("--animation", type=Path, metavar="FILE", help=text)
     add_fps(parser, "poses per second: samples of --animation, or times of handle files in OUT")

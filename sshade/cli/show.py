@@ -88,8 +88,8 @@ def command(options: argparse.Namespace) -> int:
         shape = read(options.deformed)
         deformed = corresponding(shape, options.deformed, file, options.mesh, whole)
         deformed = mesh.checked(deformed, f"file {options.deformed}")
-    look = {"towards": options.towards, "up": options.up}
-    plotter = draw(mesh, handles, deformed=deformed, window=path is None, **look)
+    window = path is None
+    plotter = draw(mesh, handles, deformed=deformed, window=window, towards=options.towards, up=options.up)
     if path is None:
         plotter.show(title=f"sshade show {options.mesh}")
         return 0

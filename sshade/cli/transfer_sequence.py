@@ -74,7 +74,6 @@ def _numbers_as_numbers(path: Path) -> list[tuple[bool, int, str]]:
 def transfer_poses(options: argparse.Namespace, posed: list[Path]) -> int:
     """Transfer a sequence of poses, or a pose through marks; return the exit code."""
     inputs = [options.mesh, *posed, options.edited]
-    marks = None
     if options.marks is not None:
         inputs.append(options.marks)
         given = [f"--{name}" for name, value in DEFAULTS.items() if getattr(options, name) != value]
@@ -90,8 +89,7 @@ def transfer_poses(options: argparse.Namespace, posed: list[Path]) -> int:
     sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for path in (options.mesh, *posed, options.edited):
         check_input(path, SUFFIXES)
-    if options.marks is not None:
-        marks = read_marks(options.marks)
+    marks = None if options.marks is None else read_marks(options.marks)
     return _transfer(options, posed, sampling, marks, alone=alone)
 
 
