@@ -27,7 +27,7 @@ from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
 from sshade.pipeline.regions import HandleRegions, all_on_targets
 from sshade.progress import Progress, renamed, silent
-from sshade.sampling.proxy import Sampling, proxy_mesh
+from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from sshade.solver.capped import CappedVolume
 from sshade.solver.local_global import Bound, bind_task, local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
@@ -62,8 +62,14 @@ def sample_with_handles(mesh: Mesh, regions: HandleRegions, seed: tuple[int, int
     mesh : Mesh
     regions : HandleRegions
     seed : (int, int)
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.sampling.proxy.sample_proxy`.
     """
-    sampling, number = regions.sample(seed)
+    sampling = sample_proxy(mesh, regions.vertices, first=regions.first, seed=seed, graph=regions.metric)
+    number = regions.number[sampling.samples]
     on = np.flatnonzero(number >= 0)
     return sampling, lambda handles: handles.sampled(number[on], on, mesh.V)
 

@@ -33,7 +33,6 @@ from sshade.pipeline.goals import Goals
 from sshade.pipeline.normal_shift import shifted
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
-from sshade.sampling.proxy import Sampling, sample_proxy
 from sshade.solver.constraints import ROUNDING, volume_and_area
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import in_ranges
@@ -133,17 +132,6 @@ class HandleRegions:
             missing = ~np.isin(groups, handles.group[there[kind[there]]])
             found.append(handles.index[kind][first[missing]])
         return np.union1d(*found)
-
-    def sample(self, seed: int | tuple[int, ...]) -> tuple[Sampling, np.ndarray]:
-        """Sample M, and return the sampling and (k,) int64: the handle of each proxy vertex, or -1.
-
-        Raises
-        ------
-        InputError
-            See :func:`sshade.sampling.proxy.sample_proxy`.
-        """
-        sampling = sample_proxy(self._mesh, self.vertices, first=self.first, seed=seed, graph=self.metric)
-        return sampling, self.number[sampling.samples]
 
     def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
         """Move every hard handle vertex to its goal, and turn the surface beside regions with them.
