@@ -92,13 +92,7 @@ class HandleRegions:
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        handles: Handles,
-        *,
-        vertices: int,
-        graph: VertexGraph,
-        goals: Goals | None = None,
+        self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph, goals: Goals | None = None
     ) -> None:
         self.goals = goals or Goals(mesh, None, ())
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph

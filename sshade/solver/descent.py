@@ -6,7 +6,7 @@ import numpy as np
 
 from sshade.options import Options
 from sshade.solver.constraints import Constraints
-from sshade.solver.energy import Energy
+from sshade.solver.energy import Energy, Prescribed
 from sshade.solver.linear import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
@@ -97,7 +97,7 @@ class Descent:
     def aim(
         self,
         targets: np.ndarray,
-        prescribed: tuple[np.ndarray, np.ndarray] | None,
+        prescribed: Prescribed | None,
         fraction: np.ndarray | None,
         goals: np.ndarray | None = None,
     ) -> None:

@@ -14,6 +14,9 @@ from sshade.solver.terms.pulls import Pulls
 from sshade.solver.terms.struts import Strutting
 from sshade.threads import ThreadTeam
 
+#: Vertices of the mesh (j,), each once, and their prescribed rotations (j, 3, 3).
+Prescribed = tuple[np.ndarray, np.ndarray]
+
 
 class Energy:
     """The energy of a bound system under given targets: the sum of its terms.
@@ -54,20 +57,14 @@ class Energy:
         """(m,) strain weights of the triangles at the last local step; None for the quadratic energy."""
         return self._arap.weight
 
-    def aim(
-        self,
-        targets: np.ndarray,
-        prescribed: tuple[np.ndarray, np.ndarray] | None,
-        fraction: np.ndarray | None,
-    ) -> None:
+    def aim(self, targets: np.ndarray, prescribed: Prescribed | None, fraction: np.ndarray | None) -> None:
         """Set the targets of handles, the prescribed rotations, and the pull fractions.
 
         Parameters
         ----------
         targets : (k, 3) float64
             Relative to the mesh's origin.
-        prescribed : ((j,) int, (j, 3, 3) float64), optional
-            Vertices of the mesh, each once, and their rotations.
+        prescribed : Prescribed, optional
         fraction : (k,) float64, optional
             Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing.
         """

@@ -18,6 +18,7 @@ import numpy as np
 
 from sshade.options import ENERGY, complete
 from sshade.solver.descent import Descent
+from sshade.solver.energy import Prescribed
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
@@ -61,7 +62,7 @@ class Following:
         rotations: np.ndarray,
         targets: np.ndarray,
         *,
-        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
         goals: np.ndarray | None = None,
         window: int = 10,
@@ -94,7 +95,7 @@ class Following:
         self,
         targets: np.ndarray,
         *,
-        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
         goals: np.ndarray | None = None,
         tolerance: float = 1e-5,

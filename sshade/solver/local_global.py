@@ -23,6 +23,7 @@ from sshade.options import ENERGY, Energy, Options, complete
 from sshade.progress import Progress, silent
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
+from sshade.solver.energy import Prescribed
 from sshade.solver.run import Run, Stop, run
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
@@ -54,7 +55,7 @@ class LocalGlobal(System):
         *,
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
-        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
+        prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,

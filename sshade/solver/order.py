@@ -19,6 +19,9 @@ from sshade.threads import in_ranges
 #: in each of two ranges.
 CHUNK, HALF = 32_768, 3_000
 
+#: Ranges of vertices for threads: the elements that touch the vertices, the first vertex, and the end.
+Ranges = list[tuple[slice, int, int]]
+
 
 def band_order(mesh: Mesh) -> np.ndarray:
     """Return (n,) int32 the vertices in reverse Cuthill-McKee order, where neighbours are near."""
@@ -49,7 +52,7 @@ def faces_in_order(F: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.nda
     return corners[face], face
 
 
-def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
+def vertex_ranges(corners: np.ndarray, n: int) -> Ranges:
     """Divide n vertices into ranges for threads, and find the elements that touch each range.
 
     The ranges depend on n alone, so that results do not depend on the number of threads.
@@ -62,8 +65,7 @@ def vertex_ranges(corners: np.ndarray, n: int) -> list[tuple[slice, int, int]]:
 
     Returns
     -------
-    list of (slice, int, int)
-        Elements, first vertex, and end of the vertices.
+    Ranges
     """
     column = [*corners.T]  # NumPy takes twenty times as long along rows of two or three numbers
     low, high = np.minimum.reduce(column), np.maximum.accumulate(np.maximum.reduce(column))

@@ -43,6 +43,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.kernels import kernel, subroutine
 from sshade.options import Options
+from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 
 #: Triangles that are worked on together; their intermediate values stay in the first-level cache.
@@ -147,7 +148,7 @@ class Arap(Term):
     ----------
     elements : Edges or Triangles
         In the order of their lowest vertices.
-    ranges : list of (slice, int, int)
+    ranges : Ranges
         See :func:`sshade.solver.order.vertex_ranges`.
     rest : (m,) float64
         6 A of each triangle.
@@ -165,13 +166,7 @@ class Arap(Term):
         When edges should soften.
     """
 
-    def __init__(
-        self,
-        elements: Elements,
-        ranges: list[tuple[slice, int, int]],
-        rest: np.ndarray,
-        options: Options,
-    ) -> None:
+    def __init__(self, elements: Elements, ranges: Ranges, rest: np.ndarray, options: Options) -> None:
         self._elements, self._ranges, self._rest, self._options = elements, ranges, rest, options
         self.weight: np.ndarray | None = None
         if options.stiffness < 1.0:

@@ -30,6 +30,7 @@ from scipy.sparse import csr_array, diags_array
 from sshade.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.solver.multigrid import compressed_rows
+from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
@@ -107,11 +108,11 @@ class Bending(Term):
     Parameters
     ----------
     plate : Plate
-    ranges : list of (slice, int, int)
+    ranges : Ranges
         See :func:`sshade.solver.order.vertex_ranges`.
     """
 
-    def __init__(self, plate: Plate, ranges: list[tuple[slice, int, int]]) -> None:
+    def __init__(self, plate: Plate, ranges: Ranges) -> None:
         self._plate, self._ranges = plate, ranges
         self._rows = compressed_rows(plate.laplacian)
         #: L P after the local step, and D (R L v - L P) after the rotation fit.

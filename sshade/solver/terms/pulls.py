@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from sshade.kernels import kernel
+from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 
 
@@ -46,13 +47,13 @@ class Pulls(Term):
     Parameters
     ----------
     springs : Springs
-    ranges : list of (slice, int, int)
+    ranges : Ranges
         See :func:`sshade.solver.order.vertex_ranges`.
     corners : int
         Number of times that the energy counts each edge.
     """
 
-    def __init__(self, springs: Springs, ranges: list[tuple[slice, int, int]], *, corners: int) -> None:
+    def __init__(self, springs: Springs, ranges: Ranges, *, corners: int) -> None:
         self._springs, self._corners = springs, corners
         self._of_range = [slice(*np.searchsorted(springs.place, own[1:])) for own in ranges]
 

@@ -27,6 +27,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from sshade.mesh.mesh import Mesh, unit_rows
+from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 from sshade.threads import available_cpus
 
@@ -157,11 +158,11 @@ class Strutting(Term):
     Parameters
     ----------
     struts : Struts
-    ranges : list of (slice, int, int)
+    ranges : Ranges
         See :func:`sshade.solver.order.vertex_ranges`.
     """
 
-    def __init__(self, struts: Struts, ranges: list[tuple[slice, int, int]]) -> None:
+    def __init__(self, struts: Struts, ranges: Ranges) -> None:
         self._struts = struts
         self._by_second = np.argsort(struts.second, kind="stable")
         second = struts.second[self._by_second]
