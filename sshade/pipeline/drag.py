@@ -98,7 +98,8 @@ class Drag:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
-        pulls: dict[str, Any] = {"prescribed": handles.prescribed_rotations, "fraction": fraction}
+        aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "goals": goals}
+        aim["prescribed"] = handles.prescribed_rotations
         energy: dict[str, Any] = self._options.subset(ENERGY)
         energy["workers"] = solver_threads(self._options)
         if self._following is None and self._last is not None:
@@ -106,34 +107,28 @@ class Drag:
             self._following = Following(self._solver, *self._last, at, **energy)
         try:
             if self._following is None:
-                result = self._first(handles, targets, pulls, replace(self._options, **stop), goals)
+                result = self._first(handles, aim, replace(self._options, **stop))
                 R = result.extra["rotations"]
-                self._following = Following(self._solver, result.vertices, R, targets, **pulls, **energy)
+                self._following = Following(self._solver, result.vertices, R, **aim, **energy)
             else:
-                result = self._following.solve(targets, **pulls, goals=goals, **stop).result()
+                result = self._following.solve(**aim, **stop).result()
         except FloatingPointError:  # the positions are of no use to the next solve
             self.reset()
             raise
         self._last = result.vertices, result.extra["rotations"]
         return result
 
-    def _first(
-        self,
-        handles: Handles,
-        targets: np.ndarray,
-        pulls: Mapping[str, Any],
-        options: Options,
-        goals: np.ndarray,
-    ) -> DeformationResult:
+    def _first(self, handles: Handles, aim: Mapping[str, Any], options: Options) -> DeformationResult:
         def solve(task: DeformationTask, *, tolerance: float, **context: Any) -> DeformationResult:
             if task.mesh is not self._proxy:  # a coarser proxy
                 return local_global(task, **{**options.subset(SOLVER), "tolerance": tolerance}, **context)
             del context["seed"], context["volume_goal"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
-            context |= {**pulls, **stop, **options.subset(ENERGY)}
-            return self._solver.solve(targets, start=guess, goals=goals, **context).result()
+            context |= {**aim, **stop, **options.subset(ENERGY)}
+            return self._solver.solve(start=guess, **context).result()
 
+        goals = aim["goals"]
         task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, goals[1:]))
         return solve_proxy(task, options, solve=solve, volume_goal=float(goals[0]), seed=options.seed)
 
