@@ -118,8 +118,7 @@ def _first_samples(parts: Mesh, vertex: np.ndarray, junction: np.ndarray, handle
     _, joins = np.unique(np.bincount(own, entries), return_index=True)
     spread = np.union1d(thinned(graph, copies[place], most), copies[place[joins]])
     chosen = copies[np.isin(vertex[copies], vertex[spread])]
-    edge = edge_vertices(parts, handles.index)
+    edge = thinned(graph, edge_vertices(parts, handles.index), most)
     pairs = np.stack([component[handles.index], handles.group, handles.hard])
     _, one = np.unique(pairs, axis=1, return_index=True)
-    edge = thinned(graph, edge, most) if len(edge) else edge
     return np.unique(np.concatenate([chosen, edge, handles.index[one]]))
