@@ -11,6 +11,7 @@ scalable shape correspondence", 2024.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -24,7 +25,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.options import PRESETS, accepted, takes_options
 from sshade.pipeline.deform import deform_task
-from sshade.pipeline.engine import Place, sample_with_handles
+from sshade.pipeline.engine import Place, deform_once, sample_with_handles
 from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, silent
 from sshade.sampling.proxy import Sampling, sample_proxy
@@ -94,8 +95,8 @@ def paper_with(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    hooks = {"sample": samplers[handle_mode], "projection": counted}
-    result = deform_task(task, method="paper", hooks=hooks, progress=progress, **options)
+    once = partial(deform_once, sample=samplers[handle_mode], projection=counted)
+    result = deform_task(task, method="paper", once=once, progress=progress, **options)
     far = float(np.mean(counts))
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -33,7 +33,6 @@ def deform_task(
     *,
     method: str,
     progress: Progress = silent,
-    hooks: Mapping[str, Any] | None = None,
     once: Callable[..., DeformationResult] = deform_once,
     **values: Any,
 ) -> DeformationResult:
@@ -45,10 +44,9 @@ def deform_task(
     method : str
         A key of :data:`sshade.options.PRESETS`.
     progress : Progress
-    hooks : mapping, optional
-        For ablations: ``sample`` and ``projection`` of :class:`sshade.pipeline.engine.Engine`.
     once : callable
-        Takes the place of :func:`sshade.pipeline.engine.deform_once`.
+        Takes the place of :func:`sshade.pipeline.engine.deform_once`, or is that function with another
+        ``sample`` or ``projection``, for ablations.
     **values
         Options, see :class:`sshade.options.Options`; None stands for the method's own value.
 
@@ -65,7 +63,7 @@ def deform_task(
             options = resolve(method, component_values, regions=True)
         options, parts = on_component(task.mesh, task.volumes, options, area=area)
         task = replace(task, volumes=parts)
-        run = partial(once, task, options.of_proxy(), progress=progress, **(hooks or {}))
+        run = partial(once, task, options.of_proxy(), progress=progress)
         if options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:

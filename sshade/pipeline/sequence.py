@@ -184,11 +184,9 @@ class _Bindings:
     known: Mapping[bytes, _Bound]
     used: dict[bytes, _Bound] = field(default_factory=dict)
 
-    def __call__(
-        self, task: DeformationTask, options: Options, *, progress: Progress, **hooks: Any
-    ) -> DeformationResult:
-        if hooks or options.coarse is not None or not options.accelerate:
-            return deform_once(task, options, progress=progress, **hooks)
+    def __call__(self, task: DeformationTask, options: Options, *, progress: Progress) -> DeformationResult:
+        if options.coarse is not None or not options.accelerate:
+            return deform_once(task, options, progress=progress)
         mesh, handles = task.mesh, task.handles
         kinds = handles.index, handles.group, handles.weight, handles.has_rotation
         arrays = mesh.V, mesh.F, *kinds, *handles.slide_arrays
