@@ -72,7 +72,7 @@ def deform_task(
         extra = {**result.extra, "options": as_row(totals, method)}
         if parts or options.volume_goal is not None:
             errors = Goals(task.mesh, options.volume_goal, parts).errors(result.vertices)
-            extra["volume_goal_error"] = max(abs(error) for error in errors.values())
+            extra["volume_goal_error"] = max(abs(error) for _, error in errors)
             if options.volume == inf and warp is None:
                 warn_of_missed(errors)
         return replace(result, extra=extra)

@@ -195,8 +195,8 @@ class Goals:
         self._mesh, self.ratio, self.parts = mesh, ratio, tuple(parts)
         whole = [] if ratio is None else [CappedVolume(mesh.F, caps=False)]
         faces = [goal.faces for goal in parts if goal.faces is not None]
-        #: The volumes that have goals, the whole before the parts, and the goals in length^3.
         self._first_part = len(whole)
+        #: The volumes that have goals, the whole before the parts, and the goals in length^3.
         self._volumes = [*whole, *(CappedVolume(mesh.F[own]) for own in faces)]
         ratios = [*([] if ratio is None else [ratio]), *(goal.ratio for goal in parts)]
         self._targets = np.array(ratios, dtype=np.float64) * self._measured(mesh.V)
@@ -212,11 +212,11 @@ class Goals:
         """Return the largest error of a part's volume in M' (n, 3), as a fraction of its goal."""
         return float(np.abs(self.deficits(V) / self._targets[self._first_part :]).max(initial=0.0))
 
-    def errors(self, V: np.ndarray) -> dict[str, float]:
-        """Return the relative error of each goal in M' (n, 3), by the names of the parts."""
+    def errors(self, V: np.ndarray) -> list[tuple[str, float]]:
+        """Return the name of each part and the relative error of its goal in M' (n, 3); first the mesh."""
         names = ["the mesh"] * self._first_part + [goal.name or "a part" for goal in self.parts]
         errors = self._measured(V) / self._targets - 1
-        return {f"{k}: {name}": float(errors[k]) for k, name in enumerate(names)}
+        return list(zip(names, errors.tolist(), strict=True))
 
     def on_proxy(self, proxy: Mesh, sampling: Sampling, fixed: np.ndarray) -> list[np.ndarray]:
         """Return the faces (f,) of N that stand for each part.
@@ -335,9 +335,8 @@ class Secants:
         return step
 
 
-def warn_of_missed(errors: Mapping[str, float]) -> None:
+def warn_of_missed(errors: list[tuple[str, float]]) -> None:
     """Warn of volumes that are farther than :data:`MISSED` from their goals."""
-    for name, error in errors.items():
+    for name, error in errors:
         if abs(error) > MISSED:
-            where = name.split(": ", 1)[1]
-            log.warning("the volume of %s is %.2g %% from its goal", where, 100 * abs(error))
+            log.warning("the volume of %s is %.2g %% from its goal", name, 100 * abs(error))
