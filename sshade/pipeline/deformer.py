@@ -98,7 +98,7 @@ class Deformer:
         names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "warp")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
-        self.mesh, self._rest = mesh, _at_rest(mesh, index, group, weight, slide)
+        self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight, slide=slide)
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
@@ -149,7 +149,7 @@ class Deformer:
             of two groups with different targets. The Deformer keeps its handles then. A later call may raise
             the same.
         """
-        rest = _at_rest(self.mesh, index, group, weight, slide)
+        rest = _at_rest(self.mesh, index, group=group, weight=weight, slide=slide)
         if rest.slide is not None and any(one and one.surface for one in rest.slide):
             raise InputError(
                 "handles that slide on a surface must be bound from the beginning: make another Deformer"
@@ -327,15 +327,9 @@ class Deformer:
         return result.of(task)
 
 
-def _at_rest(
-    mesh: Mesh,
-    index: np.ndarray,
-    group: np.ndarray | None,
-    weight: np.ndarray | float,
-    slide: Slide | Sequence[Slide | None] | None,
-) -> Handles:
+def _at_rest(mesh: Mesh, index: np.ndarray, **binding: Any) -> Handles:
     require_mesh(mesh, "Deformer")
     index = checked_index(index, once=True)
     mesh.require_handles(index)
-    handles = Handles(index, mesh.V[index], group=group, weight=weight, slide=slide)  # type: ignore[arg-type]
+    handles = Handles(index, mesh.V[index], **binding)
     return DeformationTask("drag", mesh, handles).handles
