@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -193,8 +192,19 @@ class ComponentSet:
                 changes["thickness"] = 0.0
         if not isinstance(self._options.frame_function, str):
             changes = {**changes, "frame_function": self._values_of(self._options.frame_function)[origin]}
-        goals = self._goals_of(component)
-        solve = partial(self._solve, shape, origin, stage, goals=goals, progress=progress)
+        handles, goals = self._handles_of(origin), self._goals_of(component)
+
+        def solve(changes: dict[str, Any], guess: np.ndarray | None) -> DeformationResult:
+            vertices = max(changes["vertices"], least_vertices(len(handles)))
+            vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
+            part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess, volumes=goals)
+            report = renamed(progress, stage, within=True)
+            try:
+                return self._deform(part, progress=report, **{**changes, "vertices": vertices})
+            except InputError as error:
+                where = f"the component of {shape.n} vertices around vertex {origin[0]}"
+                raise InputError(f"{where} cannot be deformed: {error}") from error
+
         result = solve(changes, None if guess is None else guess[origin])
         means = at_means(origin, result.vertices)
         distance = np.linalg.norm(result.vertices - means, axis=1)
@@ -210,30 +220,6 @@ class ComponentSet:
         if sides == 2 and self._options.volume > 0:
             result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
         return result
-
-    def _solve(
-        self,
-        shape: Mesh,
-        origin: np.ndarray,
-        stage: str,
-        changes: dict[str, Any],
-        guess: np.ndarray | None,
-        *,
-        goals: tuple[VolumeGoal, ...],
-        progress: Progress,
-    ) -> DeformationResult:
-        """Deform a component, whose vertices are copies of `origin` (k,), from a guess (k, 3)."""
-        handles = self._handles_of(origin)
-        vertices = max(changes["vertices"], least_vertices(len(handles)))
-        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
-        part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess, volumes=goals)
-        try:
-            progress = renamed(progress, stage, within=True)
-            return self._deform(part, progress=progress, **{**changes, "vertices": vertices})
-        except InputError as error:
-            raise InputError(
-                f"the component of {shape.n} vertices around vertex {origin[0]} cannot be deformed: {error}"
-            ) from error
 
     def _values_of(self, frame_function: np.ndarray) -> np.ndarray:
         n, values = len(self._number), np.asarray(frame_function)
