@@ -394,11 +394,7 @@ class BoundProxy:
 
 
 def deform_once(
-    task: DeformationTask,
-    options: Options,
-    *,
-    progress: Progress = silent,
-    **hooks: Any,
+    task: DeformationTask, options: Options, *, progress: Progress = silent, **hooks: Any
 ) -> DeformationResult:
     """Deform a connected, oriented manifold through proxies that serve this deformation alone.
 
@@ -429,18 +425,25 @@ def deform_once(
     def deform(number: int) -> DeformationResult:
         stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
         progress(stage, 0, options.max_iterations)
+        context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
+        coarser = renamed(progress, f"coarser {stage}")
 
         def solver_of(proxy: Mesh, sampling: Sampling, place: Place, parts: list[np.ndarray]) -> SolveProxy:
-            guess = first.result().vertices if first is not None and number else task.guess
-            return _single_solver(
-                proxy,
-                options,
-                parts,
-                name=f"{task.name} proxy {number}",
-                guess=None if guess is None else guess[sampling.samples],
-                progress=progress,
-                stage=stage,
-            )
+            start = first.result().vertices if first is not None and number else task.guess
+            guess, name = None if start is None else start[sampling.samples], f"{task.name} proxy {number}"
+
+            def solve(handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
+                nonlocal guess
+                volumes, goal = ratios_of(parts, goals[1:]), float(goals[0])
+                on_proxy = DeformationTask(name, proxy, handles, guess=guess, volumes=volumes)
+                if options.coarse is not None:
+                    return options.coarse(on_proxy, **context)
+                own = replace(options, **stop)
+                result = solve_proxy(on_proxy, own, volume_goal=goal, coarser_progress=coarser, **context)
+                guess = result.vertices  # the next solve starts there
+                return result
+
+            return solve
 
         with ThreadPoolExecutor(max_workers=1) as pool, ThreadTeam(engine.proxies.carriers) as team:
             bound = engine.bind(number, pool, solver_of)
@@ -457,33 +460,6 @@ def deform_once(
             return first.result() if first is not None and number == 0 else deform(number)
 
         return engine.average(run, task.handles, options)
-
-
-def _single_solver(
-    proxy: Mesh,
-    options: Options,
-    parts: list[np.ndarray],
-    *,
-    name: str,
-    guess: np.ndarray | None,
-    progress: Progress,
-    stage: str,
-) -> SolveProxy:
-    """Return a solver of a proxy for targets that are known from the beginning; it starts at the guess."""
-    context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
-    coarser = renamed(progress, f"coarser {stage}")
-
-    def solve(handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
-        nonlocal guess
-        task = DeformationTask(name, proxy, handles, guess=guess, volumes=ratios_of(parts, goals[1:]))
-        if options.coarse is not None:
-            return options.coarse(task, **context)
-        own, goal = replace(options, **stop), float(goals[0])
-        result = solve_proxy(task, own, volume_goal=goal, coarser_progress=coarser, **context)
-        guess = result.vertices
-        return result
-
-    return solve
 
 
 def ratios_of(parts: Sequence[np.ndarray], ratios: np.ndarray) -> tuple[VolumeGoal, ...]:
