@@ -56,15 +56,7 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
         name: f"{100 * facts.get(name, 0):.2g} % of the diagonal" for name in ("gap", "side_gap", "opening")
     }
     asked_to_warp = facts["options"].get("warp") == "always"
-    on_samples = {}
-    if warped < 1:
-        on_samples = _on_samples(
-            facts["samples"],
-            facts["asked"],
-            facts["options"]["coarser"],
-            components=bent,
-            one_sided=one_sided > 0,
-        )
+    on_samples = _on_samples(facts, components=bent) if warped < 1 else {}
     found = {
         f"{doubled} vertices share their place with another vertex, and move with it": doubled,
         f"{near} vertices lie near another vertex, and move with it (at most "
@@ -109,15 +101,14 @@ def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -
     return [f"{path} was saved with other values of {', '.join(differ)}; pass --options {path} to use them"]
 
 
-def _on_samples(
-    samples: int, asked: int, coarser: int, *, components: int, one_sided: bool
-) -> dict[str, bool]:
-    """Sentences on a number of samples that differs from the number `asked` by more than rounding."""
+def _on_samples(facts: Mapping[str, Any], *, components: int) -> dict[str, bool]:
+    """Sentences on a number of samples that differs from the number ``asked`` by more than rounding."""
     from sshade.pipeline.proxies import SPARE  # imports large libraries
 
+    samples, asked, coarser = facts["samples"], facts["asked"], facts["options"]["coarser"]
     differs = f"the proxy has {samples} samples instead of {asked}: "
     each = f"{coarser} vertices" if coarser > 1 else "vertex"
-    of = "a component" + (", where both sides of a surface count" if one_sided else "")
+    of = "a component" + (", where both sides of a surface count" if facts.get("one_sided") else "")
     return {
         "no proxy was made: the handles alone determine the result": samples == 0,
         f"{differs}at most one for every {each} of {of}, or one for each handle and {SPARE} more": 0
