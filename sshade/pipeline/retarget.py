@@ -22,7 +22,6 @@ from scipy.sparse.linalg import splu
 
 from sshade.errors import InputError
 from sshade.handles import Handles
-from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import accepted, takes_options
 from sshade.pipeline.deform import deform_task
@@ -63,9 +62,8 @@ class Retargeting:
             raise InputError("the marks lie on several components of the source, and must lie on one")
         self.source, self.target, self.marks = source, target, marks
         used = np.flatnonzero(source.component == component[0])
-        number = numbered(used, source.n)
-        F = number[source.F[source.component[source.F[:, 0]] == component[0]]]
-        self._used, self._at = used, number[marks[:, 0]]
+        F = np.searchsorted(used, source.F[source.component[source.F[:, 0]] == component[0]])
+        self._used, self._at = used, np.searchsorted(used, marks[:, 0])
         self._rest = Mesh(source.V[used], F)
         places = Handles(self._at, target.V[marks[:, 1]])
         fit = DeformationTask("fit", self._rest, places)
