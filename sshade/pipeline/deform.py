@@ -19,7 +19,7 @@ from sshade.pipeline.components import NO_PROXY, by_components
 from sshade.pipeline.engine import deform_once
 from sshade.pipeline.goals import Goals, on_component, warn_of_missed, with_ratios
 from sshade.pipeline.polish import polished
-from sshade.pipeline.regions import has_regions
+from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.pipeline.warp import find_warp
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles, result_of
@@ -64,7 +64,9 @@ def deform_task(
         options, parts = on_component(task.mesh, task.volumes, options, area=area)
         task = replace(task, volumes=parts)
         run = partial(once, task, options.of_proxy(), progress=progress)
-        if options.polish:
+        if task.handles.hard.sum() == task.mesh.n:
+            result = all_on_targets(task)
+        elif options.polish:
             result = polished(task, options, deform=run, regional=regional, progress=progress)
         else:
             result = run()

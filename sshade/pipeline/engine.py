@@ -25,7 +25,7 @@ from sshade.options import SOLVER, Options
 from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
-from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, renamed, silent
 from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
 from sshade.solver.capped import CappedVolume
@@ -403,6 +403,7 @@ def deform_once(
     Parameters
     ----------
     task : DeformationTask
+        With a vertex that is no hard handle.
     options : Options
     progress : Progress
     **hooks
@@ -419,8 +420,6 @@ def deform_once(
         On another mesh, or where it cannot be sampled or solved.
     """
     engine = Engine(task.mesh, task.handles, options, volumes=task.volumes, **hooks)
-    if engine.regions.covered:
-        return all_on_targets(task)
 
     def deform(number: int) -> DeformationResult:
         stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"

@@ -15,7 +15,7 @@ import numpy as np
 from sshade.memory import give_back
 from sshade.mesh.adjacency import vertex_graph
 from sshade.options import ENERGY, Options
-from sshade.pipeline.regions import HandleRegions, all_on_targets
+from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, renamed
 from sshade.sampling.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, bind_task, goals_of
@@ -61,8 +61,6 @@ def polished(
         ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has the
         facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
     """
-    if task.handles.hard.sum() == task.mesh.n:
-        return all_on_targets(task)
     begin = perf_counter()
     give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:

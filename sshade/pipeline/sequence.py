@@ -23,7 +23,6 @@ from sshade.options import Options, accepted, require_method, resolve, takes_opt
 from sshade.pipeline.deform import deform_task
 from sshade.pipeline.drag import bound_proxies
 from sshade.pipeline.engine import Engine, deform_once
-from sshade.pipeline.regions import all_on_targets
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import ThreadTeam
@@ -210,8 +209,6 @@ class _Bound:
 
     def deform(self, task: DeformationTask) -> DeformationResult:
         """Deform for the targets of a task, from its guess."""
-        if not self._proxies:
-            return all_on_targets(task)
         regions = self._engine.regions
         with ThreadTeam(self._engine.proxies.carriers) as team:
 
