@@ -77,14 +77,7 @@ def sample_coarsely(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.nda
     coarse_count = _coarse_count(count, first)
     slabs = _Slabs(mesh.V)
     with ThreadTeam(available_cpus()) as team:
-        net, state = _net(
-            graph,
-            slabs,
-            team,
-            first,
-            radius=float(np.sqrt(_NET_AREA * mesh.area / (NET * coarse_count))),
-            least=min(graph.n, _ENOUGH * NET * coarse_count),
-        )
+        net, state = _net(graph, slabs, team, first, area=mesh.area, count=NET * coarse_count)
         coarse, borders = _coarse_graph(graph, slabs, team, state, net)
         sampled = farthest_point_sampling(coarse, coarse_count, first=state.cell[first])
         samples = np.concatenate(net)[sampled.samples]
@@ -142,13 +135,14 @@ class _Slabs:
 
 
 def _net(
-    graph: VertexGraph, slabs: _Slabs, team: ThreadTeam, first: np.ndarray, *, radius: float, least: float
+    graph: VertexGraph, slabs: _Slabs, team: ThreadTeam, first: np.ndarray, *, area: float, count: int
 ) -> tuple[list[np.ndarray], advance.State]:
-    """Choose a net of at least `least` vertices, among them `first`.
+    """Choose a net of about `count` vertices on a surface of an area, among them `first`.
 
     Returns the vertices of the net in each slab, and the state with their cells, numbered within each slab.
     Across the border of two slabs, vertices of the net may be nearer to each other than the radius.
     """
+    radius, least = float(np.sqrt(_NET_AREA * area / count)), min(graph.n, _ENOUGH * count)
     while True:
         distance, cell = np.full(graph.n, radius), np.full(graph.n, -1, dtype=np.int32)
         state = advance.State.of(graph, width=radius, distance=distance, cell=cell)
