@@ -411,9 +411,9 @@ class Constraints:
 
 def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
     """Why a mesh has no volume to constrain; empty if it has one."""
-    if len(mesh.boundary_edges):
+    if not mesh.is_closed:
         return "boundary"
-    if not (mesh.is_closed and mesh.is_oriented):
+    if not mesh.is_oriented:
         return "orientation"
     return "flat" if abs(rest[VOLUME]) <= FLAT * rest[AREA] ** 1.5 else ""
 
