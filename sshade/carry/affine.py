@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sshade.carry.frames import Frames, Placer, edges_and_normals, place_on_triangles
+from sshade.carry.frames import Frames, Placer, edges_and_normals, on_triangles
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.mesh.mesh import Mesh
@@ -49,12 +49,7 @@ class AffineFrames(Frames):
         A, known = affine_maps(self.proxy.V, NV, F=F)
         if not known.all():
             A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
-        origin = NV[F[:, 0]]
-
-        def place(first: int, end: int, local: np.ndarray, on: Projection, V: np.ndarray) -> None:
-            place_on_triangles(first, end, local, on.face, A, origin, V)
-
-        return place, int((~known).sum())
+        return on_triangles(A, NV[F[:, 0]]), int((~known).sum())
 
 
 def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

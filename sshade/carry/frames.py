@@ -125,6 +125,11 @@ def checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     return out
 
 
+def on_triangles(A: np.ndarray, origin: np.ndarray) -> Placer:
+    """Return a function that places points on triangles t at ``A_t local + origin_t``."""
+    return lambda first, end, local, on, V: place_on_triangles(first, end, local, on.face, A, origin, V)
+
+
 @kernel
 def place_on_triangles(first, end, local, face, A, origin, V):
     """Write V_i = A_t local_i + origin_t for points i in triangles t, with A (l, 3, 3) and origin (l, 3)."""

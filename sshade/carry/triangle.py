@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from sshade.carry.blended import nearest_rotations
-from sshade.carry.frames import Frames, Placer, edges_and_normals, place_on_triangles
+from sshade.carry.frames import Frames, Placer, edges_and_normals, on_triangles, place_on_triangles
 from sshade.carry.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.carry.projection import Projection
 from sshade.errors import InputError
@@ -148,11 +148,7 @@ class TriangleFrames(Frames):
                 onto=nearest_rotations,
             )
             L[missing] = turns[missing] @ self.L[missing]
-
-        def place(first: int, end: int, local: np.ndarray, on: Projection, V: np.ndarray) -> None:
-            place_on_triangles(first, end, local, on.face, L, origin, V)
-
-        return place, int(missing.sum())
+        return on_triangles(L, origin), int(missing.sum())
 
 
 def _frames(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
