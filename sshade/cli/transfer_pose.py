@@ -86,26 +86,20 @@ def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     from sshade.io.meshes import write_file
     from sshade.pipeline.transfer import transfer_pose
 
-    kept = {"edited": options.output}  # the output has the contents of EDITED, or of MESH without it
-    shapes = {
-        name: read(path, kept.get(name))
-        for name in ("posed", "edited")
-        if (path := getattr(options, name, None))
-    }
-    file, whole = read_surface(options, None if "edited" in shapes else options.output)
+    path: Any = getattr(options, "edited", None)
+    shape = read(options.posed)
+    # The output has the contents of EDITED, or of MESH without it.
+    edit = None if path is None else read(path, options.output)
+    file, whole = read_surface(options, options.output if edit is None else None)
     mesh = whole.mesh
-    moved = {
-        name: corresponding(shape, getattr(options, name), file, options.mesh, whole)
-        for name, shape in shapes.items()
-    }
-    posed, edited = moved["posed"], moved.get("edited")
+    posed = corresponding(shape, options.posed, file, options.mesh, whole)
+    edited = None if edit is None else corresponding(edit, path, file, options.mesh, whole)
     begin = perf_counter()
     with progress_bar() as progress:
         residual = options.residual
         result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
-    written = shapes.get("edited", file)
-    write_file(options.output, written, whole.placed(shapes["posed"].V, result.vertices))
+    write_file(options.output, edit or file, whole.placed(shape.V, result.vertices))
     proxies = counted(options.samplings, "proxy", "proxies")
     say(f"{options.output}: {len(file.V)} vertices, {proxies}, {seconds:.2f} s")
     if edited is None:
