@@ -180,7 +180,7 @@ def _deform(
     from sshade.pipeline.sequence import Sequence
     from sshade.task import DeformationResult, DeformationTask
 
-    file, whole = read_surface(options, _output_of_contents(options.output))
+    file, whole = read_surface(options, output_of_contents(options.output))
     mesh, files = whole.mesh, [pose.file for pose in given.poses]
     require_memory_to_deform(len(file.V), resolved)
     poses = given.on(mesh, whole.vertex)
@@ -258,7 +258,7 @@ def _deform(
     return 0
 
 
-def _output_of_contents(output: Path) -> Path | None:
+def output_of_contents(output: Path) -> Path | None:
     """Return the output whose format decides which contents are lost; None for a point cache."""
     return None if output.suffix.lower() in CACHES else output
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -18,11 +19,12 @@ from sshade.cli.sequence import (
     check_sequence,
     inputs_key,
     is_sequence_output,
+    output_of_contents,
     require_no_fps,
     write_poses,
 )
 from sshade.errors import InputError
-from sshade.io.document import CACHES, SUFFIXES, MeshFile, check_input
+from sshade.io.document import SUFFIXES, MeshFile, check_input
 from sshade.io.files import check_output, naming
 from sshade.io.marks import Marks, read_marks
 from sshade.io.numbered import chained_keys, input_checksum
@@ -40,6 +42,8 @@ DEFAULTS: dict[str, Any] = {
     "seed": 0,
 }
 OPTIONS = (*DEFAULTS, "workers")
+#: ``pose(number)`` returns the file of a pose, and the positions (k, 3) of the surface's vertices in it.
+Pose = Callable[[int], tuple[MeshFile, np.ndarray]]
 
 
 def posed_files(given: list[Path]) -> list[Path]:
@@ -103,17 +107,22 @@ def _transfer(
     alone: bool,
 ) -> int:
     """Read the shapes, transfer all poses, and write the output."""
-    from sshade.io.meshes import write_file
+    from sshade.io.meshes import read_file, write_file
 
-    kept = None if options.output.suffix.lower() in CACHES else options.output
+    def pose(number: int) -> tuple[MeshFile, np.ndarray]:
+        shape = read_file(posed[number])
+        return shape, corresponding(shape, posed[number], file, options.mesh, whole)
+
     file, whole = read_surface(options)
     for path in posed:  # a bad file ends the command before it writes anything
         corresponding(read(path), path, file, options.mesh, whole)
     begin = perf_counter()
+    output = read(options.edited, output_of_contents(options.output))
     if marks is None:
-        output, solve = _onto_edited(options, posed, sampling, (file, whole), kept)
+        edited = corresponding(output, options.edited, file, options.mesh, whole)
+        solve = _onto_edited(options, sampling, edited, whole, pose)
     else:
-        output, solve = _through_marks(options, posed, marks, (file, whole), kept)
+        solve = _through_marks(options, marks, output, whole, pose)
     if alone:
         write_file(options.output, output, solve(0, None))
         written = f"{options.output}: 1 pose"
@@ -135,46 +144,31 @@ def _transfer(
 
 
 def _onto_edited(
-    options: argparse.Namespace,
-    posed: list[Path],
-    sampling: dict[str, Any],
-    rest: tuple[MeshFile, Surface],
-    kept: Path | None,
-) -> tuple[MeshFile, Solve]:
-    """Return the edited shape, which corresponds to the mesh, and a function that transfers a pose to it."""
-    from sshade.io.meshes import read_file
+    options: argparse.Namespace, sampling: dict[str, Any], edited: np.ndarray, whole: Surface, pose: Pose
+) -> Solve:
+    """Return a function that transfers a pose to the edited shape, which corresponds to the mesh."""
     from sshade.mesh.mesh import Mesh
     from sshade.pipeline.transfer import PoseTransfer
 
-    file, whole = rest
-    output = read(options.edited, kept)
-    edited = corresponding(output, options.edited, file, options.mesh, whole)
     with naming(options.edited):
         Mesh(edited, whole.mesh.F)
     transfer = PoseTransfer(whole.mesh, edited, residual=options.residual, **sampling)
 
     def solve(number: int, before: np.ndarray | None) -> np.ndarray:
-        shape = read_file(posed[number])
-        result = transfer(corresponding(shape, posed[number], file, options.mesh, whole))
-        return whole.placed(shape.V, result.vertices)
+        shape, V = pose(number)
+        return whole.placed(shape.V, transfer(V).vertices)
 
-    return output, solve
+    return solve
 
 
 def _through_marks(
-    options: argparse.Namespace,
-    posed: list[Path],
-    marks: Marks,
-    rest: tuple[MeshFile, Surface],
-    kept: Path | None,
-) -> tuple[MeshFile, Solve]:
-    """Return the other mesh, and a function that moves it as the marks on a pose move."""
-    from sshade.io.meshes import read_file, surface_of
+    options: argparse.Namespace, marks: Marks, output: MeshFile, whole: Surface, pose: Pose
+) -> Solve:
+    """Return a function that moves another mesh as the marks on a pose move."""
+    from sshade.io.meshes import surface_of
     from sshade.pipeline.retarget import Retargeting
     from sshade.pipeline.sequence import Sequence
 
-    file, whole = rest
-    output = read(options.edited, kept)
     other = surface_of(output, options.edited, weld=options.weld, repair=options.repair)
     with naming(options.marks):
         driver = Retargeting(whole.mesh, other.mesh, marks.on(whole, other))
@@ -183,11 +177,10 @@ def _through_marks(
 
     @lru_cache(maxsize=2)  # of the pose, and of the pose before
     def handles_of(number: int) -> Handles:
-        V = corresponding(read_file(posed[number]), posed[number], file, options.mesh, whole)
-        return task.handles.at(driver(V))
+        return task.handles.at(driver(pose(number)[1]))
 
     def solve(number: int, before: np.ndarray | None) -> np.ndarray:
         after = None if before is None else (handles_of(number - 1), other.picked(before))
         return other.placed(output.V, sequence(handles_of(number), after=after).vertices)
 
-    return output, solve
+    return solve
