@@ -193,13 +193,21 @@ class Goals:
 
     def __init__(self, mesh: Mesh, ratio: float | None, parts: Sequence[VolumeGoal]) -> None:
         self._mesh, self.ratio, self.parts = mesh, ratio, tuple(parts)
-        whole = [] if ratio is None else [CappedVolume(mesh.F, caps=False)]
-        faces = [goal.faces for goal in parts if goal.faces is not None]
-        self._first_part = len(whole)
-        #: The volumes that have goals, the whole before the parts, and the goals in length^3.
-        self._volumes = [*whole, *(CappedVolume(mesh.F[own]) for own in faces)]
-        ratios = [*([] if ratio is None else [ratio]), *(goal.ratio for goal in parts)]
-        self._targets = np.array(ratios, dtype=np.float64) * self._measured(mesh.V)
+        self._first_part = 0 if ratio is None else 1
+
+    @cached_property
+    def _volumes(self) -> list[CappedVolume]:
+        """The volumes that have goals, the whole before the parts."""
+        F, faces = self._mesh.F, [goal.faces for goal in self.parts if goal.faces is not None]
+        whole = [] if self.ratio is None else [CappedVolume(F, caps=False)]
+        return [*whole, *(CappedVolume(F[own]) for own in faces)]
+
+    @cached_property
+    def _targets(self) -> np.ndarray:
+        """The goals of these volumes, in length^3."""
+        whole = [] if self.ratio is None else [self.ratio]
+        ratios = np.array([*whole, *(goal.ratio for goal in self.parts)], dtype=np.float64)
+        return ratios * self._measured(self._mesh.V)
 
     def _measured(self, V: np.ndarray) -> np.ndarray:
         return np.array([volume.measure(V)[0] for volume in self._volumes])
