@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -98,18 +99,12 @@ def require_rotations(R: np.ndarray) -> None:
         raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
 
 
-def first_of_each(
-    index: np.ndarray,
-    target: np.ndarray,
-    weight: np.ndarray,
-    rotation: np.ndarray | None,
-    slide: np.ndarray | None,
-    extent: float | None,
-) -> np.ndarray:
-    """Return where each id first occurs, in input order; its other values must agree.
+def first_of_each(fields: Mapping[str, Any], slide: np.ndarray | None, extent: float | None) -> np.ndarray:
+    """Return where each id of handles first occurs, in input order; their other fields must agree.
 
     `slide` (k,) has a number for each slide, and equal slides have equal numbers.
     """
+    index, target, weight, rotation = (fields[name] for name in ("index", "target", "weight", "rotation"))
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
         earlier = first[inverse]

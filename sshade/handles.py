@@ -109,11 +109,11 @@ class Handles:
             "rotation": checked_rotation(self.rotation, k),
             "slide": checked_slides(self.slide, k),
         }
-        weight, slide = fields["weight"], fields["slide"]
-        if slide is not None and any(one and one.free for one in slide[np.isfinite(weight)]):
+        slide = fields["slide"]
+        if slide is not None and any(one and one.free for one in slide[np.isfinite(fields["weight"])]):
             raise InputError("a handle with a free position has no weight; leave its weight out")
         number = None if slide is None else slide_numbers(slide)
-        first = first_of_each(index, target, weight, fields["rotation"], number, extent)
+        first = first_of_each(fields, number, extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
