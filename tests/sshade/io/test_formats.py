@@ -58,8 +58,8 @@ def test_off_with_comments_colours_and_polygons(tmp_path):
 
 def test_off_of_modelnet_whose_first_line_does_not_end(tmp_path):
     (tmp_path / "a.off").write_text("OFF3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    V, F = read_arrays(tmp_path / "a.off")
-    assert V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] and F.tolist() == [[0, 1, 2]]
+    file = read_file(tmp_path / "a.off")
+    assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] and file.F.tolist() == [[0, 1, 2]]
 
 
 def test_off_of_meshlab_with_normals_behind_colours(tmp_path):
