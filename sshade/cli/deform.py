@@ -100,6 +100,7 @@ from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import check_output, naming
+from sshade.io.poses import is_animation
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 
 if TYPE_CHECKING:
@@ -139,6 +140,8 @@ def command(options: argparse.Namespace) -> int:
         require_no_fps(options)
         (options.handles,) = options.handles
         check_outputs(options, output=SUFFIXES)
+    elif options.fps is not None and options.animation is None and is_animation(options.handles[0]):
+        raise InputError(f"the frames of {options.handles[0]} have times of their own; leave out --fps")
     elif options.carried:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
     companions = carried.outputs(options, options.output)

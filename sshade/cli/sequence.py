@@ -137,6 +137,8 @@ def write_poses(
             seen(number, V, before)
         progress("poses", count, count)
     kept = f", {files.kept} of them kept from an earlier run" if files.kept else ""
+    if files.path(count).exists():
+        kept += f"; {files.path(count)} is of an earlier, longer sequence, and stays"
     return f"{files.path(0)} to {files.path(count - 1)}: {_poses(count)}{kept}"
 
 

@@ -155,7 +155,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         if suffix == ".ply":
             write_ply(temporary, V, F)
         elif suffix in (".glb", ".gltf"):
-            temporary.write_bytes(plain_gltf(temporary, V, F))
+            temporary.write_bytes(plain_gltf(path, V, F))
         elif suffix == ".stl":
             write_stl(temporary, V, F)
         elif suffix == ".obj":

@@ -62,6 +62,8 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert main(["deform", "body.ply", "pose_0.json", "-o", "single.ply", *FAST]) == 0
     assert Path("single.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
+    assert main(["deform", "body.ply", *poses()[:2], "-o", "out_%03d.ply", *FAST]) == 0
+    assert "out_003.ply is of an earlier, longer sequence, and stays" in capsys.readouterr().err
 
 
 def interrupted_at_the_third_file(monkeypatch) -> list[Path]:
@@ -479,6 +481,11 @@ BAD = {
     "times": (lambda: frames_with({"time": 0.5}, {"time": 0.5}), MOVES, "its time 0.5 is not larger than"),
     "no time": (lambda: frames_with({"handles": []}), MOVES, 'frame 0: it needs a "time" in seconds'),
     "time without a number": (lambda: frames_with({"time": float("nan")}), MOVES, '"time" in seconds'),
+    "times given twice": (
+        lambda: frames_with({"time": 0}),
+        [*MOVES, "--fps", "60"],
+        "the frames of moves.json have times of their own; leave out --fps",
+    ),
     "no frames": (lambda: frames_with(), MOVES, '"frames" must be a list of frames, at least one'),
     "unknown group": (
         lambda: frames_with({"time": 0, "handles": [{"landmark": "tail", "translation": [0, 0, 1]}]}),
