@@ -209,11 +209,17 @@ class Grouping(Work):
             self.version += 1
 
     def remove(self, number: int) -> None:
-        """Remove a group and its surroundings; their vertices become unconstrained."""
+        """Remove a group and its surroundings; their vertices become unconstrained.
+
+        Without the last surroundings, volume and area are kept again.
+        """
         with self._lock:
-            group = self.state.group(number)
+            group, settings = self.state.group(number), self.state.settings
             kept = tuple(g for g in self.state.groups if g is not group and not _surrounds(g, [group]))
-            self._push(replace(self.state, groups=kept))
+            if any(g.fades for g in self.state.groups) and not any(g.fades for g in kept):
+                settings = settings._replace(volume=True, area=True)
+                self._jumped = True
+            self._push(replace(self.state, groups=kept, settings=settings))
 
     def restore(self, number: int) -> None:
         """Move a group and its followers back to their rest positions."""

@@ -13,6 +13,7 @@ from sshade.edit import recovery
 from sshade.edit.groups import Motion
 from sshade.edit.links import SOFT
 from sshade.edit.session import Session
+from sshade.edit.state import Settings
 from sshade.io.meshes import read_arrays
 from tests.shapes import beside, bumpy, icosphere, shifted
 from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, tip, turned
@@ -154,8 +155,12 @@ def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance
     fixed = session.state.group(beyond).vertices
     assert fixed.tolist() == np.flatnonzero(away > 0.8).tolist()
     assert np.array_equal(session.shown[fixed], V[fixed])
+    assert session.state.settings == Settings("fast", volume=False, area=False)
     session.remove(number)
     assert [group.number for group in session.state.groups] == [beyond]
+    assert session.state.settings == Settings("fast")
+    session.undo()
+    assert session.state.settings == Settings("fast", volume=False, area=False)
 
 
 def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_continues(monkeypatch):
