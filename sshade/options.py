@@ -81,11 +81,11 @@ class Options:
         shape may shrink or grow. A mesh with a boundary has no volume, unless it has a goal.
     volume_goal : float, optional
         Volume of the result, as a multiple of the volume at rest; by default it stays. Raise it for a body
-        that breathes in. Each component has the same ratio, and holes of an open mesh are closed by caps.
-        With a goal, the default of `area` is at most 0.1.
+        that breathes in. Each component with handles has the same ratio, and holes of an open mesh are
+        closed by caps. With a goal, the default of `area` is at most 0.1.
     area : float
-        Weight of the surface area: 0 leaves it unconstrained, inf keeps it exactly. Lower it where large
-        handle regions move apart.
+        Weight of the surface area: 0 leaves it unconstrained, inf keeps it exactly on each proxy; the mean of
+        several samplings has less. Lower it where large handle regions move apart.
     stiffness : float
         Fraction of a triangle's stiffness that remains at large strain. Smaller values concentrate bending at
         joints; 1 is the published energy.
@@ -132,7 +132,8 @@ class Options:
     proxy_stiffness : float
         Fraction of stiffness at large strain on the proxy; `stiffness` applies to the polish alone.
     polish_iterations : int
-        Largest number of iterations at full resolution. A larger number removes more traces of the proxy.
+        Largest number of iterations at full resolution. A larger number removes more traces of the proxy,
+        but where joints turn far, the energy need not fall any more: see `strain_limit`.
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.

@@ -39,7 +39,7 @@ class DeformationTask(Shown):
         of this package support it; others may fail.
     volumes : sequence of VolumeGoal
         Volumes that the mesh or its parts are to have. The methods of this package support them; others
-        ignore them.
+        refuse or ignore them.
 
     Raises
     ------

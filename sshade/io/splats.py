@@ -31,6 +31,8 @@ _PLACE, _SCALE, _ROTATION = "x y z", "scale_0 scale_1 scale_2", "rot_0 rot_1 rot
 BANDS = (0, 3, 8, 15)
 #: Largest product of two columns, over their lengths, that counts as orthogonal; largest number of sweeps.
 ORTHOGONAL, SWEEPS = 1e-14, 12
+#: Least length of a column, as a fraction of the longest: shorter columns have no direction.
+COLLAPSED = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +230,7 @@ def _turn_harmonics(first, end, C, R, directions, one, two, three):
 
 @kernel
 def _move_shapes(first, end, Q, J):
-    B = np.empty((3, 3))
+    B, norm, kept = np.empty((3, 3)), np.empty(3), np.empty(3, dtype=np.bool_)
     for i in range(first, end):
         w, x, y, z = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
         squared = w * w + x * x + y * y + z * z
@@ -247,22 +249,46 @@ def _move_shapes(first, end, Q, J):
             B[r, 1] = (a * R01 + b * R11 + c * R21) * np.exp(max(Q[i, 5] - largest, -30.0))
             B[r, 2] = (a * R02 + b * R12 + c * R22) * np.exp(max(Q[i, 6] - largest, -30.0))
         _orthogonalise(B)
-        sound = True
         for c in range(3):
-            norm = np.sqrt(B[0, c] ** 2 + B[1, c] ** 2 + B[2, c] ** 2)
-            sound &= 0.0 < norm < np.inf
-            if sound:
-                B[0, c], B[1, c], B[2, c] = B[0, c] / norm, B[1, c] / norm, B[2, c] / norm
-                cut = min(Q[i, 4 + c] - largest, -30.0) + 30.0 if Q[i, 4 + c] - largest < -30.0 else 0.0
-                Q[i, 4 + c] = np.log(norm) + largest + cut
-        if not sound:
+            norm[c] = np.sqrt(B[0, c] ** 2 + B[1, c] ** 2 + B[2, c] ** 2)
+        longest = max(norm[0], norm[1], norm[2])
+        if not 0.0 < longest < np.inf:
             continue
+        for c in range(3):
+            kept[c] = norm[c] > COLLAPSED * longest
+            if kept[c]:
+                B[0, c], B[1, c], B[2, c] = B[0, c] / norm[c], B[1, c] / norm[c], B[2, c] / norm[c]
+                cut = min(Q[i, 4 + c] - largest, -30.0) + 30.0 if Q[i, 4 + c] - largest < -30.0 else 0.0
+                Q[i, 4 + c] = np.log(norm[c]) + largest + cut
+            else:
+                Q[i, 4 + c] = np.log(longest) + largest - 30.0
+        _complete(B, kept)
         right = B[0, 0] * (B[1, 1] * B[2, 2] - B[2, 1] * B[1, 2])
         right -= B[1, 0] * (B[0, 1] * B[2, 2] - B[2, 1] * B[0, 2])
         right += B[2, 0] * (B[0, 1] * B[1, 2] - B[1, 1] * B[0, 2])
         if right < 0.0:
             B[0, 2], B[1, 2], B[2, 2] = -B[0, 2], -B[1, 2], -B[2, 2]
         _to_quaternion(B, Q[i], length)
+
+
+@subroutine
+def _complete(B, kept):
+    """Make the columns of B that are not kept, but at least one is, orthonormal to the others."""
+    for c in range(3):
+        if kept[c]:
+            continue
+        p, q = (c + 1) % 3, (c + 2) % 3
+        x, y, z = 0.0, 0.0, 0.0
+        if kept[p] and kept[q]:
+            x, y, z = B[0, q], B[1, q], B[2, q]
+        else:
+            p = p if kept[p] else q
+            x = 1.0 if abs(B[0, p]) < 0.6 else 0.0  # one of two coordinates of a unit vector is smaller
+            y = 1.0 - x
+        x, y, z = B[1, p] * z - B[2, p] * y, B[2, p] * x - B[0, p] * z, B[0, p] * y - B[1, p] * x
+        length = np.sqrt(x * x + y * y + z * z)
+        B[0, c], B[1, c], B[2, c] = x / length, y / length, z / length
+        kept[c] = True
 
 
 @subroutine
@@ -275,7 +301,7 @@ def _orthogonalise(B):
             b = B[0, q] * B[0, q] + B[1, q] * B[1, q] + B[2, q] * B[2, q]
             g = B[0, p] * B[0, q] + B[1, p] * B[1, q] + B[2, p] * B[2, q]
             bound = np.sqrt(a * b)
-            if not abs(g) > ORTHOGONAL * bound:
+            if bound == 0.0 or not abs(g) > ORTHOGONAL * bound:
                 continue
             largest = max(largest, abs(g) / bound)
             zeta = (b - a) / (2.0 * g)

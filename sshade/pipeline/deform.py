@@ -242,8 +242,14 @@ def deform(
     whole = surface(V, F, weld=weld, repair=repair)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
+    values = np.asarray(options.get("frame_function"))
+    if values.shape == (len(V),):
+        options["frame_function"] = whole.picked(values)
     extent = whole.mesh.diagonal
-    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
+    # Handles of one weight share it; see :meth:`sshade.Handles.with_portions`.
+    weights = np.asarray(np.inf if weight is None else weight)
+    group = np.unique(weights, return_inverse=True)[1] if weights.ndim == 1 else None
+    handles = Handles(b, bc, group=group, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=whole.places(handles.index), extent=extent)
     goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
     task = DeformationTask(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sshade.carry.neighbours import sums_by_index
+from sshade.errors import InputError
 from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, SOLVER, Options
@@ -178,13 +179,19 @@ class NearestPlacement:
     Raises
     ------
     InputError
-        See :meth:`sshade.Handles.from_positions`.
+        When handles are far from the vertices of N; and see :meth:`sshade.Handles.from_positions`.
     """
 
     def __init__(self, mesh: Mesh, proxy: Mesh, rest: Handles) -> None:
         self._mesh, self._proxy = mesh, proxy
+        try:
+            _, nearest = snap_to_vertices(proxy, mesh.V[rest.index], rest.group)
+        except InputError as error:
+            raise InputError(
+                "the proxy has no vertices near some of these handles, as inside of handle regions; make "
+                "another Deformer for them"
+            ) from error
         self.rest = self._snapped(rest)
-        _, nearest = snap_to_vertices(proxy, mesh.V[rest.index], rest.group)
         number = numbered(self.rest.index, proxy.n)
         #: The handle of N that stands for each handle of M, and corrections of the targets of N's handles.
         self._stands_for, self._shift = number[nearest], np.zeros((len(self.rest), 3))

@@ -60,7 +60,8 @@ def with_ratios(
     Raises
     ------
     InputError
-        When the whole has two goals, volumes are unconstrained, or the mesh has no volume to compare with.
+        When the whole has two goals, volumes are unconstrained, the mesh has no volume to compare with, or a
+        part lies on components without handles.
     """
     if not task.volumes:
         return task, values
@@ -69,9 +70,13 @@ def with_ratios(
         raise InputError("volume goals need a weight of the volume, which is 0 here; give volume=inf")
     if options.coarse is not None:
         raise InputError("volume goals need our solver; leave `coarse` out")
+    # Whether each vertex is on a component without handles, which keeps its shape.
+    carried = np.isin(task.mesh.component, without_handles(task.mesh, task.handles.index))
     parts, ratio = [], options.volume_goal
     for goal in task.volumes:
-        value = goal.ratio if goal.volume is None else goal.volume / _rest_volume(task, goal)
+        if goal.faces is not None and not (~carried[task.mesh.F[goal.faces, 0]]).any():
+            raise InputError(f"{goal.title} lies on components without handles, which keep their shape")
+        value = goal.ratio if goal.volume is None else goal.volume / _rest_volume(task, goal, carried)
         assert value is not None
         if goal.faces is not None:
             parts.append(VolumeGoal(ratio=value, faces=goal.faces, name=goal.name))
@@ -82,15 +87,14 @@ def with_ratios(
     return replace(task, volumes=tuple(parts)), {**values, "volume_goal": ratio}
 
 
-def _rest_volume(task: DeformationTask, goal: VolumeGoal) -> float:
-    """Volume of a part at rest, or of all components that can change; positive also inside of a vessel."""
+def _rest_volume(task: DeformationTask, goal: VolumeGoal, carried: np.ndarray) -> float:
+    """Volume of a part at rest, without `carried` vertices (n,) bool; positive also inside of a vessel."""
     mesh = task.mesh
     cut = cut_surface(mesh)
     if cut.one_sided.any():
         raise InputError("a one-sided surface has no volume; give no volume goal")
     faces = np.ones(mesh.m, dtype=bool) if goal.faces is None else flagged(goal.faces, mesh.m)
-    stays = np.isin(mesh.component, without_handles(mesh, task.handles.index))
-    faces &= ~stays[mesh.F[:, 0]]
+    faces &= ~carried[mesh.F[:, 0]]
     # Cutting keeps the order of faces; duplicates of faces are left out before.
     if len(cut.mesh.F) != mesh.m:
         raise InputError("a volume in units needs a mesh without duplicate faces; give a ratio, or repair it")

@@ -162,7 +162,8 @@ def _deformed_poses(
     """Yield the result of each pose, which the caller may change."""
     after = None
     for pose in poses:
-        handles = pose if isinstance(pose, Handles) else sequence.task.handles.at(pose)
+        own = sequence.task.handles
+        handles = pose if isinstance(pose, Handles) else own.at(pose, own.rotation)
         result = sequence(handles, after=after, progress=progress)
         after = handles, result.vertices.copy()
         yield result

@@ -74,6 +74,17 @@ def test_covariances_follow_linear_maps():
     assert np.linalg.norm(moved[:, :4], axis=1) == pytest.approx(np.linalg.norm(shapes[:, :4], axis=1))
 
 
+@pytest.mark.parametrize("J", [np.diag([2.0, 1.0, 0.0]), np.outer([1.0, 2, 3], [0, 1, 0.5])])
+def test_splats_of_a_collapsed_surface_are_flat(J):
+    shapes = RNG.normal(size=(200, 7))
+    shapes[:20, :4] = [1, 0, 0, 0]  # along the axes
+    moved = moved_shapes(shapes, np.tile(J, (200, 1, 1)))
+    want = np.einsum("ij,njk,lk->nil", J, covariances(shapes), J)
+    assert covariances(moved) == pytest.approx(want, rel=1e-7, abs=1e-7)
+    assert np.isfinite(moved).all()
+    assert np.linalg.norm(moved[:, :4], axis=1) == pytest.approx(np.linalg.norm(shapes[:, :4], axis=1))
+
+
 def test_rotations_keep_scales_and_the_identity_keeps_everything():
     shapes, R = RNG.normal(size=(50, 7)), Rotation.random(50, random_state=3)
     moved = moved_shapes(shapes, R.as_matrix())

@@ -148,6 +148,14 @@ def test_what_is_no_part_of_the_surface_stays_and_seams_move_as_one():
     assert np.abs(U[1 : BODY.n + 1] - deform(BODY, B, BC, vertices=60).V).max() < 1e-9 * BODY.diagonal
 
 
+def test_a_frame_function_has_a_value_for_each_vertex_that_is_given():
+    V, values = np.concatenate([BODY.V, [[9.0, 9, 9]]]), BODY.V[:, 2]
+    options = {"method": "paper", "vertices": 60}
+    expected = deform(BODY, B, BC, frame_function=values, **options).V
+    found = deform(V, BODY.F, B, BC, frame_function=np.append(values, 0.0), **options)
+    np.testing.assert_array_equal(found[:-1], expected)
+
+
 def test_edges_of_three_faces_and_several_components_are_taken():
     R, shift = rotation(4), np.array([0.3, -1, 2])
     fin = t_fin()

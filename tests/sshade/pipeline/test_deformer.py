@@ -274,6 +274,14 @@ def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, w
     np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
 
 
+def test_the_inside_of_regions_cannot_be_rebound():
+    mesh = bumpy(4)
+    regions = end_handles(mesh.V, count=int(0.25 * mesh.n))
+    drag = Deformer(mesh, regions.index, group=regions.group, vertices=150)
+    with pytest.raises(InputError, match="the proxy has no vertices near some of these handles, as inside"):
+        drag.rebind_handles(regions.index, group=regions.group)
+
+
 def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(mesh, held):
     regions, shapes = end_handles(mesh.V, count=100, shift=[0.15, 0, 0.3]), []
     for change in (False, True):

@@ -53,6 +53,15 @@ def test_the_gradient_of_a_capped_volume_is_the_difference_and_a_sphere_scales(f
     assert (volume.loops == 0) == (faces == "closed")
 
 
+@pytest.mark.parametrize("goal", [{"ratio": 1.5}, {"volume": 0.5}])
+def test_a_part_of_a_component_without_handles_has_no_goal(goal):
+    mesh = beside(BODY, shifted(BODY, [4.0, 0, 0]))
+    part = VolumeGoal(**goal, faces=side(BODY) + BODY.m, name="head")
+    task = DeformationTask("t", mesh, task_of(BODY).handles, carry_unconstrained=True, volumes=[part])
+    with pytest.raises(InputError, match="head.* lies on components without handles, which keep their shape"):
+        sshade.deform(task, vertices=60)
+
+
 def test_an_open_cylinder_has_the_volume_of_a_closed_one():
     mesh = tube(400, 5)
     assert CappedVolume(mesh.F).measure(mesh.V)[0] == pytest.approx(6.0 * np.pi, rel=1e-3)

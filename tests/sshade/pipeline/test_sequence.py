@@ -150,6 +150,16 @@ def test_regions_soft_handles_and_rotations_follow():
         assert np.abs(last.vertices - single.vertices).max() < 3e-3 * mesh.diagonal
 
 
+def test_targets_alone_keep_the_rotations_of_the_task():
+    task = bar()
+    R = np.full((len(task.handles), 3, 3), np.nan)
+    R[task.handles.dynamic] = Rotation.from_rotvec([0, 0, 0.4]).as_matrix()
+    task = replace(task, handles=task.handles.at(task.mesh.V[task.handles.index], R))
+    (found,) = deform_sequence(task, [task.handles.target], vertices=150)
+    np.testing.assert_array_equal(found.vertices, deform(task, vertices=150).vertices)
+    assert np.abs(found.vertices - task.mesh.V).max() > 0.01
+
+
 def test_poses_with_other_handles_are_refused():
     task = bar()
     handles = task.handles
