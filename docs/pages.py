@@ -23,6 +23,7 @@ from pathlib import Path
 
 from docs.blocks import markdown
 from eval.rows.frame import numbers, read_csv, valid
+from sshade.errors import counted
 from sshade.options import reference
 
 ROOT = Path(__file__).parents[1]
@@ -147,7 +148,8 @@ def rows_text(path: Path) -> str:
     time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} min" if hours > 1 / 60 else "under 1 min"
     cases = done["task.name"].nunique()
     runs = len(rows) if len(done) == len(rows) else f"{len(done)}/{len(rows)}"
-    return f"{runs} runs, {cases} cases of {' to '.join(dict.fromkeys(sizes))}: {time}"
+    of_cases = f"{counted(cases, 'case', 'cases')} of {' to '.join(dict.fromkeys(sizes))}"
+    return f"{runs} runs, {of_cases}: {time}"
 
 
 def main() -> int:

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from defaust.folder.record import has_regions
+from sshade.errors import counted
 
 
 def render_card(document: dict[str, Any]) -> str:
@@ -46,8 +47,8 @@ def render_card(document: dict[str, Any]) -> str:
         source=source,
         build=build,
         first=subjects[0],
-        n_subjects=len(subjects),
-        n_poses=len(rows),
+        n_subjects=counted(len(subjects), "subject", "subjects"),
+        n_poses=counted(len(rows), "target pose", "target poses"),
         subjects=subject_names(document),
         files=_read_from(len(source.get("files", {}))),
         resolution=phrases["resolution"][resolution].format(**build),

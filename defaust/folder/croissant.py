@@ -11,6 +11,7 @@ from typing import Any
 
 from defaust.folder.layout import CARD, DATASET, REST, REST_LOW, pose_file, pose_mesh, subject_folder
 from defaust.folder.record import has_regions
+from sshade.errors import counted
 
 SCHEMA = "https://schema.org/"
 #: Terms of the format, which every Croissant file repeats; field names follow mlcommons.org/croissant/1.0.
@@ -69,7 +70,8 @@ def croissant(document: dict[str, Any], *, text: str) -> dict[str, Any]:
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": document["name"],
         "description": "DeFAUST, a benchmark for the deformation of large meshes by handles: "
-        f"{source['title']}, {len(document['subjects'])} subjects at rest and {poses} target poses. "
+        f"{source['title']}, {counted(len(document['subjects']), 'subject', 'subjects')} at rest and "
+        f"{counted(poses, 'target pose', 'target poses')}. "
         f"{CARD} is the dataset card.",
         "version": f"{document['format']}.0.0+{document['checksum'][:16]}",
         "license": source["licence"],

@@ -24,7 +24,7 @@ def start_eval(folder, *arguments, **streams):
 
     The program reacts to Ctrl-C even if the tests ignore it, for example in the background of a shell.
     """
-    environment = {**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "120"}
+    environment = {**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "120", "TMPDIR": str(folder)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}
     process = subprocess.Popen(
         [*RUN, *arguments],

@@ -88,9 +88,13 @@ def _mesh_seeds() -> list[bytes]:
 
 @cache
 def _scratch() -> str:
+    import atexit
+    import shutil
     import tempfile
 
-    return tempfile.mkdtemp(prefix="fuzz_")
+    folder = tempfile.mkdtemp(prefix="fuzz_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _read_json_handles(data: bytes, folder: Path) -> None:
