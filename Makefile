@@ -134,7 +134,7 @@ cover: $(READY) data/cover/dataset.json
 verify: $(READY)
 	@test -n "$(FAUST)$(TOSCA)" || { echo "name the folder of your copy: make verify FAUST=MPI-FAUST TOSCA=..."; exit 2; }
 ifdef FAUST
-	$(BIN)/defaust build source=faust source.root="$(FAUST)" out=$(VERIFY)/faust $(BUILD)
+	$(BIN)/defaust build source=faust source.root="'$(FAUST)'" out=$(VERIFY)/faust $(BUILD)
 	$(call verify,faust,bodies_170k)
 	$(call verify,faust,ablation_samplings)
 	$(call verify,faust,ablation_vertices)
@@ -142,7 +142,7 @@ ifdef FAUST
 	$(call verify,faust,table1)
 endif
 ifdef TOSCA
-	$(BIN)/defaust build source=tosca source.root="$(TOSCA)" out=$(VERIFY)/tosca $(BUILD)
+	$(BIN)/defaust build source=tosca source.root="'$(TOSCA)'" out=$(VERIFY)/tosca $(BUILD)
 	$(call verify,tosca,isometric)
 endif
 	$(BIN)/sshade-eval claims $(if $(FAUST),faust) $(if $(TOSCA),tosca)
