@@ -49,7 +49,7 @@ class Drag:
         self._parts = parts
         self._proxy, self._options = proxy, options
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
-        self._rotated = np.zeros(len(handles), dtype=bool)
+        self._rotated = handles.has_rotation
         self._attachment = Attachment(proxy, handles, options.attachment)
         attachment = self._attachment
         self._solver = LocalGlobal(
