@@ -195,7 +195,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _archive_shapes(path: Path) -> tuple[Shape, ...]:
     if not is_zipfile(path):
-        raise InputError(f"{path}: not an .npz file; give a folder of meshes or an .npz")
+        raise InputError(f"{path}: not an .npz file, or cut; give a folder of meshes or an .npz")
     with _reading(path, lambda: ZipFile(path)) as archive:
         arrays = [name.removesuffix(".npy") for name in archive.namelist()]
     names = [name for name in arrays if re.fullmatch(r"V_\d+", name)]

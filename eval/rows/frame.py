@@ -59,8 +59,8 @@ def valid(rows: pd.DataFrame) -> pd.DataFrame:
 def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
     """Return the latest row of each method with its parameters, task and seed, in a fixed order.
 
-    A row with the version of its planned run comes before later rows of other versions: code that was edited
-    and then restored gives no new runs. Of several plans of a run, the last one counts.
+    A row with the version of the code of its planned run comes before later rows of other versions: code that
+    was edited and then restored gives no new runs. Of several plans of a run, the last one counts.
 
     Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
     join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
@@ -78,8 +78,8 @@ def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
             f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
             "the clock"
         )
-    versions = {_run_of(run): version_of(run) for run in planned if version_of(run)[0]}
-    asked = [versions.get(_run_of(row)) == version_of(row) for row in records(rows)]
+    versions = {_run_of(run): code for run in planned if (code := version_of(run)[0])}
+    asked = [versions.get(_run_of(row)) == version_of(row)[0] for row in records(rows)]
     rows = rows.assign(asked=asked).sort_values(["asked", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]

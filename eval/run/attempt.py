@@ -46,10 +46,11 @@ NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged
 #: Reason of a row whose method wrote into the arrays of its task, which later methods would be given.
 WROTE = "the method changed the task that it was given; it must copy arrays before it writes into them"
 
-#: Message from a new process when its clock starts.
-CLOCK = "clock"
+#: Messages from a new process when its clock starts, and when it stops.
+CLOCK, STOPPED = "clock", "stopped"
 
-#: Time limit in seconds for imports, compilation and warm-up, in runs with a time limit.
+#: Time limit in seconds for imports, compilation and warm-up, and for what follows the method, in runs with a
+#: time limit.
 WARM_UP_LIMIT = 900.0
 
 #: Seconds after the time limit in which a method that runs a program may tell the last words of the program.
@@ -86,6 +87,7 @@ def attempt(
     time_limit: float | None = None,
     progress: Progress = silent,
     before_clock: Callable[[], None] = lambda: None,
+    after_clock: Callable[[], None] = lambda: None,
 ) -> Attempt:
     """Run a method. An exception or exit of the method becomes the status and reason of the row.
 
@@ -101,13 +103,12 @@ def attempt(
         Told to the method in the environment variable :data:`sshade.programs.TIME_LIMIT`. The method may end
         itself with a TimeoutError.
     progress : Progress
-    before_clock : callable
-        Called after the warm-up.
+    before_clock, after_clock : callable
+        Called after the warm-up, and when the method has returned.
     """
     before = _contents(task)
-    done = _attempt(
-        method, task, seed=seed, time_limit=time_limit, progress=progress, before_clock=before_clock
-    )
+    clock = before_clock, after_clock
+    done = _attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, clock=clock)
     if _contents(task) == before:
         return done
     return Attempt(NOTHING | {"env.warmed_up": done.facts["env.warmed_up"], "reason": WROTE})
@@ -125,7 +126,7 @@ def _attempt(
     seed: int,
     time_limit: float | None,
     progress: Progress,
-    before_clock: Callable[[], None],
+    clock: tuple[Callable[[], None], Callable[[], None]],
 ) -> Attempt:
     row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
     try:
@@ -134,11 +135,12 @@ def _attempt(
             progress("warm-up", 0, 1)
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
             progress("warm-up", 1, 1)
-        before_clock()
+        clock[0]()
         with _told(time_limit):
             begin, cpu = perf_counter(), _cpu_seconds()
             returned = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
+        clock[1]()
         result = result_of(task, returned)
         curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
         return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
@@ -213,11 +215,14 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
             seconds = message.facts.get("seconds.total", 0.0)
             if time_limit is None or seconds <= time_limit:
                 return message
+            stage = "no result"
             break
         if isinstance(message, CodeChanged):
             raise message
         if message == CLOCK:
             stage, limit, begin = "no result", (time_limit or 0.0) + LAST_WORDS, perf_counter()
+        elif message == STOPPED:
+            stage, limit, begin = "the result was not sent", WARM_UP_LIMIT, perf_counter()
         else:
             progress(*message)
     limit = time_limit if stage == "no result" else limit
@@ -270,8 +275,8 @@ def _child(connection: Connection, report: bool) -> None:
         require_unchanged(code_of(method), begun_with=begun_with)
     except CodeChanged as changed:
         return send(changed)
-    clock = partial(send, CLOCK)
-    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, before_clock=clock)
+    clock = {"before_clock": partial(send, CLOCK), "after_clock": partial(send, STOPPED)}
+    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **clock)
     send(done._replace(facts={"peak_mib": _peak_mib()} | done.facts))
 
 

@@ -21,8 +21,9 @@ from sshade.options import NEAR, OLD_NAMES, check_weld, described, help_text, re
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
 
-#: Least share of edges that shapes with the same order of vertices have in common.
-ALIKE = 0.5
+#: Least share of edges that shapes with the same order of vertices have in common, of the shape with fewer;
+#: and about how many vertices it is tried on.
+ALIKE, TRIED = 0.5, 10_000
 #: Formats of meshes, for `--help`.
 FORMATS = ", ".join(SUFFIXES)
 
@@ -227,22 +228,29 @@ def read_surface(options: argparse.Namespace, output: Path | None = None) -> tup
 def require_same_order(shape: MeshFile, path: Path, F: np.ndarray, other: str) -> None:
     """Raise InputError if a shape has few edges of the faces F (m, 3) of another, as after a new order.
 
-    Shapes with other triangles between the same vertices pass, and shapes without faces.
+    Shapes with other triangles between the same vertices pass, and shapes that lack faces.
     """
     if np.array_equal(shape.F, F) or not (len(shape.F) and len(F)):
         return
-    mine, theirs = (_edges(faces, len(shape.V)) for faces in (shape.F, F))
-    if np.isin(theirs, mine).mean() < ALIKE:
+    mine, theirs = (_some_edges(faces, len(shape.V)) for faces in (shape.F, F))
+    if len(np.intersect1d(mine, theirs)) < ALIKE * min(len(mine), len(theirs)):
         raise InputError(
             f"{path} has other edges than {other}: its vertices seem to be in another order; export it "
             "without merging or sorting vertices"
         )
 
 
-def _edges(F: np.ndarray, n: int) -> np.ndarray:
-    """Return a number (3m,) for each side of faces F (m, 3) of n vertices; equal edges have equal numbers."""
-    one, other = F, np.roll(F, 1, axis=1)
-    return (np.minimum(one, other) * n + np.maximum(one, other)).ravel()
+def _some_edges(F: np.ndarray, n: int) -> np.ndarray:
+    """Return numbers of the edges of faces F (m, 3) whose first of n vertices is one of :data:`TRIED`."""
+    tried = np.zeros(n, dtype=bool)
+    tried[:: max(1, n // TRIED)] = True
+    found = []
+    for k in range(3):
+        one, other = F[:, k], F[:, k - 1]
+        first = np.minimum(one, other)
+        here = tried[first]
+        found.append(first[here].astype(np.int64) * n + np.maximum(one[here], other[here]))
+    return np.unique(np.concatenate(found))
 
 
 def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surface: Surface) -> np.ndarray:

@@ -14,7 +14,7 @@ from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind, frame, normal
 from sshade.edit.links import OVERLAP, SOFT, Link, falloff, mirrored_slide, mirrored_vertices, sides
 from sshade.edit.selection import distances, near
-from sshade.edit.state import Settings
+from sshade.edit.state import Settings, State
 from sshade.edit.work import Work
 from sshade.errors import InputError
 
@@ -158,8 +158,12 @@ class Grouping(Work):
                 link = Link(core.number, distance=distance, influence=falloff(far[k, inside], distance))
                 new = self._group("moving", inside, f"around {core.name}", weight=SOFT, link=link)
                 state = state.marked(new)
-            settings = self.state.settings._replace(volume=False, area=False)
-            self._push(replace(state, selection=self.state.selection, settings=settings))
+            settings, unfaded = self.state.settings, self.state.unfaded
+            if unfaded is None or not any(group.fades for group in self.state.groups):
+                unfaded = settings
+            settings = settings._replace(volume=False, area=False)
+            state = replace(state, selection=self.state.selection)
+            self._push(replace(state, settings=settings, unfaded=unfaded))
             self._jumped = True
         return made
 
@@ -200,7 +204,7 @@ class Grouping(Work):
     def unlink(self, number: int) -> None:
         """Let a group stay where it is, and follow no longer."""
         with self._lock:
-            self._push(self.state.changed(number, link=None))
+            self._change(self.state.changed(number, link=None))
 
     def mirror_picks(self, axis: int | None) -> None:
         """Mirror picking and new movable groups across a coordinate, or not."""
@@ -211,15 +215,18 @@ class Grouping(Work):
     def remove(self, number: int) -> None:
         """Remove a group and its surroundings; their vertices become unconstrained.
 
-        Without the last surroundings, volume and area are kept again.
+        Without the last surroundings, volume and area are kept as before the first.
         """
         with self._lock:
-            group, settings = self.state.group(number), self.state.settings
+            group = self.state.group(number)
             kept = tuple(g for g in self.state.groups if g is not group and not _surrounds(g, [group]))
-            if any(g.fades for g in self.state.groups) and not any(g.fades for g in kept):
-                settings = settings._replace(volume=True, area=True)
-                self._jumped = True
-            self._push(replace(self.state, groups=kept, settings=settings))
+            self._change(replace(self.state, groups=kept))
+
+    def _change(self, state: State) -> None:
+        """Push a state with other groups; without the last falloff, with the settings before the first."""
+        settings = self.state.settings
+        self._push(state.with_own_settings)
+        self._jumped |= self.state.settings != settings
 
     def restore(self, number: int) -> None:
         """Move a group and its followers back to their rest positions."""

@@ -56,6 +56,9 @@ class State:
         Converged positions of the mesh, once they are known.
     keys : tuple of Key
         Poses of an animation, by ascending time.
+    unfaded : Settings, optional
+        Settings before the first falloff, which come back without the last one. A choice of the user since
+        then stands.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -63,6 +66,14 @@ class State:
     settings: Settings = Settings()
     shape: np.ndarray | None = None
     keys: tuple[Key, ...] = ()
+    unfaded: Settings | None = None
+
+    @property
+    def with_own_settings(self) -> State:
+        """The state with the settings before the first falloff, if the last falloff is gone."""
+        if self.unfaded is None or any(group.fades for group in self.groups):
+            return self
+        return replace(self, settings=self.unfaded, unfaded=None)
 
     def same_shape(self, other: State) -> bool:
         """Whether both states have the same settings and groups, except for names and links of groups."""

@@ -10,6 +10,8 @@ from sshade.mesh.seams import same_rows
 #: Largest difference of the coordinates of two unit normals of one place that are one normal, rounded: 0.1
 #: degrees, or three decimals.
 SMOOTH = 2e-3
+#: Cosine above which a stored normal is the mean normal, rounded: 0.08 degrees.
+MEAN = 1 - 1e-6
 #: Largest number of normals of one place that are compared with :data:`SMOOTH`; further ones must be equal.
 NORMALS = 16
 
@@ -20,8 +22,9 @@ def turns(group: np.ndarray, N: np.ndarray, F: np.ndarray, rest: np.ndarray, pos
     The frame of a group consists of its area-weighted mean normal and of the median of its largest
     triangle, projected perpendicular to that normal. A stored normal that equals the mean normal
     therefore stays the mean normal, and a normal that an artist set keeps its angle to the surface. The
-    rotation is exactly the identity where nothing moves, or where a group has no area. Triangles whose
-    normals oppose the stored normal are turned around, as in meshes with both sides of each triangle.
+    rotation is exactly the identity where nothing moves, or where a group has no area. If the stored normal
+    is not the mean normal, triangles whose normals oppose it are turned around first, as in meshes with both
+    sides of each triangle.
 
     Parameters
     ----------
@@ -113,6 +116,12 @@ def _between(V, i, j):
     return V[j, 0] - V[i, 0], V[j, 1] - V[i, 1], V[j, 2] - V[i, 2]
 
 
+@subroutine(inline="always")
+def _cosine(x, y):
+    size = (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) * (y[0] * y[0] + y[1] * y[1] + y[2] * y[2])
+    return (x[0] * y[0] + x[1] * y[1] + x[2] * y[2]) / np.sqrt(size) if size > 0 else 0.0
+
+
 @subroutine
 def _mean_normals(group, F, N, rest, posed):
     """Return the sums (k, 3) of the area normals of groups at rest and posed, and their largest corners.
@@ -120,20 +129,34 @@ def _mean_normals(group, F, N, rest, posed):
     The largest corner is the last one in a triangle of largest area at rest.
     """
     before, after, greatest = np.zeros(N.shape), np.zeros(N.shape), np.full(len(N), -1.0)
-    largest = np.full(len(N), -1, dtype=np.int64)
+    largest, sided = np.full(len(N), -1, dtype=np.int64), np.zeros(len(N), dtype=np.bool_)
     for f in range(len(F)):
         n = _cross(_between(rest, F[f, 0], F[f, 1]), _between(rest, F[f, 0], F[f, 2]))
-        m = _cross(_between(posed, F[f, 0], F[f, 1]), _between(posed, F[f, 0], F[f, 2]))
         area = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
         for c in range(3):
             g = group[f, c]
             if g >= 0:
                 side = -1.0 if n[0] * N[g, 0] + n[1] * N[g, 1] + n[2] * N[g, 2] < 0 else 1.0
                 for i in range(3):
-                    before[g, i] += side * n[i]
-                    after[g, i] += side * m[i]
+                    before[g, i] += n[i]
+                    after[g, i] += side * n[i]  # for now, at rest
                 if area >= greatest[g]:
                     greatest[g], largest[g] = area, 3 * f + c
+    for g in range(len(N)):
+        # Both sides of a triangle leave a sum that is zero, or rounding.
+        sided[g] = _cosine(before[g], N[g]) < MEAN or (before[g] ** 2).sum() < 1e-12 * (after[g] ** 2).sum()
+        for i in range(3):
+            before[g, i] = after[g, i] if sided[g] else before[g, i]
+            after[g, i] = 0.0
+    for f in range(len(F)):
+        n = _cross(_between(rest, F[f, 0], F[f, 1]), _between(rest, F[f, 0], F[f, 2]))
+        m = _cross(_between(posed, F[f, 0], F[f, 1]), _between(posed, F[f, 0], F[f, 2]))
+        for c in range(3):
+            g = group[f, c]
+            if g >= 0:
+                opposes = sided[g] and n[0] * N[g, 0] + n[1] * N[g, 1] + n[2] * N[g, 2] < 0
+                for i in range(3):
+                    after[g, i] += -m[i] if opposes else m[i]
     return before, after, largest
 
 

@@ -52,7 +52,7 @@ def read_off(path: Path) -> MeshFile:
     letters, size = keyword[1].upper(), text.size[vertices]
     textured, coloured, at = b"ST" in letters, b"C" in letters, 3
     if letters.startswith(b"NC"):  # MeshLab writes the normals behind the colours, Geomview (CN) before them
-        width = int(size.max(initial=11))
+        width = int(size[0]) if n else 11
         at = width - (5 if textured else 3)
         if at < 6 or (size != width).any():
             raise ValueError("its vertices do not all have a colour and a normal")

@@ -73,8 +73,8 @@ def read_ply(path: Path) -> MeshFile:
         face = np.concatenate([face, np.full(len(F) - len(face), -1)])
     properties = vertices.properties + (faces.properties if faces else [])
     # Integer positions cannot be written back after a deformation, nor normals without negative numbers.
-    kinds_of = {p.name: p.kind.kind for p in properties if p.name in _CHANGED}
-    whole = any(kind != "f" for name, kind in kinds_of.items() if name in "xyz") or "u" in kinds_of.values()
+    changing = [p for p in properties if p.name in _CHANGED]
+    whole = any(p.kind.kind == "u" or (p.kind.kind == "i" and p.name in "xyz") for p in changing)
     suffixes = () if whole else (".ply",)
     kinds = {vertices.properties[number].kind.type for number in at}
     single = kinds == {np.float32}

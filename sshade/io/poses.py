@@ -144,7 +144,7 @@ def _moved_by(entry: Entry, M: np.ndarray | None) -> Entry:
         return entry
     A = M[:3, :3]
     U, _, W = np.linalg.svd(A)
-    return entry._replace(motion=RigidMotion(A, M[:3, 3]), rotation=U @ W @ entry.rotation)
+    return entry._replace(motion=RigidMotion(A, M[:3, 3], np.zeros(3)), rotation=U @ W @ entry.rotation)
 
 
 def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:

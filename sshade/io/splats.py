@@ -235,7 +235,7 @@ def _move_shapes(first, end, Q, J):
         w, x, y, z = Q[i, 0], Q[i, 1], Q[i, 2], Q[i, 3]
         squared = w * w + x * x + y * y + z * z
         length = np.sqrt(squared)
-        if not 0.0 < length < np.inf:
+        if not 0.0 < length < np.inf or np.isnan(Q[i, 4:7]).any():
             continue
         s = 2.0 / squared
         R00, R01, R02 = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
@@ -252,7 +252,7 @@ def _move_shapes(first, end, Q, J):
         for c in range(3):
             norm[c] = np.sqrt(B[0, c] ** 2 + B[1, c] ** 2 + B[2, c] ** 2)
         longest = max(norm[0], norm[1], norm[2])
-        if not 0.0 < longest < np.inf:
+        if not (0.0 < longest < np.inf and np.isfinite(norm).all()):
             continue
         for c in range(3):
             kept[c] = norm[c] > COLLAPSED * longest
@@ -261,7 +261,7 @@ def _move_shapes(first, end, Q, J):
                 cut = min(Q[i, 4 + c] - largest, -30.0) + 30.0 if Q[i, 4 + c] - largest < -30.0 else 0.0
                 Q[i, 4 + c] = np.log(norm[c]) + largest + cut
             else:
-                Q[i, 4 + c] = np.log(longest) + largest - 30.0
+                Q[i, 4 + c] = min(Q[i, 4 + c], np.log(longest) + largest - 30.0)
         _complete(B, kept)
         right = B[0, 0] * (B[1, 1] * B[2, 2] - B[2, 1] * B[1, 2])
         right -= B[1, 0] * (B[0, 1] * B[2, 2] - B[2, 1] * B[0, 2])

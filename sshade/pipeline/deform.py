@@ -168,9 +168,10 @@ def deform(
         published method with an accelerated solver, "paper_plain" with the published iterations. Any other
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
-        Weight of soft handles, which are pulled to their targets. Handles with one weight are pulled
-        together; inf, the default, is a hard handle. 1 is about as strong as the surface, at any size and
-        resolution: see :class:`sshade.Handles`.
+        Weight of soft handles, which are pulled to their targets; inf, the default, is a hard handle. 1 is
+        about as strong as the surface, at any size and resolution: see :class:`sshade.Handles`. All soft
+        handles of a call are one group, whose pull they share by area: weak handles take a part of the pull
+        of others. A task may have several groups.
     rotations : (k, 3, 3) or (3, 3) float64, optional
         Rotation of the surface at each handle, or one rotation for all; NaN where open. A vertex turns the
         surface that is nearer to it than to other vertices of the proxy.
@@ -242,14 +243,13 @@ def deform(
     whole = surface(V, F, weld=weld, repair=repair)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
-    values = np.asarray(options.get("frame_function"))
-    if values.shape == (len(V),):
-        options["frame_function"] = whole.picked(values)
+    values = options.get("frame_function")
+    if values is not None and not isinstance(values, str):
+        if np.shape(values) != (len(V),):
+            raise InputError(f"a frame function needs {len(V)} values, one a vertex, not {np.shape(values)}")
+        options["frame_function"] = whole.picked(np.asarray(values))
     extent = whole.mesh.diagonal
-    # Handles of one weight share it; see :meth:`sshade.Handles.with_portions`.
-    weights = np.asarray(np.inf if weight is None else weight)
-    group = np.unique(weights, return_inverse=True)[1] if weights.ndim == 1 else None
-    handles = Handles(b, bc, group=group, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
+    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=whole.places(handles.index), extent=extent)
     goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
     task = DeformationTask(

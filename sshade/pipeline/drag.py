@@ -189,7 +189,7 @@ class NearestPlacement:
         except InputError as error:
             raise InputError(
                 "the proxy has no vertices near some of these handles, as inside of handle regions; make "
-                "another Deformer for them"
+                f"another Deformer for them ({error})"
             ) from error
         self.rest = self._snapped(rest)
         number = numbered(self.rest.index, proxy.n)

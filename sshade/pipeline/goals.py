@@ -213,12 +213,12 @@ class Goals:
         ratios = np.array([*whole, *(goal.ratio for goal in self.parts)], dtype=np.float64)
         return ratios * self._measured(self._mesh.V)
 
-    def _measured(self, V: np.ndarray) -> np.ndarray:
-        return np.array([volume.measure(V)[0] for volume in self._volumes])
+    def _measured(self, V: np.ndarray, first: int = 0) -> np.ndarray:
+        return np.array([volume.measure(V)[0] for volume in self._volumes[first:]])
 
     def deficits(self, V: np.ndarray) -> np.ndarray:
         """Return (p,) the volumes that the parts of M' (n, 3) lack, in length^3."""
-        return (self._targets - self._measured(V))[self._first_part :]
+        return self._targets[self._first_part :] - self._measured(V, self._first_part)
 
     def relative_error(self, V: np.ndarray) -> float:
         """Return the largest error of a part's volume in M' (n, 3), as a fraction of its goal."""

@@ -117,7 +117,7 @@ def test_archive(tmp_path):
             sequence(tmp_path / "walk.npz").rest(0)
     with (tmp_path / "walk.npz").open("wb") as file:
         np.save(file, ball.V)
-    with pytest.raises(InputError, match="walk.npz: not an .npz file; give a folder"):
+    with pytest.raises(InputError, match="walk.npz: not an .npz file, or cut; give"):
         sequence(tmp_path / "walk.npz")
 
 

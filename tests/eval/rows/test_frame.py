@@ -99,6 +99,8 @@ def test_code_that_was_restored_has_its_rows_back():
     assert records(newest(frame(old, edited))) == [edited]
     assert records(newest(frame(old, edited), plans)) == [edited]
     assert records(newest(frame(old, edited), plans[::-1])) == [old]
+    again = [run | {"env.version.metrics": "other"} for run in (old, edited)]  # measured again
+    assert records(newest(frame(*again), plans[::-1])) == [again[0]]
     assert records(newest(frame(old, edited), [plans[0], {**plans[0], "env.version.code": None}])) == [old]
 
 

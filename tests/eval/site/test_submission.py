@@ -126,7 +126,11 @@ def test_rows_of_a_wheel_have_no_commit_but_a_known_version(folder, published):
 
 
 def test_an_infinite_distortion_is_taken(folder, published):
-    put_rows(folder, lambda row: row | {"metric.distortion": None, "metric.distortion_max": None})
+    infinite = {"metric.distortion": None, "metric.distortion_max": None}
+    put_rows(folder, lambda row: row | infinite | {"metric.collapsed": 0.0})
+    with pytest.raises(InputError, match="has a metric.distortion of None"):
+        check(folder, TRACK, published)
+    put_rows(folder, lambda row: row | infinite | {"metric.collapsed": 1.0})
     shutil.rmtree(folder / "runs")
     assert check(folder, TRACK, published).remeasured == 0
 

@@ -155,12 +155,25 @@ def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance
     fixed = session.state.group(beyond).vertices
     assert fixed.tolist() == np.flatnonzero(away > 0.8).tolist()
     assert np.array_equal(session.shown[fixed], V[fixed])
-    assert session.state.settings == Settings("fast", volume=False, area=False)
     session.remove(number)
     assert [group.number for group in session.state.groups] == [beyond]
-    assert session.state.settings == Settings("fast")
+
+
+@pytest.mark.parametrize("ends", ["remove", "unlink"])
+def test_without_the_last_falloff_the_settings_before_the_first_come_back(ends):
+    session = begun(BALL)
+    number = added(session, caps(both=False), "moving")
+    session.set_up(Settings("fine", volume=True, area=False))
+    session.fade(number, 1.0)
+    ring = session.fade(number, 0.8)  # replaces the surroundings
+    assert session.state.settings == Settings("fine", volume=False, area=False)
+    getattr(session, ends)(ring)
+    assert session.state.settings == Settings("fine", volume=True, area=False)
     session.undo()
-    assert session.state.settings == Settings("fast", volume=False, area=False)
+    assert session.state.settings == Settings("fine", volume=False, area=False)
+    session.set_up(Settings("fast", volume=False, area=True))  # a choice of the user stands
+    getattr(session, ends)(ring)
+    assert session.state.settings == Settings("fast", volume=False, area=True)
 
 
 def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_continues(monkeypatch):

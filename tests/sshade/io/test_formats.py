@@ -56,6 +56,15 @@ def test_off_with_comments_colours_and_polygons(tmp_path):
         assert file.F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
 
 
+def test_off_with_colours_and_normals_alone(tmp_path):
+    rows = ["0 0 0 255 0 0 0 0 1", "1 0 0 0 255 0 0 0 1", "0 1 0 0 0 255 0 0 1"]
+    (tmp_path / "a.off").write_text("\n".join(["NCOFF", "3 1 0", *rows, "3 0 1 2", ""]))
+    file = read_file(tmp_path / "a.off")
+    write_file(tmp_path / "b.off", file, file.V[:, [2, 0, 1]])  # z to x
+    lines = (tmp_path / "b.off").read_text().splitlines()
+    assert list(map(float, lines[2].split()[3:])) == [255, 0, 0, 1, 0, 0]
+
+
 def test_off_of_modelnet_whose_first_line_does_not_end(tmp_path):
     (tmp_path / "a.off").write_text("OFF3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     file = read_file(tmp_path / "a.off")

@@ -204,6 +204,18 @@ def test_triangle_strips_of_scans(tmp_path, order):
     assert np.array_equal(found.vertices, file.V[:, [1, 2, 0]])
 
 
+def test_normals_without_negative_numbers_cannot_be_written(tmp_path):
+    """The floating-point normals of the faces do not hide them."""
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    head += "".join(f"property float {name}\n" for name in "xyz")
+    head += "".join(f"property uchar {name}\n" for name in ("nx", "ny", "nz"))
+    head += "element face 1\nproperty list uchar int vertex_indices\n"
+    head += "".join(f"property float {name}\n" for name in ("nx", "ny", "nz")) + "end_header\n"
+    rows = "0 0 0 128 128 255\n1 0 0 128 128 255\n0 1 0 128 128 255\n3 0 1 2 0 0 1\n"
+    (tmp_path / "a.ply").write_text(head + rows)
+    assert "vertex normals" in read_file(tmp_path / "a.ply").lost(tmp_path / "b.ply")
+
+
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
 def test_normals_of_whole_numbers_are_rounded(tmp_path, order):
     """A normal of length 180 fits into a byte with a sign only where it is not along an axis."""

@@ -55,23 +55,6 @@ def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does
     assert 0.05 < gone[0.05] < gone[0.5] - 0.05 < gone[1e6] == pytest.approx(1, abs=2e-2)
 
 
-def test_handles_of_an_array_are_one_group_for_each_weight():
-    b = np.r_[LOW, HIGH]
-    bc = BODY.V[b] + np.repeat([[0.0, 0, 0], [0.3, 0, 0.2]], 20, axis=0)
-    weight, options = np.repeat([np.inf, 5.0], 20), {"vertices": 300}
-    V = deform(BODY, b, bc, weight=weight, **options).V
-    grouped = Handles(b, bc, group=np.repeat([0, 1], 20), weight=weight)
-    alone = deform(DeformationTask("alone", BODY, grouped), **options).vertices
-    near_hard = weight == np.inf
-    np.testing.assert_allclose(V[HIGH], alone[HIGH], atol=1e-3)
-    # Weak handles elsewhere take nothing of the pull of others.
-    weak = np.setdiff1d(ORDER[300:340], b)
-    more = {"weight": np.r_[weight, np.full(len(weak), 1e-6)]}
-    U = deform(BODY, np.r_[b, weak], np.r_[bc, BODY.V[weak]], **more, **options).V
-    missed, before = (np.linalg.norm(X[b] - bc, axis=1)[~near_hard].mean() for X in (U, V))
-    assert missed < 1.1 * before
-
-
 def test_heavy_handles_are_hard_ones():
     """All handles are soft: no vertex is fixed, and none is put on its target in the end."""
     for name in ("fast", "fine"):
