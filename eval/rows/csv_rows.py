@@ -49,7 +49,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
         written = row.pop(COUNT, len(lines))
         if written != len(lines):
             raise InputError(
-                f"{path}: line {number} is of a file of {written} rows, but this file has {len(lines)}: "
+                f"{path}: line {number} is of a file of {written!r} rows, but this file has {len(lines)}: "
                 "it was cut, or edited by hand; collect again"
             )
         if problem := schema_problem(row):

@@ -127,7 +127,7 @@ def schema_problem(row: Row) -> str:
     schema = row.get("schema", SCHEMA)
     if schema is None or schema == SCHEMA:
         return ""
-    return f"is of schema {schema}, this program reads {SCHEMA}; read it with the version that wrote it"
+    return f"is of schema {schema!r}, this program reads {SCHEMA}; read it with the version that wrote it"
 
 
 def version_of(row: Row) -> tuple[str | None, str | None]:

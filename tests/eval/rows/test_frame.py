@@ -1,5 +1,6 @@
 """Rows as a pandas table: types in CSV, reading back, the newest of equal runs, labels."""
 
+import csv
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
+from eval.rows.csv_rows import COUNT
 from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.errors import InputError
@@ -23,6 +25,18 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
     told = r"r.csv: line \d+ is of a file of 12? rows, but this file has 1[12]: it was cut"
     with pytest.raises(InputError, match=told):
         read_csv(path)
+
+
+@pytest.mark.parametrize("column", [COUNT, "schema"])
+def test_a_line_break_in_a_cell_stays_out_of_the_message(column, tmp_path):
+    path = tmp_path / "r.csv"
+    write_csv(path, frame(row(schema=1)))
+    cells = dict(zip(*csv.reader(path.open(newline="")), strict=True)) | {column: "1\n2"}
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([cells, cells.values()])
+    with pytest.raises(InputError) as refused:
+        read_csv(path)
+    assert "\n" not in str(refused.value)
 
 
 def test_rows_of_another_schema_are_refused(tmp_path):
