@@ -31,7 +31,7 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
 def test_a_line_break_in_a_cell_stays_out_of_the_message(column, tmp_path):
     path = tmp_path / "r.csv"
     write_csv(path, frame(row(schema=1)))
-    cells = dict(zip(*csv.reader(path.open(newline="")), strict=True)) | {column: "1\n2"}
+    cells = dict(zip(*csv.reader(path.read_text().splitlines()), strict=True)) | {column: "1\n2"}
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([cells, cells.values()])
     with pytest.raises(InputError) as refused:
