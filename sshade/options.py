@@ -132,8 +132,8 @@ class Options:
     proxy_stiffness : float
         Fraction of stiffness at large strain on the proxy; `stiffness` applies to the polish alone.
     polish_iterations : int
-        Largest number of iterations at full resolution. A larger number removes more traces of the proxy,
-        but where joints turn far, the energy need not fall any more: see `strain_limit`.
+        Largest number of iterations at full resolution. A larger number removes more traces of the proxy.
+        Where joints turn far, a finite `strain_limit` keeps the polish from converging.
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.

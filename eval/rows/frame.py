@@ -16,6 +16,7 @@ import pandas as pd
 
 from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
+from eval.rows.plan import run_of
 from eval.rows.store import VALID, Row, in_order, version_of
 from sshade.errors import InputError
 
@@ -78,19 +79,14 @@ def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
             f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
             "the clock"
         )
-    versions = {_run_of(run): code for run in planned if (code := version_of(run)[0])}
-    asked = [versions.get(_run_of(row)) == version_of(row)[0] for row in records(rows)]
+    versions = {run_of(run): code for run in planned if (code := version_of(run)[0])}
+    asked = [versions.get(run_of(row)) == version_of(row)[0] for row in records(rows)]
     rows = rows.assign(asked=asked).sort_values(["asked", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]
         run = [name for name in run if name in rows]
         rows = rows.drop_duplicates(run, keep="last")
     return rows.drop(columns="asked").sort_values(run, na_position="first").reset_index(drop=True)
-
-
-def _run_of(row: Row) -> tuple[Any, ...]:
-    """Return what a row and its planned run have in common."""
-    return row["method.name"], row["seed"], row.get("task.source")
 
 
 def split_label(name: str) -> tuple[str, float | None]:

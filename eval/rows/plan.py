@@ -63,6 +63,11 @@ def _read(path: Path) -> list[Row]:
     return runs
 
 
+def run_of(row: Row) -> tuple[Any, ...]:
+    """Return what a row and its planned run have in common."""
+    return tuple(row.get(name) for name in _FACTS)
+
+
 def forget_plans(experiment: Path) -> None:
     """Remove the plans, but no rows."""
     shutil.rmtree(experiment / PLANS, ignore_errors=True)

@@ -107,8 +107,8 @@ def attempt(
         Called after the warm-up, and when the method has returned.
     """
     before = _contents(task)
-    clock = before_clock, after_clock
-    done = _attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, clock=clock)
+    around = {"before_clock": before_clock, "after_clock": after_clock}
+    done = _attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
     if _contents(task) == before:
         return done
     return Attempt(NOTHING | {"env.warmed_up": done.facts["env.warmed_up"], "reason": WROTE})
@@ -126,7 +126,8 @@ def _attempt(
     seed: int,
     time_limit: float | None,
     progress: Progress,
-    clock: tuple[Callable[[], None], Callable[[], None]],
+    before_clock: Callable[[], None],
+    after_clock: Callable[[], None],
 ) -> Attempt:
     row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
     try:
@@ -135,12 +136,12 @@ def _attempt(
             progress("warm-up", 0, 1)
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
             progress("warm-up", 1, 1)
-        clock[0]()
+        before_clock()
         with _told(time_limit):
             begin, cpu = perf_counter(), _cpu_seconds()
             returned = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
-        clock[1]()
+        after_clock()
         result = result_of(task, returned)
         curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
         return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
@@ -275,8 +276,8 @@ def _child(connection: Connection, report: bool) -> None:
         require_unchanged(code_of(method), begun_with=begun_with)
     except CodeChanged as changed:
         return send(changed)
-    clock = {"before_clock": partial(send, CLOCK), "after_clock": partial(send, STOPPED)}
-    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **clock)
+    around = {"before_clock": partial(send, CLOCK), "after_clock": partial(send, STOPPED)}
+    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
     send(done._replace(facts={"peak_mib": _peak_mib()} | done.facts))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sshade.carry.affine import AffineFrames
 from sshade.carry.blended import BlendedFrames
@@ -39,15 +40,13 @@ def frame_maker(
     InputError
         On an unknown name, or a wrong number of values.
     """
-    if not isinstance(frame_function, str) and np.shape(frame_function) != (mesh.n,):
-        raise InputError(
-            f"a frame function needs {mesh.n} values, one a vertex, not {np.shape(frame_function)}"
-        )
+    if not isinstance(frame_function, str):
+        frame_function = vertex_values(frame_function, mesh.n)
     if callable(frames):
         return frames
 
     def triangle(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
-        f = frame_function if isinstance(frame_function, str) else np.asarray(frame_function)[samples]
+        f = frame_function if isinstance(frame_function, str) else frame_function[samples]
         return TriangleFrames.at_rest(proxy, f)
 
     makers: dict[str, FrameMaker] = {
@@ -59,3 +58,11 @@ def frame_maker(
     if frames not in makers:
         raise InputError(f"unknown frames {frames!r}; use one of {', '.join(makers)}")
     return makers[frames]
+
+
+def vertex_values(frame_function: ArrayLike, n: int) -> np.ndarray:
+    """Return the values (n,) of a frame function at the vertices; raise InputError on another shape."""
+    values = np.asarray(frame_function)
+    if values.shape != (n,):
+        raise InputError(f"a frame function needs {n} values, one a vertex, not {values.shape}")
+    return values

@@ -214,7 +214,8 @@ def _content(
     buffers = [bytearray(data) for data in gltf.buffers]
     new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)
     accessors = new.tree["accessors"]
-    moved = (rest != V).any(axis=1)
+    moved, known = (rest != V).any(axis=1), np.isfinite(V).all(axis=1)
+    extent = float(np.ptp(V[known], axis=0).max())
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
@@ -234,7 +235,7 @@ def _content(
         with np.errstate(over="ignore"):
             positions[changes] = (V[vertices] - part.matrix[:3, 3])[changes] @ back.T
         error = positions @ A.T + part.matrix[:3, 3] - V[vertices]
-        _require_precision(error[np.isfinite(V[vertices]).all(axis=1)], size.max(), V, path)
+        _require_precision(error[known[vertices]], size.max(), extent, path)
         turns = turned[vertices]
         rotations = Q[vertices][turns]
         if part.normal is not None:
@@ -252,19 +253,20 @@ def _content(
     return gltf_bytes(new, gltf, path)
 
 
-def _require_precision(error: np.ndarray, size: float, V: np.ndarray, path: Path) -> None:
+def _require_precision(error: np.ndarray, size: float, extent: float, path: Path) -> None:
     """Raise InputError if rounding to single precision moves positions more than it did at rest.
 
     Parameters
     ----------
     error : (k, 3) float64
-        Differences between the written positions and `V`, except of vertices at NaN, which have no face.
+        Written minus wanted positions, without vertices at NaN, which have no face.
     size : float
         Size of the numbers at rest, in the scene. It is large for nodes that are skewed or far from
         their mesh.
+    extent : float
+        Largest extent of the mesh.
     """
-    extent = np.ptp(V[np.isfinite(V).all(axis=1)], axis=0).max()
-    allowed = max(ROUNDING * float(extent), 16 * np.finfo(np.float32).eps * size)
+    allowed = max(ROUNDING * extent, 16 * np.finfo(np.float32).eps * size)
     if not np.abs(error).max(initial=0) <= allowed:
         raise InputError(
             f"{path}: the transformations of the nodes leave too few digits in single precision; apply "

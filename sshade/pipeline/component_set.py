@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from sshade.carry.kinds import vertex_values
 from sshade.errors import InputError
 from sshade.mesh.cutting import Cut
 from sshade.mesh.ids import flagged, members, numbered
@@ -191,7 +192,10 @@ class ComponentSet:
             if self._options.thickness:
                 changes["thickness"] = 0.0
         if not isinstance(self._options.frame_function, str):
-            changes = {**changes, "frame_function": self._values_of(self._options.frame_function)[origin]}
+            changes = {
+                **changes,
+                "frame_function": vertex_values(self._options.frame_function, len(self._number))[origin],
+            }
         handles, goals = self._handles_of(origin), self._goals_of(component)
 
         def solve(changes: dict[str, Any], guess: np.ndarray | None) -> DeformationResult:
@@ -220,12 +224,6 @@ class ComponentSet:
         if sides == 2 and self._options.volume > 0:
             result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
         return result
-
-    def _values_of(self, frame_function: np.ndarray) -> np.ndarray:
-        n, values = len(self._number), np.asarray(frame_function)
-        if values.shape != (n,):
-            raise InputError(f"a frame function needs {n} values, one a vertex, not {values.shape}")
-        return values
 
     def _handles_of(self, origin: np.ndarray) -> Handles:
         """Handles of a component, then copies of finished vertices, fixed at their positions."""

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from sshade.carry.kinds import vertex_values
 from sshade.errors import InputError
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
@@ -245,9 +246,7 @@ def deform(
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
     values = options.get("frame_function")
     if values is not None and not isinstance(values, str):
-        if np.shape(values) != (len(V),):
-            raise InputError(f"a frame function needs {len(V)} values, one a vertex, not {np.shape(values)}")
-        options["frame_function"] = whole.picked(np.asarray(values))
+        options["frame_function"] = whole.picked(vertex_values(values, len(V)))
     extent = whole.mesh.diagonal
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=whole.places(handles.index), extent=extent)
