@@ -23,6 +23,10 @@ from sshade.errors import InputError
 
 #: Key of the mark of a difference whose interval contains zero.
 TIE = -1
+#: Characters that LaTeX does not print as they are.
+_ESCAPES = str.maketrans(
+    {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
+)
 
 
 def to_csv(table: Table) -> str:
@@ -65,8 +69,9 @@ def to_latex(table: Table) -> str:
     """Return booktabs tabulars of all tables, with notes as comments."""
     marks = {0: "{}", 1: "\\textbf{{{}}}", 2: "\\underline{{{}}}", TIE: "\\textit{{{}}}"}
     parts = (table, *table.parts)
-    notes = [(part.title, note) for part in table.parts for note in part.notes]
-    out = [f"% {note}" for note in (*table.notes, *(f"{title}: {note}" for title, note in notes))]
+    notes_of_parts = (f"{part.title}: {note}" for part in table.parts for note in part.notes)
+    # A line break in a note would end the comment.
+    out = [f"% {' '.join(note.split())}" for note in (*table.notes, *notes_of_parts)]
     form: dict[str, Any] = {"not_available": "--", "escape": _escape, "spread": " $\\pm$ "}
     for heading, columns in table.views:
         bodies = {part.title: cells(part, columns, marks, **form) for part in parts}
@@ -180,7 +185,7 @@ def cells(
 
 
 def _escape(text: str) -> str:
-    return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
+    return text.translate(_ESCAPES)
 
 
 def write_tables(tables: Iterable[Table], folder: Path) -> None:

@@ -5,7 +5,7 @@ from eval_rows import lost, planned, row, table_of
 
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
-from eval.publish.tables import to_markdown
+from eval.publish.tables import to_latex, to_markdown
 from sshade.errors import InputError
 
 
@@ -44,6 +44,12 @@ def test_markdown(rows):
     assert "2 cases of 1,000 vertices, 2 subjects; means over all of them." in notes
     assert "Machine: box." in notes
     assert "- worse: planned on 1 of 2 cases.\n- worse: 1 failed (ValueError: no): every case." in notes
+
+
+def test_latex_compiles_with_any_label_and_with_notes_of_several_lines():
+    text = to_latex(table_of(row(r"a_b^2~\c", method__note="one & two\nthree\n")))
+    assert r"% a_b^2~\c: one & two three" in text.splitlines()
+    assert r"a\_b\^{}2\~{}\textbackslash{}c & 1 & 1.00" in text
 
 
 def test_every_measure_has_a_place_in_a_table():
