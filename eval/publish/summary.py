@@ -116,7 +116,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
     ------
     InputError
         If no run has begun, the rows are of several datasets or versions, the rows of a method have
-        different configurations or repeat a run, or no method is called like the reference.
+        different configurations or repeat a run, or the reference is no method of the ranks.
     """
     if begun(rows).empty:
         raise InputError(f"none of the {len(rows)} planned runs has begun, so there is no table of them")
@@ -141,6 +141,11 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
         part = table_of(HALVES[other], columns, own, of_other)
         parts.append(part._replace(notes=[*case_notes(own, of_other, half=other), *part.notes]))
     table = table_of(title, columns, first, comparison)
+    if table.differences and reference not in (None, table.reference):
+        raise InputError(
+            f"{title} has no differences to {reference!r}, which is not ranked; name one of "
+            f"{', '.join(comparison.ranked)}"
+        )
     notes = [*case_notes(first, comparison, half=half), *table.notes, *versions]
     notes += common_notes(rows, columns=columns)
     return table._replace(notes=notes, parts=parts, label=HALVES[half] if half else "")

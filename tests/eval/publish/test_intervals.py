@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from eval_rows import frame, row, table_of
+from eval_rows import frame, lost, row, table_of
 from scipy import special, stats
 
 from eval.main import call
@@ -206,3 +206,6 @@ def test_the_reference_can_be_chosen(tmp_path, capsys):
     assert "difference to near, with its" in text and "-1.00 [-1.00, -1.00]" in text
     with pytest.raises(InputError, match="t has no method 'nobody'; it has elastic, far, near"):
         call("tables", [*arguments, "nobody"])
+    write_csv(tmp_path / "t.csv", frame(*rows, lost("poor", "s0")))
+    with pytest.raises(InputError, match="t has no differences to 'poor', which is not ranked; name one"):
+        call("tables", [*arguments, "poor"])
