@@ -18,7 +18,7 @@ from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, slopes
-from eval.timing.turns import DRAG, SCALING, VERSIONS, WHOLE
+from eval.timing.turns import DRAG, LONG, SCALING, VERSIONS, WHOLE
 from eval.timing.versions import NOW
 from sshade.errors import InputError
 from sshade.pipeline.deformer import SETTLED
@@ -110,7 +110,7 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
     case = ["task.name", "task.checksum", "method.name"]
     lines = pd.DataFrame([_line(own) for _, own in kept.groupby(case, sort=False)])
     # Each line is compared with the line of the same work in this table.
-    work = lines["checksum"]
+    work = lines["checksum"] + lines["case"]  # two cases may have equal arrays
     base = lines["method"] == (reference or REFERENCE)
     if rows["kind"].eq(VERSIONS).all():
         work, base = work + lines["base"], lines["version"] != NOW
@@ -172,7 +172,7 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     machine_id = "".join(f" ({identity})" for identity in distinct(rows, "env.machine_id"))
     tree = ", a modified tree" if rows["env.modified"].iloc[0] is True else ""
     commits = ", ".join(commit[:10] for commit in distinct(rows, "env.commit")) or "unknown"
-    days = sorted({date[:10] for date in rows["date"]})
+    days = dict.fromkeys((rows["date"].min()[:10], rows["date"].max()[:10]))
     counts = {name: distinct(rows, f"env.{name}") for name in THREADS}
     threads = ", ".join(f"{name} {', '.join(map(str, own))}" for name, own in counts.items() if own)
     kept = rows["kept"].eq(True)
@@ -185,6 +185,9 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
         f"{numbers(rows[kept], 'other_cores').max():.1%} of the machine's cores during a repeat; "
         f"rejected repeats: {sum(~kept)}{f' ({reasons})' if reasons else ''}.",
     ]
+    once = rows[kept].drop_duplicates(["method.name", "task.name", "task.checksum"], keep=False)
+    if (numbers(once, "seconds.repeat") > LONG).any():
+        notes.append(f"A call of more than {LONG:g} s ran once, before the turns and without a warm-up.")
     if "speed_up" in lines:
         of = "the older version" if lines["kind"].eq(VERSIONS).all() else reference
         notes.append(f"Times faster: median time of {of} on the same case / median time of the method.")
@@ -197,8 +200,8 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
             f"Step: a drag from rest to the targets has {STEPS} steps, each to a residual of {TOLERANCE:g}. "
             "First solve: from rest to the targets at once. Settle: from the last step to the minimum, at "
             f"{SETTLED:g} of the method's tolerance. New handles: a group is removed or added. Distances are "
-            "of the farthest vertex, as a fraction of the bounding-box diagonal; there and back: from the "
-            "solution at rest to the end of the way back."
+            "of the farthest vertex, in % of the bounding-box diagonal; there and back: from the solution at "
+            "rest to the end of the way back."
         )
     if "seconds.remesh" in lines:
         notes.append("Stages of samplings that run in parallel are summed.")

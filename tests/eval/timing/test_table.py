@@ -56,6 +56,20 @@ def test_cases_are_compared_each_with_its_own_reference():
     assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3), 1, 100]
 
 
+def test_cases_with_equal_arrays_are_compared_each_with_its_own_reference():
+    both = pd.concat([rows(), rows(**{"task.name": "copy"})], ignore_index=True)
+    lines = make_time_table(both, title="s").lines
+    assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3)] * 2
+
+
+def test_notes_name_the_first_and_the_last_day_and_calls_that_ran_once():
+    found = rows()
+    found["date"] = [f"2026-01-{day:02}T00:00:00.000000Z" for day in range(9, 9 + len(found))]
+    notes = " ".join(make_time_table(found, title="s").notes)
+    assert ", 2026-01-09 to 2026-01-15." in notes and "ran once" not in notes
+    assert "A call of more than 60 s ran once" in " ".join(make_time_table(found[:1], title="s").notes)
+
+
 @pytest.mark.parametrize(
     ("facts", "words"),
     [
