@@ -86,7 +86,7 @@ def knob_values(
     """Return the numbers in the labels of each method, in the order of the points of :func:`front`."""
     curves = _means(rows, knob, measures, leave_out).groupby(level="family")
     return {
-        family: ["" if split_label(name)[1] is None else name.rpartition("-")[2] for _, name in own.index]
+        family: [name.removeprefix(family).removeprefix("-") for _, name in own.index]
         for family, own in curves
     }
 

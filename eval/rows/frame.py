@@ -91,11 +91,8 @@ def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
 
 def split_label(name: str) -> tuple[str, float | None]:
     """Split a label such as "arap-7000" into the family and the number; None if it ends without a number."""
-    family, _, number = name.rpartition("-")
-    try:
-        return (family, float(number)) if family else (name, None)
-    except ValueError:
-        return name, None
+    found = re.fullmatch(r"(.+?)-(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|-?inf)", name)
+    return (found[1], float(found[2])) if found else (name, None)
 
 
 def method_names(rows: pd.DataFrame) -> list[str]:

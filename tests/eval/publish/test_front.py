@@ -5,7 +5,7 @@ from eval_rows import frame, lost, row
 from matplotlib.text import Annotation, Text
 
 from eval.main import call
-from eval.publish.front import draw, front, unbeaten, with_times
+from eval.publish.front import draw, front, knob_values, unbeaten, with_times
 from eval.rows.frame import write_csv
 from sshade.errors import InputError
 
@@ -20,13 +20,16 @@ def test_weights_make_a_curve_and_other_methods_points():
         weighted("fine-inf", volume=0.0, weight=float("inf")),
         weighted("fine-0.0", volume=4.0, weight=0.0),
         weighted("fine-0.1", volume=2.0, weight=0.1),
+        weighted("fine-1e-05", volume=3.5, weight=1e-05),
         weighted("fine", volume=3.0, weight=0.05),  # a weight, but no number in the name
         weighted("arap", volume=9.0),
         weighted("accelerated-2", volume=7.0),  # a number in the name, but no weight
         weighted("identity", volume=5.0),
     )
     points = front(rows)
-    assert points["fine"] == [(4.0, 8.0, 12.0), (3.0, 6.0, 9.0), (2.0, 4.0, 6.0), (0.0, 0.0, 0.0)]
+    assert points["fine"] == [(v, 2 * v, 3 * v) for v in (4.0, 3.5, 3.0, 2.0, 0.0)]
+    values = knob_values(rows, knob="volume", measures=("volume", "edge"), leave_out=())
+    assert values["fine"] == ["0.0", "1e-05", "", "0.1", "inf"]
     assert points["arap"] == [(9.0, 18.0, 27.0)] and points["accelerated-2"] == [(7.0, 14.0, 21.0)]
     assert "identity" not in points
 
