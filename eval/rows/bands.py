@@ -76,7 +76,9 @@ def suggest(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, list[float]]]]
         for name in METRICS:
             value = row.get(f"metric.{name}")
             if value is not None:
-                of_task[f"metric.{name}"] = [float(f"{bound:.3g}") for bound in _band(name, value)]
+                low, high = (float(f"{bound:.3g}") for bound in _band(name, value))
+                before = of_task.get(f"metric.{name}", (low, high))  # of another seed
+                of_task[f"metric.{name}"] = [min(low, before[0]), max(high, before[1])]
     return bands
 
 

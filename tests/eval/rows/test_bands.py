@@ -22,6 +22,12 @@ def test_bands():
     assert out_of_band(row("a", "t2"), bands) == ["no band for a on t2"]
 
 
+def test_a_suggested_band_holds_every_seed():
+    seeds = [row("a", seed=seed, metric__volume=volume) for seed, volume in enumerate((1.0, 3.0, 2.0))]
+    assert suggest(seeds)["a"]["t1"]["metric.volume"] == [0.952, 3.15]
+    assert not any(out_of_band(own, suggest(seeds)) for own in seeds)
+
+
 def test_suggested_bands_hold_their_rows_and_not_much_else():
     rows = [row("a"), row("a", "t2", metric__volume=None), lost("b")]
     bands = suggest(rows)
