@@ -121,9 +121,8 @@ def table(dataset: str, folder: Path = ROWS) -> str:
     """Return the table of all claims about a dataset, in Markdown."""
     body = []
     for claim in read_claims()[dataset]:
-        found, sign = examine(claim, dataset, folder), re.findall("[<>]", claim["holds"])[0]
-        # A mean that supports the claim has the sign of the claim; any other has the opposite sign.
-        seen = sign if (found.left < found.right) == (sign == "<") else "<>".replace(sign, "")
+        found = examine(claim, dataset, folder)
+        seen = "<" if found.left < found.right else ">" if found.left > found.right else "="
         unit = f" ({UNITS[claim['measure']]})" if UNITS[claim["measure"]] else ""
         yours = f"{found.left:.4g} {seen} {found.right:.4g}" if found.cases else ""
         facts = str(found.subjects), str(found.cases), found.result

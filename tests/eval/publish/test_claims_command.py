@@ -108,5 +108,8 @@ def test_the_command_writes_the_table_or_says_what_is_missing(here, capsys):
     assert "conf/claims.yaml has no claims about 'mars'; use faust or tosca" in capsys.readouterr().err
     assert main(["claims", "faust"]) == 0
     text = (here / "out" / "tables" / "claims_faust.md").read_text()
+    write(here / "own", {"fast": [0.1, 0.1, 0.1], "fine": [0.2]}, name="bodies_170k_faust")
+    assert "| 0.1 = 0.1 |  | 3 | 3 | undecided |" in table("faust", here / "own")
+    assert "| 0.2 > 0.1 |  | 1 | 1 | not seen |" in table("faust", here / "own")
     assert "| fast keeps the volume | volume (%) | 0.02 < 0.1 |  | 3 | 3 | confirmed |" in text
     assert text in capsys.readouterr().out
