@@ -16,12 +16,15 @@ ROOT = Path(__file__).parents[3]
 
 #: Page -> words on the page -> claims. A claim names a table and a half, a column, a method, the sign of its
 #: difference to other methods, and the other methods. The interval of the difference lies below zero (<),
-#: lies above zero (>), or contains zero (=).
+#: lies above zero (>), or contains zero (=). A table may have a kind of handles, such as peers/points.
 CLAIMS = {
     "README.md": {
         "Edges and angles change less": [
             *(f"{t} held_out | EL | fine < fast" for t in ("bodies_170k", "bodies_25k")),
             *(f"{t} held_out | FA | fine < fast" for t in ("bodies_170k", "bodies_25k")),
+        ],
+        "With landmarks it keeps area": [
+            *(f"{t} held_out | area | fast < accelerated_elastic" for t in ("bodies_170k", "bodies_25k")),
         ],
         "`fast` and `fine` are nearer to true poses than the other methods of the table": [
             f"bodies_170k held_out | truth | {method} < paper deformation_graph accelerated_elastic"
@@ -60,6 +63,9 @@ CLAIMS = {
     "docs/methods.md": {
         "it stretches least": [
             "bodies_170k held_out | EL | accelerated_elastic < fine fast paper deformation_graph"
+        ],
+        "in EL and FA; with regions it changes edges less": [
+            "front_detail/regions held_out | EL | accelerated_elastic < fine-0.5",
         ],
         "without noise, it cannot be told apart from `fine`": [
             "bodies_25k held_out | EL | accelerated_elastic = fine",
@@ -107,6 +113,11 @@ CLAIMS = {
             f"{table} held_out | spike | fine > fast" for table in ("bodies_170k", "bodies_25k")
         ],
     },
+    "docs/beyond_fast.md": {
+        "With regions, the area changes more than with Elastic": [
+            "front_detail/regions held_out | area | fast > accelerated_elastic"
+        ],
+    },
     "docs/beyond_fine.md": {
         "Lower values of `detail` are nearer to the true poses": [
             f"front_detail {half} | truth | fine-{smaller} < fine-{larger}"
@@ -136,8 +147,10 @@ def words_of(page: str) -> str:
 
 @cache
 def of_subjects(table: str, half: str) -> pd.DataFrame:
-    """Return the means of each method and subject over the common cases of a half."""
-    rows = read_csv(ROOT / "results" / "rows" / f"{table}.csv")
+    """Return the means of each method and subject over the common cases of a half, of one kind of handles."""
+    name, _, kind = table.partition("/")
+    rows = read_csv(ROOT / "results" / "rows" / f"{name}.csv")
+    rows = rows[rows["task.meta.handles"] == kind] if kind else rows
     return compare(rows[rows["task.name"].map(split_of) == half], COLUMNS[:-1]).of_subjects
 
 
