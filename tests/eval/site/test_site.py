@@ -8,7 +8,7 @@ import pytest
 
 from eval.main import main
 from eval.rows.files import PUBLISHED
-from eval.rows.frame import read_csv, to_frame
+from eval.rows.frame import distinct, read_csv, to_frame
 from eval.rows.store import VALID, read_row, run_folders
 from eval.site import pages
 from eval.site.pages import contests_of, write_site
@@ -84,3 +84,4 @@ def test_the_projects_own_leaderboard(tmp_path, capsys):
             assert all(f"Machine: {machine}" in own for machine in set(times))
         down = read_csv(tmp_path / "out" / f"{name}.csv")
         assert set(down["status"]) <= {*VALID, "missing", "failed", "skipped"}
+        assert ("single points" in track.text) == (len(distinct(down, "task.meta.handles")) > 1)
