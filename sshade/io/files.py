@@ -104,7 +104,8 @@ def _restore_permissions(path: Path, old: os.stat_result) -> None:
 def _temporary_affixes(path: Path, suffix: str) -> tuple[str, str]:
     """Return the beginning and the end of the temporary names for a path on this machine."""
     host = re.sub(r"[^A-Za-z0-9]", "_", platform.node())[:40]
-    return f".{path.stem}.{host}-", f".partial{suffix}"
+    # The beginning of a long name, so that the temporary name fits wherever the name does.
+    return f".{path.stem[:40]}.{host}-", f".partial{suffix}"
 
 
 def _remove_leftovers(path: Path, suffix: str) -> None:

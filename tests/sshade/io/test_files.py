@@ -22,6 +22,13 @@ def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("name", [246 * "a" + ".ply", 82 * "変" + ".ply"])
+def test_names_of_any_length_are_written(tmp_path, name):
+    with replacing(tmp_path / name) as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / name).read_text() == "new"
+
+
 def test_threads_that_write_one_path_do_not_disturb_each_other(tmp_path):
     path, both_opened = tmp_path / "a.txt", Barrier(2, timeout=60)
 
