@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import signal
 import sys
@@ -165,6 +166,7 @@ def run_command(main: Callable[[], int], *, hurries: bool = False) -> int:
     SIGTERM and SIGHUP end the program with exit code 143 and 129, and leave no temporary file. If it
     `hurries`, SIGINT does so too, with exit code 130, where `main` goes on.
     """
+    _prepare_output()
     received: list[int] = []
     with _signals_into(received, hurries=hurries):
         try:
@@ -173,6 +175,16 @@ def run_command(main: Callable[[], int], *, hurries: bool = False) -> int:
             if not received:
                 raise
     return 128 + received[0] if received else code
+
+
+def _prepare_output() -> None:
+    """Discard output where a stream was closed, and print letters outside of its encoding as escapes."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(main: Callable[[], int]) -> int:

@@ -1,3 +1,4 @@
+import io
 import json
 import os
 import signal
@@ -278,6 +279,21 @@ def test_no_command_overwrites_an_input_unasked(folder, line, output):
         write_mesh(name, BODY.V, BODY.F)
     Path("map.npz").touch()
     assert_refused("sshade", line.format(output).split(), f"{output}: is the input {output}", "--overwrite")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed_stream", [">&-", "2>&-"])
+def test_a_closed_stream_changes_no_result(folder, closed_stream):
+    line = f'exec "$0" -m sshade {" ".join(DEFORM)} {closed_stream}'
+    assert subprocess.run(["sh", "-c", line, sys.executable], capture_output=True).returncode == 0
+    assert Path("out.ply").is_file()
+
+
+def test_letters_outside_of_the_encoding_are_printed_as_escapes(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert run_command(lambda: stream.write("変.ply") and 0) == 0
+    assert stream.buffer.getvalue().rstrip() == rb"\u5909.ply"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")
