@@ -120,14 +120,18 @@ def folders() -> list[Path]:
     for caches of the user.
     """
     named = os.environ.get("SSHADE_KERNELS")
-    return [Path(named)] if named else [SHIPPED, _user_folder()]
+    return [Path(named)] if named else [SHIPPED, *_user_folders()]
 
 
 @cache
-def _user_folder() -> Path:
-    """Return the user's folder for kernels of this installation."""
-    parent = os.environ.get("NUMBA_CACHE_DIR") or AppDirs("sshade", appauthor=False).user_cache_dir
-    return Path(parent, hashlib.sha256(str(SHIPPED).encode()).hexdigest()[:16])
+def _user_folders() -> list[Path]:
+    """Return the user's folder for kernels of this installation; none for a user without a home."""
+    parent = os.environ.get("NUMBA_CACHE_DIR")
+    if not parent:
+        parent = AppDirs("sshade", appauthor=False).user_cache_dir
+        if not os.path.isabs(parent):  # an empty XDG_CACHE_HOME, or "~" itself
+            return []
+    return [Path(parent, hashlib.sha256(str(SHIPPED).encode()).hexdigest()[:16])]
 
 
 def why_compiled() -> str:

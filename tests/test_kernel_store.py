@@ -101,6 +101,15 @@ def test_a_store_that_cannot_be_written_costs_a_warning(folder, monkeypatch, cod
         assert kernel(lambda x: x + 2)(1.0) == 3.0
 
 
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the folder for caches has no variable here")
+def test_a_user_without_a_folder_for_caches_gets_none_in_the_current_folder(folder, monkeypatch):
+    monkeypatch.delenv("SSHADE_KERNELS")
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    kernels._user_folders.cache_clear()
+    assert kernels.folders() == [kernels.SHIPPED]
+    kernels._user_folders.cache_clear()
+
+
 def test_processors_without_the_level_compile_for_themselves(monkeypatch):
     monkeypatch.setattr(kernels.llvm, "get_host_cpu_features", dict)
     assert portable_target.__wrapped__() is None
