@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -123,11 +124,15 @@ def write_poses(
             lost = output.suffix.lower() == ".pc2" and not np.allclose(np.diff(times, n=2), 0)
             return f"{output}: {_poses(count)}{' without their times, which .mdd and .glb keep' * lost}"
         files = NumberedFiles(output, keys)
+        # A comparison of all files with all inputs would take minutes for thousands of poses.
+        taken = {(found.st_dev, found.st_ino) for found in map(os.stat, filter(os.path.exists, inputs))}
         for path, suffixes in [
             (files.record, (".json",)),
             *((files.path(i), SUFFIXES) for i in range(count)),
         ]:
-            check_output(path, suffixes, inputs=inputs if path.exists() else (), overwrite=None)
+            found = path.stat() if path.exists() else None
+            is_input = found is not None and (found.st_dev, found.st_ino) in taken
+            check_output(path, suffixes, inputs=inputs if is_input else (), overwrite=None)
         before = read_back(files.path(files.kept - 1), file) if 0 < files.kept < count else None
         for number in range(files.kept, count):
             progress("poses", number, count)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from sshade.cli.main import main
-from sshade.io import gltf_morph, meshes, point_cache
+from sshade.io import files, gltf_morph, meshes, point_cache
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
@@ -64,6 +64,14 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
     assert main(["deform", "body.ply", *poses()[:2], "-o", "out_%03d.ply", *FAST]) == 0
     assert "out_003.ply is of an earlier, longer sequence, and stays" in capsys.readouterr().err
+
+
+def test_files_of_a_sequence_are_not_compared_with_each_input(folder, monkeypatch):
+    assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
+    compared, real = [], files.is_same_file
+    monkeypatch.setattr(files, "is_same_file", lambda *given: (compared.append(given), real(*given))[1])
+    assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
+    assert len(compared) <= 1 + len(poses())
 
 
 def interrupted_at_the_third_file(monkeypatch) -> list[Path]:
