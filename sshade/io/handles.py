@@ -253,10 +253,12 @@ def write_handles(
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     slides = np.full(len(handles), None) if handles.slide is None else handles.slide
     slide_of = list(dict.fromkeys(slides))
-    number = [slide_of.index(one) for one in slides]
+    number_of = {one: number for number, one in enumerate(slide_of)}
+    number = [number_of[one] for one in slides]
     rows = np.column_stack([handles.dynamic, handles.weight, number, np.nan_to_num(rotation)])
-    for group in np.unique(handles.group).tolist():
-        own = handles.group == group
+    order = np.argsort(handles.group, kind="stable")
+    groups, first = np.unique(handles.group[order], return_index=True)
+    for group, own in zip(groups.tolist(), np.split(order, first[1:]), strict=True):
         kinds = np.unique(rows[own], axis=0)
         if np.isfinite(kinds[:, 1]).sum() > 1:
             raise InputError(
@@ -264,7 +266,7 @@ def write_handles(
                 "which a group of a file has once; give them groups of their own"
             )
         for row in kinds:
-            members, (dynamic, weight, slide_number) = own & (rows == row).all(axis=1), row[:3]
+            members, (dynamic, weight, slide_number) = own[(rows[own] == row).all(axis=1)], row[:3]
             entry: dict[str, Any] = {
                 "landmark": (names or {}).get(group, group),
                 "kind": "dynamic" if dynamic else "static",
