@@ -33,7 +33,8 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
     """
     inside = np.zeros(len(V), dtype=bool)
     for low, high in np.asarray(boxes, dtype=np.float64):
-        inside |= ((low <= V) & (high >= V)).all(axis=1)
+        x, y, z = ((a <= v) & (v <= b) for a, v, b in zip(low, V.T, high, strict=True))
+        inside |= x & y & z
     if not inside.any():
         raise InputError("no vertex lies in its boxes")
     return np.flatnonzero(inside)
