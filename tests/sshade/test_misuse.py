@@ -11,7 +11,7 @@ from baselines.accelerated import accelerated_elastic
 from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, TransferTask, VolumeGoal
 from sshade.carry.binding_file import load_binding, save_binding
-from sshade.io.handles import read_handles, write_handles
+from sshade.io.handles import write_handles
 from sshade.pipeline.retarget import Retargeting
 from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
@@ -193,15 +193,6 @@ def test_a_result_of_a_sequence_may_be_changed():
         result.vertices[:] = 0
     kept = [result.vertices for result in sshade.deform_sequence(task(), poses, vertices=40)]
     np.testing.assert_array_equal(changed, kept)
-
-
-def test_hard_groups_that_differ_in_their_handles_are_written_and_large_numbers_stay_apart(tmp_path):
-    groups = np.array([2**60, 2**60 + 1, 5, 5])
-    given = Handles(HELD, TARGETS, [True, False, True, False], groups)
-    write_handles(tmp_path / "h.json", given)
-    read = read_handles(tmp_path / "h.json", BODY)
-    assert sorted(zip(read.index, read.dynamic, strict=True)) == [(0, 1), (3, 0), (7, 1), (20, 0)]
-    assert len(np.unique(read.group)) == 4
 
 
 def test_a_binding_that_cannot_be_saved_leaves_the_old_file(tmp_path):

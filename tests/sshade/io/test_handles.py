@@ -24,18 +24,6 @@ def write(tmp_path):
     return _write
 
 
-def test_handles_by_vertex_are_taken_exactly(write, body):
-    entries = [
-        {"landmark": "foot", "kind": "static", "vertices": [7, 3]},
-        {"landmark": "hand", "kind": "dynamic", "vertices": [50, 40], "target": [[1, 2, 3], [4, 5, 6]]},
-    ]
-    handles = read_handles(write(entries), body)
-    assert handles.index.tolist() == [7, 3, 50, 40]
-    assert np.array_equal(handles.target, [*body.V[[7, 3]], [1, 2, 3], [4, 5, 6]])
-    assert handles.dynamic.tolist() == [False, False, True, True]
-    assert handles.group.tolist() == [0, 0, 1, 1]
-
-
 def test_handles_by_position_are_snapped_as_positions_are(write, body):
     rng = np.random.default_rng(0)
     foot = body.V[[10, 11]] + 1e-3
@@ -97,13 +85,11 @@ def test_a_region_is_all_vertices_in_its_boxes_and_moves_rigidly(write, body):
         ({"boxes": [[[0, 0, 0]]]}, '"boxes" must be a list of pairs of points'),
         ({"boxes": [[[0, 0, 0], [1, 1, float("nan")]]]}, '"boxes" has a NaN or infinite position'),
         ({"rotation": [[1, 0], [0, 1]]}, '"rotation" must be three rows of three numbers'),
-        ({"rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]]}, '"rotation" is no rotation'),
         ({"translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
         ({"vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
         ({"target": [[0, 0, 0]]}, '"boxes" have no "target"'),
         ({"center": [0, 0]}, '"center" must be three numbers or "centroid"'),
         ({"center": "middle"}, '"center" must be three numbers or "centroid", not "middle"'),
-        ({"rotation": ..., "center": "centroid"}, '"center" needs a "rotation"'),
         ({"rotation": ..., "translation": ..., "kind": "dynamic"}, 'it is dynamic and has no "rotation" or'),
         (
             {"boxes": [[[-9, -9, -9], [9, 9, 9]], [[0, 3, 0], [1, 2, 1]]]},
@@ -174,29 +160,18 @@ def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(write, body):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"handles": [{"vertices": [1], "wieght": 5}]}, 'entry 0: .* "wieght"; did you mean "weight"'),
-        ({"handles": [{"vertices": [1], "trnslation": 5}]}, 'did you mean "translation"'),
         ({"handles": [{"vertices": [1]}, {"comment": 5}]}, 'pose.json: entry 1: .*"comment"; did you mean "'),
         ({"handles": [{"kind": "unused", "vertces": [1]}]}, 'no key "vertces"; did you mean "vertices"'),
         ({"handles": [{"vertices": [1]}], "handels": 3}, 'pose.json: .* "handels"; did you mean "handles"'),
-        ('{"handles": [{"vertices": [1], "vertices": [2]}]}', 'the key "vertices" occurs twice'),
         ({"handles": [{"vertices": [1], "k\n\ud800" + 999 * "k": 1}]}, r'no key "k\\n\\ud800k+";'),
-        ({"handles": [{"vertices": [1], "translation": [1, 0, 0], "target": [[0, 0, 0]]}]}, "either as"),
         ({"handles": [{"vertices": {"run": [[1, 2]]}}]}, '"vertices" is no list'),
         ({"handles": [{"vertices": {"runs": [[1, 0]]}}]}, '"runs" of "vertices" must be a list of pairs'),
         ({"handles": [{"vertices": {"runs": [[0, 10**12]]}}]}, "stand for more than 100,000,000 ids"),
     ],
 )
 def test_unknown_keys_are_refused_with_the_nearest_key(write, body, content, message):
-    text = content if isinstance(content, str) else json.dumps(content)
     with pytest.raises(InputError, match=message):
-        read_handles(write(text), body)
-
-
-def test_keys_of_the_project_and_keys_that_begin_with_an_underscore_are_free(write, body):
-    entry = {"landmark": "a", "vertices": [4], "delta": 0.1, "delta_mean": None, "_mine": 3}
-    content = {"handles": [entry], "source_pose": "sit", "made": {"method": "fast"}, "_by": "me"}
-    assert read_handles(write(json.dumps(content)), body).index.tolist() == [4]
+        read_handles(write(json.dumps(content)), body)
 
 
 HUGE = 10**400
@@ -255,21 +230,20 @@ def test_text_in_no_encoding_is_refused(tmp_path, body):
         read_handles(tmp_path / "a.json", body)
 
 
-def test_targets_of_one_vertex_may_differ_by_a_millionth_of_the_diagonal(write, body):
+@pytest.mark.parametrize("groups", [1, 2])
+@pytest.mark.parametrize("by", ["vertices", "source"])
+def test_targets_of_one_vertex_may_differ_by_a_millionth_of_the_diagonal(write, body, by, groups):
     at = body.V[5]
-    for by in ("vertices", "source"):
-        for groups in (1, 2):
+    place = [5, 5] if by == "vertices" else [at.tolist()] * 2
 
-            def entries(gap: float, by=by, groups=groups) -> list[dict]:
-                target = [at.tolist(), (at + [gap * body.diagonal, 0, 0]).tolist()]
-                place = [5, 5] if by == "vertices" else [at.tolist()] * 2
-                if groups == 1:
-                    return [{by: place, "target": target}]
-                return [{by: place[:1], "target": target[i : i + 1]} for i in (0, 1)]
+    def read(gap: float) -> Handles:
+        target = [at.tolist(), (at + [gap * body.diagonal, 0, 0]).tolist()]
+        entries = [{by: place[i::groups], "target": target[i::groups]} for i in range(groups)]
+        return read_handles(write(entries), body)
 
-            assert len(read_handles(write(entries(9e-7)), body)) == 1
-            with pytest.raises(InputError, match="contradictory targets"):
-                read_handles(write(entries(2.2e-6)), body)
+    assert len(read(9e-7)) == 1
+    with pytest.raises(InputError, match="contradictory targets"):
+        read(2.2e-6)
     with pytest.raises(InputError, match="vertex 5 has contradictory targets"):
         deform(body.V, body.F, [5, 5], [at, at + 2e-6 * body.diagonal])
 
@@ -318,7 +292,8 @@ def test_written_handles_read_back_the_same(tmp_path, body):
     rng = np.random.default_rng(3)
     index, dynamic = rng.permutation(body.n)[:9], rng.random(9) < 0.5
     target = np.where(dynamic[:, None], rng.normal(size=(9, 3)), body.V[index])
-    handles = Handles(index, target, dynamic=dynamic, group=rng.integers(0, 3, 9))
+    group = np.array([5, 2**60, 2**60 + 1])[rng.integers(0, 3, 9)]
+    handles = Handles(index, target, dynamic=dynamic, group=group)
     write_handles(tmp_path / "a.json", handles)
     back = read_handles(tmp_path / "a.json", body)
     a, b = np.argsort(handles.index), np.argsort(back.index)
