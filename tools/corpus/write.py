@@ -46,9 +46,14 @@ def _word(value: Any, kind: str) -> str:
     return repr(float(value)) if kind == "double" else str(int(value))
 
 
+def columns(kind: str, names: str, values: Any) -> list[Property]:
+    """Return a property for each name and column of numbers (n, k)."""
+    return [(name, kind, column) for name, column in zip(names.split(), np.transpose(values), strict=True)]
+
+
 def mesh_ply(V: np.ndarray, F: Any, order: str = "<", kind: str = "double", **more: Any) -> bytes:
     """Return a PLY file of positions and polygons. `more` has further properties, as vertex= or face=."""
-    vertex = [(axis, kind, V[:, c]) for c, axis in enumerate("xyz")] + more.pop("vertex", [])
+    vertex = columns(kind, "x y z", V) + more.pop("vertex", [])
     face = [("vertex_indices", "uchar int", F)] + more.pop("face", [])
     return ply(order, {"vertex": vertex, "face": face}, **more)
 

@@ -8,6 +8,7 @@ import pytest
 from sshade.edit.document import Document
 from sshade.io.meshes import read_file, write_mesh
 from tests.shapes import icosphere
+from tools.corpus.write import columns, mesh_ply, obj, rows
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -15,17 +16,14 @@ BALL = icosphere(1)
 COLOURS = np.random.default_rng(0).integers(0, 256, (BALL.n, 3))
 
 
-def as_ply(kind: str, names: str, values: np.ndarray) -> str:
-    head = ["ply", "format ascii 1.0", f"element vertex {BALL.n}", *(f"property double {c}" for c in "xyz")]
-    head += [f"property {kind} {name}" for name in names.split()]
-    head += [f"element face {BALL.m}", "property list uchar int vertex_indices", "end_header"]
-    rows = [" ".join(map(str, [*v, *c])) for v, c in zip(BALL.V.tolist(), values.tolist(), strict=True)]
-    return "\n".join(head + rows + [f"3 {a} {b} {c}" for a, b, c in BALL.F.tolist()]) + "\n"
+def as_ply(
+    kind: str, names: str, colours: np.ndarray, V: np.ndarray = BALL.V, F: np.ndarray = BALL.F
+) -> bytes:
+    return mesh_ply(V, F, "", vertex=columns(kind, names, colours))
 
 
-def as_obj(values: np.ndarray) -> str:
-    rows = [" ".join(map(str, ["v", *v, *c])) for v, c in zip(BALL.V.tolist(), values.tolist(), strict=True)]
-    return "\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (BALL.F + 1).tolist()]) + "\n"
+def as_obj(colours: np.ndarray) -> bytes:
+    return obj(np.c_[BALL.V, colours], BALL.F)
 
 
 FILES = {
@@ -40,7 +38,7 @@ FILES = {
 
 @pytest.mark.parametrize("name", FILES)
 def test_colours_of_vertices_are_read(name):
-    Path(name).write_text(FILES[name])
+    Path(name).write_bytes(FILES[name])
     document = Document(Path(name), output=None, handles=None, carry=False)
     assert document.is_coloured and np.array_equal(document.colours, COLOURS)
     assert np.abs(read_file(name).colours() - COLOURS / 255).max() < 1e-6
@@ -49,13 +47,7 @@ def test_colours_of_vertices_are_read(name):
 def test_of_vertices_along_a_seam_the_first_gives_the_colour():
     V, F = np.r_[BALL.V[:1], BALL.V], BALL.F + 1
     F[0][F[0] == 1] = 0
-    text = as_ply("uchar", "red green blue", COLOURS).splitlines()
-    head = text.index("end_header")
-    first = " ".join(map(str, [*V[0].tolist(), 1, 2, 3]))
-    rows = text[head + 1 : head + 1 + BALL.n]
-    faces = [f"3 {a} {b} {c}" for a, b, c in F.tolist()]
-    text = [line.replace(f"vertex {BALL.n}", f"vertex {BALL.n + 1}") for line in text[: head + 1]]
-    Path("seam.ply").write_text("\n".join([*text, first, *rows, *faces]) + "\n")
+    Path("seam.ply").write_bytes(as_ply("uchar", "red green blue", np.r_[[[1, 2, 3]], COLOURS], V, F))
     document = Document(Path("seam.ply"), output=None, handles=None, carry=False)
     assert document.mesh.n == BALL.n and document.colours[0].tolist() == [1, 2, 3]
     assert np.array_equal(document.colours[1:], COLOURS[1:])
@@ -63,7 +55,8 @@ def test_of_vertices_along_a_seam_the_first_gives_the_colour():
 
 def test_files_without_colours_for_all_vertices_have_none():
     write_mesh("plain.ply", BALL.V, BALL.F)
-    Path("some.obj").write_text(as_obj(COLOURS).replace(" ".join(map(str, COLOURS[3].tolist())), "", 1))
+    (third,) = rows("", COLOURS[3:4].astype(float))
+    Path("some.obj").write_bytes(as_obj(COLOURS).replace(third.encode(), b"", 1))
     for name in "plain.ply", "some.obj":
         document = Document(Path(name), output=None, handles=None, carry=False)
         assert document.colours is None and not document.is_coloured

@@ -11,9 +11,9 @@ from sshade.edit.document import Document
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import end_handles, icosphere
-from tests.sshade.io.test_colours import BALL, as_ply
 from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
+from tools.corpus.write import columns, mesh_ply
 
 #: A rotation without rounding errors (x to y, y to z, z to x), and a shift.
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
@@ -329,8 +329,14 @@ def test_what_another_format_loses_is_named(tmp_path):
 
 def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
     """Each line of a vertex has one more value than the header declares."""
-    body, note = BALL, "further values than the header declares stay as they are: {} lines, from line 10"
-    (here / "a.ply").write_text(as_ply("", "", np.ones((body.n, 1), dtype=int)))
+    body, note = (
+        icosphere(1),
+        "further values than the header declares stay as they are: {} lines, from line 10",
+    )
+    more = columns("uchar", "more", np.ones((body.n, 1)))
+    (here / "a.ply").write_bytes(
+        mesh_ply(body.V, body.F, "", vertex=more).replace(b"property uchar more\n", b"")
+    )
     write_handles("a.json", end_handles(body.V))
     for command in (
         ["deform", "a.ply", "a.json", "-o", "b.ply", "--vertices", "30"],

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from sshade import InputError
 from sshade.io.meshes import read_surface
 from sshade.io.splats import harmonics, moved_shapes, read_points, turned_harmonics
+from tools.corpus.write import columns, ply
 
 RNG = np.random.default_rng(0)
 NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 {} opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
@@ -16,17 +17,14 @@ def names(rest: int = 45) -> list[str]:
     return NAMES.format(" ".join(f"f_rest_{i}" for i in range(rest))).split()
 
 
-def write_splats(path, X, *, properties=None, text=False, kind="<f4"):
+def write_splats(path, X, *, properties=None, order="<", kind="float"):
     """Write splats at X (n, 3), with random numbers for all else; return the numbers (n, p)."""
     properties = names() if properties is None else properties
-    values = np.random.default_rng(1).normal(size=(len(X), len(properties))).astype(kind)
+    dtype = {"float": np.float32, "double": np.float64}[kind]
+    values = np.random.default_rng(1).normal(size=(len(X), len(properties))).astype(dtype)
     values[:, :3] = X
-    form = "ascii" if text else "binary_little_endian"
-    word = {"<f4": "float", "<f8": "double"}[kind]
-    header = f"ply\nformat {form} 1.0\ncomment by a test\nelement vertex {len(X)}\n"
-    header += "".join(f"property {word} {name}\n" for name in properties) + "end_header\n"
-    rows = "".join(" ".join(map(repr, row)) + "\n" for row in values.tolist()).encode() if text else None
-    path.write_bytes(header.encode() + (values.tobytes() if rows is None else rows))
+    vertex = columns(kind, " ".join(properties), values)
+    path.write_bytes(ply(order, {"vertex": vertex}, comments=["comment by a test"]))
     return values
 
 
@@ -115,11 +113,11 @@ def test_flat_splats_and_collapsing_maps_stay_finite():
     assert (moved[1:] == shapes[1:]).all()
 
 
-@pytest.mark.parametrize(("text", "kind"), [(False, "<f4"), (False, "<f8"), (True, "<f8")])
-def test_all_properties_of_a_file_are_kept(tmp_path, text, kind):
+@pytest.mark.parametrize(("order", "kind"), [("<", "float"), ("<", "double"), ("", "double")])
+def test_all_properties_of_a_file_are_kept(tmp_path, order, kind):
     path, out = tmp_path / "scene.ply", tmp_path / "out.ply"
     properties = [*names(24), "mine"]
-    values = write_splats(path, RNG.normal(size=(9, 3)), properties=properties, text=text, kind=kind)
+    values = write_splats(path, RNG.normal(size=(9, 3)), properties=properties, order=order, kind=kind)
     points = read_points(path)
     assert points.is_splats and pytest.approx(values[:, :3]) == points.V
     R = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
