@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 
 #: Kind of a component by the type of its array; kind of an element by its width.
-COMPONENTS = {"f": 5126, "u": 5125}
+COMPONENTS = {"<f4": 5126, "<u4": 5125, "<u2": 5123, "|u1": 5121}
 ELEMENTS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+KINDS = {kind: np.dtype(name) for name, kind in COMPONENTS.items()}
+WIDTHS = {element: width for width, element in ELEMENTS.items()}
 
 
 def glb(tree: dict, buffer: bytes, further: bytes = b"") -> bytes:
@@ -36,6 +38,24 @@ def buffer_beside(name: str) -> bytes:
     return data
 
 
+def arrays(tree: dict, buffer: bytes) -> list[np.ndarray]:
+    """Return the numbers (k, width) of each accessor; check their alignment, extent and bounds."""
+    found = []
+    for accessor in tree["accessors"]:
+        view, kind = tree["bufferViews"][accessor["bufferView"]], KINDS[accessor["componentType"]]
+        width = WIDTHS[accessor["type"]]
+        begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        assert begin % kind.itemsize == 0
+        stride = view.get("byteStride", width * kind.itemsize)
+        assert (accessor["count"] - 1) * stride + width * kind.itemsize <= view["byteLength"]
+        assert view.get("byteOffset", 0) + view["byteLength"] <= tree["buffers"][0]["byteLength"]
+        array = np.ndarray((accessor["count"], width), kind, buffer, begin, (stride, kind.itemsize))
+        for name in accessor.keys() & {"min", "max"}:
+            np.testing.assert_array_equal(accessor[name], getattr(array, name)(axis=0).astype(float))
+        found.append(array)
+    return found
+
+
 def with_arrays(tree: dict, *arrays: np.ndarray) -> bytes:
     """Return the .glb of a tree whose accessors are the arrays (k, width), with their bounds."""
     arrays = [array.astype(f"<{array.dtype.kind}4") for array in arrays]
@@ -45,7 +65,7 @@ def with_arrays(tree: dict, *arrays: np.ndarray) -> bytes:
         "accessors": [
             {
                 "bufferView": k,
-                "componentType": COMPONENTS[array.dtype.kind],
+                "componentType": COMPONENTS[array.dtype.str],
                 "type": ELEMENTS[array.shape[1]],
                 "count": len(array),
                 "min": array.min(axis=0).tolist(),

@@ -13,7 +13,7 @@ from sshade.io import files, gltf_morph, meshes, point_cache
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
-from tests.gltf import buffer_beside, taken_apart, with_arrays
+from tests.gltf import arrays, buffer_beside, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles, tube
 
@@ -217,10 +217,6 @@ def test_point_caches_hold_the_positions_of_the_numbered_files(folder):
     np.testing.assert_allclose(positions, V, atol=1e-6)
 
 
-KINDS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-
-
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
     """Read a .glb and check what a validator checks: lengths, alignment, bounds, targets, animations."""
     data = Path(path).read_bytes()
@@ -231,20 +227,7 @@ def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
     assert struct.unpack("<I4s", data[20 + size : 28 + size]) == (len(binary), b"BIN\0")
     assert len(tree["buffers"]) == 1 and "uri" not in tree["buffers"][0]
     assert 0 <= len(binary) - tree["buffers"][0]["byteLength"] < 4
-    arrays = []
-    for accessor in tree["accessors"]:
-        view, dtype = tree["bufferViews"][accessor["bufferView"]], np.dtype(KINDS[accessor["componentType"]])
-        width = WIDTHS[accessor["type"]]
-        begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-        assert begin % dtype.itemsize == 0
-        stride = view.get("byteStride", width * dtype.itemsize)
-        assert (accessor["count"] - 1) * stride + width * dtype.itemsize <= view["byteLength"]
-        assert view.get("byteOffset", 0) + view["byteLength"] <= tree["buffers"][0]["byteLength"]
-        shape, strides = (accessor["count"], width), (stride, dtype.itemsize)
-        array = np.ndarray(shape, dtype, binary, begin, strides)
-        for name in accessor.keys() & {"min", "max"}:
-            np.testing.assert_array_equal(accessor[name], getattr(array, name)(axis=0).astype(float))
-        arrays.append(array)
+    numbers = arrays(tree, binary)
     for mesh in tree["meshes"]:
         counts = {len(p.get("targets", [])) for p in mesh["primitives"]}
         assert counts == {len(mesh.get("weights", []))}
@@ -260,37 +243,37 @@ def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
     for animation in tree.get("animations", []):
         for channel in animation["channels"]:
             sampler = animation["samplers"][channel["sampler"]]
-            clock = arrays[sampler["input"]]
+            clock = numbers[sampler["input"]]
             assert {"min", "max"} <= tree["accessors"][sampler["input"]].keys()
             assert clock.min() >= 0 and (np.diff(clock[:, 0]) > 0).all()
             if channel["target"]["path"] == "weights":
                 mesh = tree["meshes"][tree["nodes"][channel["target"]["node"]]["mesh"]]
-                assert len(arrays[sampler["output"]]) == len(clock) * len(mesh["weights"])
-    return tree, arrays
+                assert len(numbers[sampler["output"]]) == len(clock) * len(mesh["weights"])
+    return tree, numbers
 
 
-def shown_at(tree: dict, arrays: list[np.ndarray], mesh: int, name: str) -> np.ndarray:
+def shown_at(tree: dict, numbers: list[np.ndarray], mesh: int, name: str) -> np.ndarray:
     """Evaluate the animation at its keys: an attribute (k, n, 3) of the first primitive of a mesh."""
     animation = tree["animations"][-1]
     node = next(i for i, node in enumerate(tree["nodes"]) if node.get("mesh") == mesh)
     channel = next(c for c in animation["channels"] if c["target"] == {"node": node, "path": "weights"})
     sampler = animation["samplers"][channel["sampler"]]
     primitive = tree["meshes"][mesh]["primitives"][0]
-    targets = np.array([arrays[target[name]] for target in primitive["targets"]])
-    weights = arrays[sampler["output"]].reshape(-1, len(targets))
-    base = arrays[primitive["attributes"][name]][:, :3]
+    targets = np.array([numbers[target[name]] for target in primitive["targets"]])
+    weights = numbers[sampler["output"]].reshape(-1, len(targets))
+    base = numbers[primitive["attributes"][name]][:, :3]
     return base + np.einsum("kt,tni->kni", weights, targets)
 
 
 def test_a_glb_has_a_morph_target_and_a_key_for_each_pose(folder):
     for output in ("out_%d.ply", "out.glb", "out.gltf"):
         assert main(["deform", "body.ply", *poses(), "-o", output, *FAST, "--fps", "10"]) == 0
-    tree, arrays = read_gltf("out.glb")
-    np.testing.assert_allclose(shown_at(tree, arrays, 0, "POSITION"), vertices("out_*.ply"), atol=1e-6)
+    tree, numbers = read_gltf("out.glb")
+    np.testing.assert_allclose(shown_at(tree, numbers, 0, "POSITION"), vertices("out_*.ply"), atol=1e-6)
     sampler = tree["animations"][0]["samplers"][0]
-    np.testing.assert_allclose(arrays[sampler["input"]][:, 0], [0, 0.1, 0.2, 0.3], atol=1e-7)
+    np.testing.assert_allclose(numbers[sampler["input"]][:, 0], [0, 0.1, 0.2, 0.3], atol=1e-7)
     rest = tree["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
-    np.testing.assert_allclose(arrays[rest], BODY.V, atol=1e-6)
+    np.testing.assert_allclose(numbers[rest], BODY.V, atol=1e-6)
     text = json.loads(Path("out.gltf").read_text())
     assert text["accessors"] == tree["accessors"] and text["meshes"] == tree["meshes"]
 
@@ -316,12 +299,12 @@ def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
         write_handles(f"two_{number}.json", Handles(index, target, group=np.repeat([0, 1], len(second))))
     assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out.glb", *FAST]) == 0
     assert main(["deform", "two.glb", "two_0.json", "two_1.json", "-o", "out_%d.glb", *FAST]) == 0
-    tree, arrays = read_gltf("out.glb")
+    tree, numbers = read_gltf("out.glb")
     assert tree["materials"] == [{"name": "skin"}] and len(tree["meshes"]) == 2
     assert all("TEXCOORD_0" in m["primitives"][0]["attributes"] for m in tree["meshes"])
     for mesh in (0, 1):
         for name in ("POSITION", "NORMAL"):
-            shown = shown_at(tree, arrays, mesh, name)
+            shown = shown_at(tree, numbers, mesh, name)
             for number in (0, 1):
                 one, other = read_gltf(f"out_{number + 1}.glb")
                 truth = other[one["meshes"][mesh]["primitives"][0]["attributes"][name]]

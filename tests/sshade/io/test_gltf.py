@@ -10,7 +10,7 @@ import trimesh
 
 from sshade import InputError, Mesh
 from sshade.io.meshes import MeshFile, read_arrays, read_file, write_file
-from tests.gltf import glb, taken_apart, with_arrays
+from tests.gltf import arrays, glb, taken_apart, with_arrays
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
@@ -229,10 +229,8 @@ def test_nodes_that_no_scene_shows_keep_their_shape(tmp_path):
     write_file(tmp_path / "b.glb", file, file.V + [1, 0, 0])
     new, data = taken_apart((tmp_path / "b.glb").read_bytes())
     assert [node["mesh"] for node in new["nodes"]] == [2, 0]
-    accessor = new["accessors"][new["meshes"][2]["primitives"][0]["attributes"]["POSITION"]]
-    view = new["bufferViews"][accessor["bufferView"]]
-    hidden = np.frombuffer(data, "<f4", 3 * SPHERE.n, view["byteOffset"]).reshape(-1, 3)
-    assert np.array_equal(hidden, SPHERE.V.astype("f4"))
+    hidden = new["meshes"][2]["primitives"][0]["attributes"]["POSITION"]
+    assert np.array_equal(arrays(new, data)[hidden], SPHERE.V.astype("f4"))
     del tree["scenes"], tree["scene"]
     assert len(stored(tmp_path, tree, buffer).V) == 2 * SPHERE.n
 
@@ -266,11 +264,8 @@ def test_instances_are_written_as_meshes_that_share_what_does_not_move(tmp_path,
     assert found == [[0, 1, 2, 3], [6, 7, 8, 3], [9, 10, 11, 3]]
     assert [(p["indices"], p["material"]) for p in primitives if "indices" in p] == [(4, 0)] * 3
     for number in (6, 9):
-        views = [new["bufferViews"][new["accessors"][number + i]["bufferView"]] for i in range(3)]
-        positions, normals = (
-            np.frombuffer(data, "<f4", 3 * SPHERE.n, view["byteOffset"]).reshape(-1, 3) for view in views[:2]
-        )
-        assert new["accessors"][number]["min"] == positions.min(axis=0).tolist()
+        positions, normals = arrays(new, data)[number : number + 2]
+        assert "min" in new["accessors"][number]
         moved = number == 9
         assert (positions == SPHERE.V.astype("f4")).all() == (normals == SPHERE.V.astype("f4")).all() != moved
 
@@ -324,15 +319,6 @@ def test_lines_and_points_beside_triangles_have_vertices_without_faces(tmp_path,
     assert np.allclose(read_file(tmp_path / "b.glb").V, file.V + [1, 0, 0], atol=1e-6)
 
 
-def test_numbers_that_share_bytes_are_taken_apart(tmp_path):
-    """Normals use the bytes of the positions, as they may on a unit sphere, or overlap the positions."""
-    for changes in ({f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}):
-        file = stored(tmp_path, *exported(**changes))
-        assert np.allclose(file.V[:-3], SPHERE.V.astype("f4") @ PLACE.T + [0, 1, 0])
-        write_file(tmp_path / "b.glb", file, file.V[:, [1, 2, 0]] + [1, 0, 0])
-        assert np.allclose(read_file(tmp_path / "b.glb").V, file.V[:, [1, 2, 0]] + [1, 0, 0], atol=1e-6)
-
-
 PRIMITIVE = "meshes.0.primitives.0"
 
 
@@ -351,15 +337,11 @@ def sparse(view: int, offset: int) -> dict:
         ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
         ({"accessors.0.componentType": 5125}, "POSITION has numbers of type 5125"),
         ({"accessors.0.sparse": sparse(0, 2)}, "sparse numbers of its accessor 0 reach beyond"),
-        ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed buffers"),
-        ({f"{PRIMITIVE}.targets": [{}]}, "morph targets"),
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "their own ancestors"),
         ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
         ({"asset.version": "1.0"}, "version 2"),
         ({"buffers.0.byteLength": 10**9}, "bytes of the"),
-        ({"buffers.0.uri": "gone.bin"}, "its buffer gone.bin is missing"),
-        ({"buffers.0.uri": "https://a.org/b.bin"}, "not a file beside it"),
         ({"buffers.0.byteLength": 9600}, "reaches out of its buffer"),
         ({"bufferViews.0.byteLength": 8}, "reaches out of its view"),
         ({"bufferViews.0.byteStride": 8, f"{PRIMITIVE}.attributes": {"POSITION": 0}}, "overlap each other"),

@@ -10,7 +10,7 @@ from sshade.io.meshes import read_file, write_file
 from tests.full import few
 from tests.gltf import glb, taken_apart
 from tests.shapes import bent
-from tests.sshade.io.test_gltf import SPHERE, exported, stored
+from tests.sshade.io.test_gltf import PRIMITIVE, SPHERE, exported, stored
 
 #: Values that replace the numbers of the JSON: mostly NUMBERS for whole numbers, otherwise FLOATS.
 NUMBERS = (-1, 0, 1, 2, 3, 4, 5, 6, 12, 16, 24, 36, 40, 44, 52, 100, 162, 480, 5121, 5123, 5125, 5126)
@@ -107,6 +107,12 @@ def accessors(tree, number):
     return [
         tree["meshes"][0]["primitives"][number]["attributes"][n] for n in ("POSITION", "NORMAL", "TANGENT")
     ]
+
+
+@pytest.mark.parametrize("changes", [{f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}])
+def test_numbers_that_share_bytes_are_taken_apart(tmp_path, changes):
+    """Normals use the bytes of the positions, as they may on a unit sphere, or overlap the positions."""
+    assert outcome(*exported(**changes), tmp_path) == "written"
 
 
 def test_two_sets_of_positions_with_the_same_normals_get_normals_of_their_own(tmp_path):

@@ -89,19 +89,3 @@ def test_files_of_meshlab(tmp_path, suffix):
         assert old.has_face_color() == new.has_face_color()
         if old.has_face_color():
             assert np.array_equal(old.face_color_matrix(), new.face_color_matrix())
-
-
-def test_a_scene_of_trimesh_with_instances(tmp_path):
-    scene, shape = trimesh.Scene(), trimesh.Trimesh(SPHERE.V, SPHERE.F, process=False, **SHAPES["texture"])
-    mirror = np.diag([-1.0, 1, 1, 1])
-    mirror[0, 3] = 5
-    scene.add_geometry(shape, node_name="one", geom_name="sphere")
-    scene.graph.update("two", geometry="sphere", matrix=mirror)
-    scene.export(tmp_path / "a.glb", include_normals=True)
-    file = read_file(tmp_path / "a.glb")
-    assert len(file.V) == 2 * SPHERE.n and len(file.notes) == 1
-    write_file(tmp_path / "b.glb", file, moved(file.V))
-    for name, V in (("a.glb", file.V), ("b.glb", moved(file.V))):
-        shown = trimesh.load(tmp_path / name, process=False).to_mesh()
-        assert np.allclose(shown.vertices.mean(axis=0), V.mean(axis=0), atol=1e-6)
-        assert np.isclose(np.linalg.det(V[file.F]).sum(), np.linalg.det(shown.triangles).sum(), rtol=1e-5)
