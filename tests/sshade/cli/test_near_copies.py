@@ -11,10 +11,11 @@ import trimesh
 
 from sshade import Mesh, deform
 from sshade.cli.main import main
-from sshade.io.meshes import read_arrays, write_mesh
+from sshade.io.meshes import read_arrays
 from sshade.io.objects import opened
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
 from tools.corpus.plain import content
+from tools.corpus.shapes import shuffled, split
 
 SHAPES = {
     "sphere": bumpy(2),
@@ -27,29 +28,19 @@ SHAPES = {
 }
 
 
-def noisy(mesh: Mesh, *, soup: bool, single: bool, rng) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def noisy(mesh: Mesh, *, whole: bool, single: bool, rng) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, faces, and the vertex of `mesh` for each vertex: split, with noise, shuffled, turned."""
-    own = np.ones(mesh.m, dtype=bool) if soup else rng.random(mesh.m) < rng.choice([0.1, 0.5, 0.9])
-    corners = np.where(own[:, None], mesh.n + np.arange(3 * mesh.m).reshape(-1, 3), mesh.F)
-    used, corners = np.unique(corners, return_inverse=True)
-    origin = np.concatenate([np.arange(mesh.n), mesh.F.ravel()])[used]
-    order = np.arange(len(used)) if soup else rng.permutation(len(used))
-    V, F = np.empty((len(used), 3)), order[corners.reshape(-1, 3)]
-    V[order] = mesh.V[origin]
-    place = np.empty(len(used), dtype=np.int64)
-    place[order] = origin
+    numbered = np.column_stack([mesh.V, np.arange(mesh.n)]), mesh.F
+    share = 1.0 if whole else rng.choice([0.1, 0.5, 0.9])
+    V, F = shuffled(split(numbered, share, rng), rng)
+    V, origin = V[:, :3], V[:, 3].astype(np.int64)
     if single:
         steps = np.spacing(np.abs(V).max(axis=0).astype(np.float32))
         V = V.astype(np.float32) + steps * rng.integers(-2, 3, V.shape).astype(np.float32)
     else:
         V = V + rng.uniform(-1e-9, 1e-9, V.shape) * mesh.diagonal
-    if not soup:
-        F = np.array(
-            [np.roll(f, k) for f, k in zip(rng.permutation(F), rng.integers(0, 3, len(F)), strict=True)]
-        )
     turned = rng.random(mesh.m) < rng.choice([0.0, 0.3])
-    F = np.where(turned[:, None], F[:, ::-1], F)
-    return np.asarray(V, dtype=np.float64), F, place
+    return V.astype(np.float64), np.where(turned[:, None], F[:, ::-1], F), origin
 
 
 @pytest.mark.parametrize(
@@ -62,16 +53,13 @@ def noisy(mesh: Mesh, *, soup: bool, single: bool, rng) -> tuple[np.ndarray, np.
 def test_split_and_noisy_vertices_stay_together(here, shape, name):
     mesh, single = SHAPES[shape], name in ("soup.stl", "float.ply", "mesh.glb")
     rng = np.random.default_rng(sum(map(ord, shape + name)))
-    V, F, origin = noisy(mesh, soup=name.endswith(".stl"), single=single, rng=rng)
-    if name == "float.ply":
-        Path(name).write_bytes(content((V, F), "f4.ply"))
-    else:
-        write_mesh(name, V, F)
+    V, F, origin = noisy(mesh, whole=name.endswith(".stl"), single=single, rng=rng)
+    Path(name).write_bytes(content((V, F), "f4.ply" if name == "float.ply" else Path(name).suffix))
     low, high = mesh.V.min(axis=0) - 0.01 * mesh.diagonal, mesh.V.max(axis=0) + 0.01 * mesh.diagonal
-    third, up = (high[1] - low[1]) / 3, {"kind": "dynamic", "rotation": np.eye(3).tolist()}
-    down = {"kind": "static", "boxes": [[low.tolist(), [high[0], low[1] + third, high[2]]]]}
-    up |= {"boxes": [[[low[0], high[1] - third, low[2]], high.tolist()]]}
-    up |= {"translation": (0.1 * (high - low)).tolist()}
+    third = (high[1] - low[1]) / 3
+    down = {"boxes": [[low.tolist(), [high[0], low[1] + third, high[2]]]]}
+    up = {"boxes": [[[low[0], high[1] - third, low[2]], high.tolist()]]}
+    up["translation"] = (0.1 * (high - low)).tolist()
     Path("pose.json").write_text(json.dumps({"handles": [down, up]}))
     rest = read_arrays(name)[0]
     origin = origin[F.ravel()] if name.endswith(".stl") else origin
@@ -95,7 +83,7 @@ def test_split_and_noisy_vertices_stay_together(here, shape, name):
 )
 def test_python_joins_the_copies_too(made):
     mesh = SHAPES["sphere"]
-    V, F, origin = noisy(mesh, soup=True, single=True, rng=np.random.default_rng(5))
+    V, F, origin = noisy(mesh, whole=True, single=True, rng=np.random.default_rng(5))
     b = np.array([np.argmax(V[:, 2]), np.argmin(V[:, 2])])
     moved = deform(*made(V.astype(np.float32), F), b, V[b] * 1.2, vertices=60)
     assert_together(np.asarray(opened(moved).V if opened(moved) else moved), origin)
