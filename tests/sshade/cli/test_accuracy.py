@@ -9,16 +9,22 @@ from sshade import DeformationTask, Handles, deform
 from sshade.cli.main import main
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
-from tests.shapes import bumpy, end_handles
+from tests.robustness.inputs import BODY, pose
 
-BODY = bumpy(2)
-POSE = end_handles(BODY.V, shift=(0.3, 0, 0.2))
+POSE = pose(BODY.V)
 FAR = 1e5 * BODY.diagonal * np.array([1, 0.5, -0.7])
 
 
-def run(output: str, *options: str, mesh: str = "body.ply", handles: Handles = POSE) -> None:
-    write_handles("pose.json", handles)
-    assert main(["deform", mesh, "pose.json", "-o", output, "--vertices", "60", *options]) == 0
+@pytest.fixture
+def run(sound, capsys):
+    """Deform a mesh file of the folder; return what is said."""
+
+    def run(output: str, *options: str, mesh: str = "body.ply", handles: Handles = POSE) -> str:
+        write_handles("pose.json", handles)
+        assert main(["deform", mesh, "pose.json", "-o", output, "--vertices", "60", *options]) == 0
+        return capsys.readouterr().err
+
+    return run
 
 
 def said_to_be_reached(err: str) -> float:
@@ -33,10 +39,8 @@ def largest_error(path: str, handles: Handles, diagonal: float) -> float:
 
 
 @pytest.mark.parametrize("method", ["paper", "fast", "fine", "fine_free"])
-def test_hard_handles_that_miss_are_a_warning(here, capsys, method):
-    write_mesh("body.ply", BODY.V, BODY.F)
-    run("out.ply", "--method", method)
-    err = capsys.readouterr().err
+def test_hard_handles_that_miss_are_a_warning(run, method):
+    err = run("out.ply", "--method", method)
     error = largest_error("out.ply", POSE, BODY.diagonal)
     assert said_to_be_reached(err) == pytest.approx(error, rel=0.06, abs=1e-12)
     if method == "paper":
@@ -47,32 +51,27 @@ def test_hard_handles_that_miss_are_a_warning(here, capsys, method):
         assert error < 1e-9 and "warning" not in err
 
 
-def test_soft_handles_are_counted_apart_and_are_no_warning(here, capsys):
-    write_mesh("body.ply", BODY.V, BODY.F)
+def test_soft_handles_are_counted_apart_and_are_no_warning(run):
     weight = np.where(np.arange(len(POSE)) < 3, 0.5, np.inf)
     target = POSE.target + 0.1 * weight[:, None].clip(max=1)
-    run("out.ply", handles=Handles(POSE.index, target, weight=weight))
-    err = capsys.readouterr().err
+    err = run("out.ply", handles=Handles(POSE.index, target, weight=weight))
     assert f"{len(POSE) - 3} handles reached to 0 % and 3 soft handles to " in err and "warning" not in err
-    run("out.ply", "--weight", "1")
-    err = capsys.readouterr().err
+    err = run("out.ply", "--weight", "1")
     assert f"out.ply: {BODY.n} vertices, {len(POSE)} soft handles to " in err.splitlines()[0]
 
 
-def test_one_handle_is_singular(here, capsys):
-    write_mesh("body.ply", BODY.V, BODY.F)
-    run("out.ply", handles=Handles(POSE.index[:2], POSE.target[:2], weight=[np.inf, 1.0]))
-    assert re.search(r"1 handle reached to \S+ % and 1 soft handle to ", capsys.readouterr().err)
+def test_one_handle_is_singular(run):
+    err = run("out.ply", handles=Handles(POSE.index[:2], POSE.target[:2], weight=[np.inf, 1.0]))
+    assert re.search(r"1 handle reached to \S+ % and 1 soft handle to ", err)
 
 
 @pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "glb", "gltf"])
-def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(here, capsys, suffix):
+def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(run, suffix):
     """The mesh is in double precision; STL and glTF round it to steps of about 1 % of the diagonal."""
     write_mesh("body.ply", BODY.V + FAR, BODY.F)
     far = Handles(POSE.index, POSE.target + FAR)
     output = f"out.{suffix}"
-    run(output, handles=far)
-    err = capsys.readouterr().err
+    err = run(output, handles=far)
     if suffix in ("ply", "obj", "off"):
         assert said_to_be_reached(err) < 1e-9 and "single precision" not in err
         return
@@ -83,14 +82,14 @@ def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(here, 
     assert "warning" not in err  # the method is exact; only the format rounds
 
 
-def test_a_mesh_that_was_rounded_before_is_noted(here, capsys):
+def test_a_mesh_that_was_rounded_before_is_noted(run):
     write_mesh("far.glb", BODY.V + 0.1 * FAR, BODY.F)
     mesh = read_mesh("far.glb")
-    run("out.ply", mesh="far.glb", handles=Handles(POSE.index, mesh.V[POSE.index] + [0.1, 0, 0]))
-    assert "note: positions in far.glb are rounded to steps of" in capsys.readouterr().err
+    err = run("out.ply", mesh="far.glb", handles=Handles(POSE.index, mesh.V[POSE.index] + [0.1, 0, 0]))
+    assert "note: positions in far.glb are rounded to steps of" in err
     write_mesh("near.glb", BODY.V, BODY.F)
-    run("out.glb", mesh="near.glb", handles=Handles(POSE.index, read_mesh("near.glb").V[POSE.index]))
-    assert "single precision" not in capsys.readouterr().err
+    near = Handles(POSE.index, read_mesh("near.glb").V[POSE.index])
+    assert "single precision" not in run("out.glb", mesh="near.glb", handles=near)
 
 
 @pytest.mark.parametrize("method", ["paper", "fast", "fine", "fine_free"])

@@ -8,10 +8,7 @@ import pytest
 
 from sshade.cli.console import run_command
 from sshade.cli.limits import LIBRARIES, STACKS, require_memory
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
 from sshade.threads import available_cpus
-from tests.shapes import bumpy, end_handles
 
 resource = pytest.importorskip("resource")
 DEFORM = ["sshade", "deform", "body.ply", "pose.json", "-o", "out.ply", "--vertices", "60"]
@@ -28,16 +25,9 @@ def run(line: list[str], limit: int, kind: int = resource.RLIMIT_AS) -> subproce
     return subprocess.run([sys.executable, "-c", code, *line], capture_output=True, text=True, timeout=100)
 
 
-@pytest.fixture
-def body(here):
-    mesh = bumpy(3)
-    write_mesh("body.ply", mesh.V, mesh.F)
-    write_handles("pose.json", end_handles(mesh.V, shift=(0.3, 0, 0.2)))
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not enforce these limits")
 @pytest.mark.parametrize("limit", [80, 150, 300, 450, 600])
-def test_too_low_a_limit_is_one_sentence_before_libraries_are_imported(body, limit):
+def test_too_low_a_limit_is_one_sentence_before_libraries_are_imported(sound, limit):
     for kind, flag in ((resource.RLIMIT_AS, "-v"), (resource.RLIMIT_DATA, "-d")):
         done = run(DEFORM, limit * 1_000_000, kind)
         assert (done.returncode, done.stdout) == (2, ""), done.stderr
@@ -47,14 +37,14 @@ def test_too_low_a_limit_is_one_sentence_before_libraries_are_imported(body, lim
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not enforce these limits")
-def test_the_limit_that_is_asked_for_is_enough(body):
+def test_the_limit_that_is_asked_for_is_enough(sound):
     done = run(DEFORM, LEAST + 10_000_000)
     assert done.returncode == 0 and Path("out.ply").exists(), done.stderr
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not enforce these limits")
 @pytest.mark.parametrize("line", ["defaust verify body", "eval tables body", "sshade show body.ply -o a.png"])
-def test_every_program_checks_the_limit(body, line):
+def test_every_program_checks_the_limit(sound, line):
     done = run(line.split(), 300_000_000)
     assert done.returncode == 2 and "the limit is 300 MB" in done.stderr, done.stderr
 
