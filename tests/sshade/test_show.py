@@ -11,6 +11,7 @@ from sshade.io.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 from tests.robustness.case import assert_refused
+from tests.robustness.inputs import BODY
 from tests.shapes import end_handles, rotation
 
 
@@ -69,24 +70,13 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     assert np.nonzero(coloured(pixels, **YELLOW))[0].max() < 0.1 * height
 
 
-@pytest.fixture
-def files(body, tmp_path):
-    mesh, posed, handles = (tmp_path / name for name in ("rest.ply", "posed.ply", "handles.json"))
-    write_mesh(mesh, body.V, body.F)
-    write_mesh(posed, body.V * [1, 1, 1.5], body.F)
-    write_handles(handles, end_handles(body.V, count=2, shift=[0, 0, 2.0]))
-    return mesh, handles, posed
-
-
-LOOK = ["--towards", "1", "0", "0", "--up", "0", "0", "1"]
-
-
-def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
-    mesh, handles, posed = map(str, files)
-    out = tmp_path / "both.png"
-    assert main(["show", mesh, handles, "--deformed", posed, "-o", str(out), *LOOK]) == 0
-    assert str(out) in capsys.readouterr().err
-    pixels = (255 * pyplot.imread(out)[..., :3]).astype(int)
+def test_show_writes_a_picture_with_targets_and_errors(sound, capsys):
+    write_mesh("posed.ply", BODY.V * [1, 1, 1.5], BODY.F)
+    write_handles("pose.json", end_handles(BODY.V, count=2, shift=[0, 0, 2.0]))
+    line = "show body.ply pose.json --deformed posed.ply -o both.png --towards 1 0 0 --up 0 0 1"
+    assert main(line.split()) == 0
+    assert "both.png" in capsys.readouterr().err
+    pixels = (255 * pyplot.imread("both.png")[..., :3]).astype(int)
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
     for panel in (left, right):
         assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
@@ -94,19 +84,19 @@ def test_show_writes_a_picture_with_targets_and_errors(files, tmp_path, capsys):
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
 
 
-def test_a_view_along_the_upward_direction_is_refused(files, here):
-    arguments = ["show", files[0], "-o", "shape.png", "--towards", "0", "2", "0"]
-    assert_refused("sshade", arguments, "looks along the upward direction")
+def test_a_view_along_the_upward_direction_is_refused(sound):
+    line = "show body.ply -o shape.png --towards 0 2 0"
+    assert_refused("sshade", line.split(), "looks along the upward direction")
 
 
-def test_without_a_display_a_picture_is_asked_for(files, here, monkeypatch):
+def test_without_a_display_a_picture_is_asked_for(sound, monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
-    assert_refused("sshade", ["show", files[0]], "no display")
+    assert_refused("sshade", ["show", "body.ply"], "no display")
 
 
-def test_with_nothing_to_draw_with_the_libraries_are_told(files, here, monkeypatch):
+def test_with_nothing_to_draw_with_the_libraries_are_told(sound, monkeypatch):
     class Last:
         def GetClassName(self):
             return "vtkOSOpenGLRenderWindow"
@@ -123,4 +113,4 @@ def test_with_nothing_to_draw_with_the_libraries_are_told(files, here, monkeypat
     _require_renderer()
     found.clear()
     _require_renderer.cache_clear()
-    assert_refused("sshade", ["show", files[0], "-o", "a.png"], "apt install libegl1 libgl1-mesa-dri")
+    assert_refused("sshade", ["show", "body.ply", "-o", "a.png"], "apt install libegl1 libgl1-mesa-dri")

@@ -70,23 +70,14 @@ def test_a_python_that_no_blender_runs_is_refused(monkeypatch, capsys, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def installed(tmp_path):
-    """An installed package, and the wheel that it came from, which has scripts and data."""
-    wheel, place = small_wheel(tmp_path), tmp_path / "installed"
+def test_an_installed_package_is_packed_into_its_wheel_again(tmp_path):
+    """The package has scripts and data."""
+    wheel, place, about = small_wheel(tmp_path), tmp_path / "installed", "sshade_probe-1.0.dist-info"
     with ZipFile(wheel, "a") as archive:
-        archive.writestr(
-            "sshade_probe-1.0.dist-info/entry_points.txt", "[console_scripts]\nprobe = os:getcwd\n"
-        )
+        archive.writestr(f"{about}/entry_points.txt", "[console_scripts]\nprobe = os:getcwd\n")
     subprocess.run([*PIP, "--target", place, wheel], check=True)
-    return PathDistribution(place / "sshade_probe-1.0.dist-info"), wheel
-
-
-def test_an_installed_package_is_packed_into_its_wheel_again(installed, tmp_path):
-    package, wheel = installed
-    folder = tmp_path / "again"
-    folder.mkdir()
-    again = blender.repacked(package, folder)
+    (tmp_path / "again").mkdir()
+    again = blender.repacked(PathDistribution(place / about), tmp_path / "again")
     assert again.name == wheel.name
     with ZipFile(wheel) as one, ZipFile(again) as other:
         assert set(one.namelist()) == set(other.namelist())

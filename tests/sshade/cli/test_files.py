@@ -10,50 +10,46 @@ from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_mesh, write_mesh
 from sshade.task import Handles
 from tests.gltf import buffer_beside
-from tests.shapes import as_obj, bumpy, end_handles, torn
+from tests.robustness.inputs import BODY, pose
+from tests.shapes import as_obj, torn
 
-BODY = bumpy(2)
-POSE = end_handles(BODY.V, shift=(0.3, 0, 0.2))
+POSE = pose(BODY.V)
 V, F, SEAM = torn(BODY)
 
 
-@pytest.fixture
-def folder(here) -> Path:
-    """Write a closed body, a copy with vertices doubled along a texture seam, and handles for each."""
-    write_mesh("whole.ply", BODY.V, BODY.F)
+@pytest.fixture(autouse=True)
+def seam(sound) -> None:
+    """Write a copy of the body with vertices doubled along a texture seam, and its handles."""
     Path("seam.obj").write_text(as_obj(V, F))
-    write_handles("whole.json", POSE)
     write_handles("seam.json", Handles(POSE.index + 1, POSE.target))
-    return here
 
 
-def test_a_seam_stays_closed_and_changes_nothing(folder, capsys):
-    for name in ("whole.ply", "seam.obj"):
-        handles = name.replace(name[-3:], "json")
+def test_a_seam_stays_closed_and_changes_nothing(capsys):
+    for name, handles in ("body.ply", "pose.json"), ("seam.obj", "seam.json"):
         assert main(["deform", name, handles, "-o", f"out_{name}", "--vertices", "60"]) == 0
     said = capsys.readouterr().err
     assert f"{len(SEAM)} vertices share their place with another vertex" in said
     assert "loses the" not in said
     moved, faces = read_arrays("out_seam.obj")
-    assert np.array_equal(moved[1 : 1 + BODY.n], read_mesh("out_whole.ply").V)
+    assert np.array_equal(moved[1 : 1 + BODY.n], read_mesh("out_body.ply").V)
     assert np.array_equal(moved[1 + BODY.n :], moved[SEAM]) and np.array_equal(faces, F)
     old, new = (Path(name).read_text().splitlines() for name in ("seam.obj", "out_seam.obj"))
     for a, b in zip(old, new, strict=True):
         assert a == b or (a[:2] == b[:2] == "v " and a.split()[4:] == b.split()[4:] == ["0.5"] * 3)
 
 
-def test_what_the_output_cannot_hold_is_said_first(folder, capsys):
+def test_what_the_output_cannot_hold_is_said_first(capsys):
     assert main(["deform", "seam.obj", "seam.json", "-o", "out.stl", "--vertices", "60"]) == 0
     first = capsys.readouterr().err.splitlines()[0]
     assert first == (
         "note: out.stl loses the texture coordinates, vertex colours, materials and comments of "
         "seam.obj, because it has another format"
     )
-    assert main(["deform", "whole.ply", "whole.json", "-o", "out.stl", "--vertices", "60"]) == 0
+    assert main(["deform", "body.ply", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
     assert "loses the" not in capsys.readouterr().err
 
 
-def test_remesh_carry_and_transfers_keep_the_file_too(folder):
+def test_remesh_carry_and_transfers_keep_the_file_too():
     own, faces = V[1:], F - 1  # without the unused vertex, which these commands refuse
     Path("seam.obj").write_text(as_obj(own, faces))
     assert main(["remesh", "seam.obj", "-o", "proxy.ply", "--map", "m.npz", "--vertices", "40"]) == 0
@@ -72,12 +68,12 @@ def test_remesh_carry_and_transfers_keep_the_file_too(folder):
         assert old == new
 
 
-def test_buffers_beside_a_gltf_are_never_written(folder):
+def test_buffers_beside_a_gltf_are_never_written():
     write_mesh("body.gltf", BODY.V, BODY.F)
     data = buffer_beside("body.gltf")
     Path("far").mkdir()
     for output in ("out.gltf", "far/body.gltf", "body.gltf"):
-        line = ["deform", "body.gltf", "whole.json", "-o", output, "--vertices", "60", "--overwrite"]
+        line = ["deform", "body.gltf", "pose.json", "-o", output, "--vertices", "60", "--overwrite"]
         assert main(line) == 0
         assert Path("body.bin").read_bytes() == data
     assert np.array_equal(read_arrays("far/body.gltf")[0], read_arrays("out.gltf")[0])

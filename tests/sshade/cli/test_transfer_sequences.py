@@ -52,10 +52,8 @@ def test_a_folder_of_poses_moves_an_edited_copy_as_single_transfers_do(folder):
 
 
 def test_the_output_has_the_contents_of_the_edited_shape_and_numbers_are_in_order(folder):
-    lines = Path("edited.ply")
     write_mesh("edited.obj", BODY.V * [1.0, 1.1, 1.0], BODY.F)
     Path("edited.obj").write_text("o edited\n" + Path("edited.obj").read_text())
-    lines.unlink()
     Path("poses/walk_2.ply").rename("poses/walk_10.ply")
     Path("poses/walk_1.ply").rename("poses/walk_9.ply")
     assert main(["transfer-pose", "rest.ply", "poses", "edited.obj", "-o", "out_%02d.obj", *SMALL]) == 0
