@@ -266,7 +266,7 @@ def test_no_command_overwrites_an_input_unasked(sound, line, output):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
 @pytest.mark.parametrize("closed_stream", [">&-", "2>&-"])
-def test_a_closed_stream_changes_no_result(folder, closed_stream):
+def test_a_closed_stream_changes_no_result(sound, closed_stream):
     line = f'exec "$0" -m sshade {" ".join(DEFORM)} {closed_stream}'
     assert subprocess.run(["sh", "-c", line, sys.executable], capture_output=True).returncode == 0
     assert Path("out.ply").is_file()
