@@ -116,7 +116,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
     ------
     InputError
         If no run has begun, the rows are of several datasets or versions, the rows of a method have
-        different configurations or repeat a run, or the reference is no method of the ranks.
+        different configurations or repeat a run, or the reference has no rank.
     """
     if begun(rows).empty:
         raise InputError(f"none of the {len(rows)} planned runs has begun, so there is no table of them")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import CACHES, MORPHS, SUFFIXES, MeshFile
-from sshade.io.files import check_output, naming
+from sshade.io.files import check_output, identity, naming
 from sshade.io.numbered import NumberedFiles, chained_keys, has_number, input_checksum
 from sshade.io.poses import Poses, is_animation, read_poses
 from sshade.options import Options
@@ -125,14 +124,12 @@ def write_poses(
             return f"{output}: {_poses(count)}{' without their times, which .mdd and .glb keep' * lost}"
         files = NumberedFiles(output, keys)
         # A comparison of all files with all inputs would take minutes for thousands of poses.
-        taken = {(found.st_dev, found.st_ino) for found in map(os.stat, filter(os.path.exists, inputs))}
+        taken = {identity(path) for path in inputs} - {None}
         for path, suffixes in [
             (files.record, (".json",)),
             *((files.path(i), SUFFIXES) for i in range(count)),
         ]:
-            found = path.stat() if path.exists() else None
-            is_input = found is not None and (found.st_dev, found.st_ino) in taken
-            check_output(path, suffixes, inputs=inputs if is_input else (), overwrite=None)
+            check_output(path, suffixes, inputs=inputs if identity(path) in taken else (), overwrite=None)
         before = read_back(files.path(files.kept - 1), file) if 0 < files.kept < count else None
         for number in range(files.kept, count):
             progress("poses", number, count)

@@ -238,10 +238,17 @@ def check_output(
 
 def is_same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
     """Whether two paths are one file, also through links and on file systems that ignore case."""
+    found = identity(path)
+    return found is not None and found == identity(other)
+
+
+def identity(path: str | os.PathLike[str]) -> tuple[int, int] | None:
+    """Return the device and the number of a file, which are equal for all its names; None without a file."""
     try:
-        return os.path.samefile(path, other)
+        found = os.stat(path)
     except OSError:
-        return False
+        return None
+    return found.st_dev, found.st_ino
 
 
 def check_suffix(path: Path, suffixes: Collection[str]) -> None:

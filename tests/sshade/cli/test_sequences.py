@@ -186,7 +186,7 @@ def test_options_that_the_editor_saved_are_named_where_a_sequence_does_not_use_t
     Path("made.json").write_text(json.dumps(data))
     assert main(["deform", "body.ply", "made.json", "made.json", "-o", "out_%d.ply", *FAST]) == 0
     assert "made.json was saved with other values of method, volume; pass" in capsys.readouterr().err
-    # Commands without these options take the others.
+    # The command remesh takes the options that it has.
     assert main(["remesh", "body.ply", "--options", "made.json", "-o", "p.ply", "--map", "p.npz"]) == 0
 
 

@@ -329,14 +329,10 @@ def test_what_another_format_loses_is_named(tmp_path):
 
 def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
     """Each line of a vertex has one more value than the header declares."""
-    body, note = (
-        icosphere(1),
-        "further values than the header declares stay as they are: {} lines, from line 10",
-    )
-    more = columns("uchar", "more", np.ones((body.n, 1)))
-    (here / "a.ply").write_bytes(
-        mesh_ply(body.V, body.F, "", vertex=more).replace(b"property uchar more\n", b"")
-    )
+    body = icosphere(1)
+    note = "further values than the header declares stay as they are: {} lines, from line 10"
+    declared = mesh_ply(body.V, body.F, "", vertex=columns("uchar", "more", np.ones((body.n, 1))))
+    (here / "a.ply").write_bytes(declared.replace(b"property uchar more\n", b""))
     write_handles("a.json", end_handles(body.V))
     for command in (
         ["deform", "a.ply", "a.json", "-o", "b.ply", "--vertices", "30"],
