@@ -85,6 +85,17 @@ def test_a_sequence_goes_on_from_stored_vertices_with_the_same_bits():
         np.testing.assert_array_equal(result.vertices, whole[number])
 
 
+def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected():
+    mesh = bumpy(4)
+    ends = end_handles(mesh.V, count=mesh.n // 4)
+    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends)
+    poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
+    first, last = deform_sequence(task, poses, vertices=300)
+    again = Sequence(task, vertices=300)(poses[1], after=(poses[0], first.vertices))
+    assert again.extra["followed"]
+    np.testing.assert_array_equal(again.vertices, last.vertices)
+
+
 def test_converged_poses_do_not_depend_on_the_way_to_them():
     task = bar()
     there = bends(task, np.linspace(0.2, 0.4, 5))
