@@ -60,6 +60,12 @@ def pixels(locator) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(locator.screenshot())).convert("RGB")).astype(int)
 
 
+def portion(image: np.ndarray, channel: int, *, least: int = 60) -> float:
+    """Return the fraction of the pixels in which a channel is above `least` and twice the others."""
+    own, others = image[..., channel], np.delete(image, channel, axis=-1)
+    return float(((own > least) & (own[..., None] > 2 * others).all(axis=-1)).mean())
+
+
 def changed(before: np.ndarray, after: np.ndarray) -> float:
     """Return the fraction of the pixels that changed visibly."""
     return float((np.abs(before - after).max(axis=2) > 30).mean())

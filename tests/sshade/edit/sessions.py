@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sshade import Mesh, Slide
-from sshade.edit.groups import Motion
+from sshade.edit.groups import Group, Motion
 from sshade.edit.session import Session
 from sshade.io.meshes import write_mesh
 from tests.shapes import beside, bumpy, shifted, strip, torn, torus, tube
@@ -80,6 +80,16 @@ def tip(session: Session) -> int:
     session.select(np.array([int(np.argmax(session.mesh.V[:, 2]))]), "replace")
     session.reach(0.3)
     return session.mark("moving")
+
+
+def assert_same_groups(groups: tuple[Group, ...], others: tuple[Group, ...]) -> None:
+    for one, new in zip(groups, others, strict=True):
+        assert (one.name, one.kind, one.weight) == (new.name, new.kind, new.weight)
+        assert np.array_equal(one.vertices, new.vertices) and np.array_equal(one.target, new.target)
+        assert (one.slide is None) == (new.slide is None)
+        assert one.slide is None or (
+            one.slide.record == new.slide.record and one.slide.free == new.slide.free
+        )
 
 
 def settled(session: Session, number: int, motion: Motion) -> np.ndarray:

@@ -15,7 +15,18 @@ from sshade.io.handles import read_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from tests.shapes import as_obj, rotation, strip, torn
 from tests.sshade.edit.lent import unpacked
-from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, added, begun, marked, ready, switched, turned
+from tests.sshade.edit.sessions import (
+    BODY,
+    LIFT,
+    SHAPES,
+    added,
+    assert_same_groups,
+    begun,
+    marked,
+    ready,
+    switched,
+    turned,
+)
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -48,14 +59,12 @@ def test_saved_groups_are_opened_as_they_were():
     session.release(tip, Motion(rotation(1), np.zeros(3)))
     session.release(number, LIFT)
     session.save("handles", "pose.json")
+    saved = session.state.groups
     again = Session(Path("body.ply"), handles=Path("pose.json"))
     assert not again.history.can_undo and not again.is_unsaved and not again.is_converged
     session.open(Path("pose.json").read_bytes(), "pose.json")
     for other in again, session:
-        for group, new in zip(session.state.groups, other.state.groups, strict=True):
-            assert (group.name, group.kind, group.weight) == (new.name, new.kind, new.weight)
-            assert np.array_equal(group.vertices, new.vertices)
-            assert np.array_equal(group.target, new.target)
+        assert_same_groups(saved, other.state.groups)
     assert session.state.groups[1].name == "top"
     # The targets of a region determine its rotation. A single vertex needs a stored rotation.
     assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
