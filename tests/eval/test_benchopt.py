@@ -26,24 +26,20 @@ def test_what_is_written(case, capsys):
 
 
 @pytest.mark.parametrize(
-    ("methods", "repeated", "message"),
+    ("folder", "methods", "repeated", "message"),
     [
-        (["a-b=fast"], 1, "'a-b' is no name of a module"),
-        (["fast", "fast"], 1, "two methods are named 'fast'"),
-        (["fast"], 2, "two cases are named"),
-        (["nothing"], 1, "nothing"),
+        ("new", ["a-b=fast"], 1, "'a-b' is no name of a module"),
+        ("new", ["fast", "fast"], 1, "two methods are named 'fast'"),
+        ("new", ["fast"], 2, "two cases are named"),
+        ("new", ["nothing"], 1, "nothing"),
+        ("full", ["fast"], 1, "full exists; give a new or an empty folder"),
     ],
 )
-def test_refused_in_one_sentence(case, methods, repeated, message):
-    arguments = ["benchopt", "new", "--methods", *methods, "--cases", *[case] * repeated]
-    assert_refused("sshade-eval", arguments, message)
-
-
-def test_a_folder_in_use_is_refused(case):
+def test_refused_in_one_sentence(case, folder, methods, repeated, message):
     Path("full").mkdir()
     Path("full/file").touch()
-    arguments = ["benchopt", "full", "--methods", "fast", "--cases", case]
-    assert_refused("sshade-eval", arguments, "full exists; give a new or an empty folder")
+    arguments = ["benchopt", folder, "--methods", *methods, "--cases", *[case] * repeated]
+    assert_refused("sshade-eval", arguments, message)
 
 
 def test_benchopt_finds_the_same_figures(case):

@@ -17,14 +17,12 @@ from test_eval_interrupt import alive, start_eval
 
 from eval.main import call, main
 from eval.rows.collect import gather
-from eval.rows.frame import read_csv, records
+from eval.rows.frame import read_csv
 from eval.rows.store import read_row, read_vertices, run_folders
 from eval.run.code import CodeChanged
 from eval.run.recall import load_task
 from eval.run.run import run
 from sshade.errors import InputError
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
 from sshade.programs import ALLOWED
 from tests.full import few
 from tests.robustness.case import Case, attempt
@@ -160,13 +158,9 @@ def test_a_sweep_over_commands_goes_on_after_a_failure(here):
     assert "4 runs: 4 new (2 failed, 2 ok)" in ended.stdout
     assert "the program ended with exit code 1; its last line was: no" in ended.stdout
     assert " with a start-up of " in ended.stdout
-    rows = records(gather("single", [here / "out/runs/single"]))
-    assert sorted((row["seed"], row["status"]) for row in rows) == [
-        (0, "failed"),
-        (0, "ok"),
-        (1, "failed"),
-        (1, "ok"),
-    ]
+    rows = gather("single", [here / "out/runs/single"])
+    found = sorted(zip(rows["seed"], rows["status"], strict=True))
+    assert found == [(0, "failed"), (0, "ok"), (1, "failed"), (1, "ok")]
 
 
 @contextmanager
@@ -302,23 +296,11 @@ EVIL = {
 }
 
 
-@pytest.fixture
-def body(theirs, task):
-    write_mesh("body.ply", task.mesh.V, task.mesh.F)
-    write_handles("pose.json", task.handles)
-    return theirs
-
-
 @pytest.mark.parametrize(
-    ("place", "content"),
-    [
-        ("dataset", EVIL),
-        ("method", EVIL),
-        ("hydra/callbacks", {"evil": EVIL}),
-    ],
+    ("place", "content"), [("dataset", EVIL), ("method", EVIL), ("hydra/callbacks", {"evil": EVIL})]
 )
-def test_a_nested_call_is_no_way_around(body, place, content):
-    path = body / f"configs/{place}/evil.yaml"
+def test_a_nested_call_is_no_way_around(theirs, sound, place, content):
+    path = theirs / f"configs/{place}/evil.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(content))
     code_, _, err = run_command(f"sshade-eval run -cd configs {place}=evil {MINE}")
@@ -326,13 +308,13 @@ def test_a_nested_call_is_no_way_around(body, place, content):
     assert "not allowed" in err or "is not a list" in err  # Hydra's lists are no Python lists
 
 
-def test_nor_is_a_method_inside_another(body):
+def test_nor_is_a_method_inside_another(theirs):
     inner = {"_partial_": True, **{name: value for name, value in EVIL.items() if name != "task"}}
-    (body / "configs/method/evil.yaml").write_text(yaml.safe_dump({"defaults": ["paper"], "coarse": inner}))
+    (theirs / "configs/method/evil.yaml").write_text(yaml.safe_dump({"defaults": ["paper"], "coarse": inner}))
     refused(f"sshade-eval run -cd configs method=evil dataset=hairpin {MINE}")
 
 
-def test_the_task_of_a_row_runs_nothing(body):
+def test_the_task_of_a_row_runs_nothing(theirs, sound):
     row = {"task.name": "t", "task.source": json.dumps(EVIL), "task.checksum": "", "task.vertices": 1}
     with pytest.raises(InputError, match="the row of t runs the program `sh evil.sh`, which is not allowed"):
         load_task(row)
