@@ -46,13 +46,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def printed(folder, **environment):
-    done = subprocess.run(
-        [sys.executable, "-c", CALLS],
-        cwd=folder,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-    )
+    told = {"cwd": folder, "env": os.environ | environment}
+    done = subprocess.run([sys.executable, "-c", CALLS], capture_output=True, text=True, **told)
     assert done.returncode == 0 and not done.stderr, done.stderr
     return [line for line in done.stdout.split() if line in ("total", "double", "None", "x86-64-v3")]
 

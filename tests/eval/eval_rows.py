@@ -51,13 +51,8 @@ def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str =
 
 def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
     """Return the row of a run that was planned and never started."""
-    return {
-        "method.name": method,
-        "task.name": task,
-        "seed": seed,
-        "status": "missing",
-        "reason": "planned, never run",
-    }
+    run = {"method.name": method, "task.name": task, "seed": seed}
+    return run | {"status": "missing", "reason": "planned, never run"}
 
 
 def frame(*rows: Row) -> pd.DataFrame:

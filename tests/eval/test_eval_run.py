@@ -150,12 +150,8 @@ def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
     def key(task=task, method=STRETCHING, **options):
         return run(task, method, name="s", root=tmp_path, **options).row["key"]
 
-    keys = [
-        key(),
-        key(method={**STRETCHING, "factor": 3.0}),
-        key(task=bumpy_task(level=2, angle=31.0)),
-        key(seed=1),
-    ]
+    other = bumpy_task(level=2, angle=31.0)
+    keys = [key(), key(method={**STRETCHING, "factor": 3.0}), key(task=other), key(seed=1)]
     assert len(set(keys)) == 4
     # The keys warm_up and _partial_ do not change the result.
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]

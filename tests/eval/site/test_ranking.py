@@ -39,15 +39,8 @@ def test_methods_that_cannot_be_told_apart_share_a_rank_and_methods_without_mean
     rows = [near("slow", 1.001, noise=-0.5), near("best", 0.5), near("fast", 1.01), near("far", 3.0)]
     found = ranking_of(*rows, [lost("none", "bodies/subject_0/pose_1")], seconds={"best": 12.345})
     (ranking,) = found["truth (%)"]
-    assert ranking.labels == [
-        "rank",
-        "method",
-        "truth (%)",
-        "difference to best",
-        "volume (%)",
-        "EL (%)",
-        TIME,
-    ]
+    labels = ["rank", "method", "truth (%)", "difference to best", "volume (%)", "EL (%)", TIME]
+    assert ranking.labels == labels
     places = [(texts[0], texts[1], texts[2], texts[-1]) for _, texts in ranking.lines]
     assert places[0] == ("1", "best", "0.55", "12.3") and places[3] == ("4", "far", "3.05", "-")
     assert [text[:3] for text in places[1:3]] == [("2 =", "slow", "0.98"), ("2 =", "fast", "1.06")]
@@ -160,19 +153,8 @@ def test_several_versions_of_the_projects_rows_are_refused():
 
 @pytest.mark.parametrize("differs", ("env.machine", "env.version.code", "task.checksum"))
 def test_times_of_two_machines_versions_or_cases_are_refused(tmp_path, differs):
-    timed = [
-        row(
-            name,
-            "x",
-            method__hash=name,
-            kept=True,
-            round=1,
-            threads=1,
-            env__machine_id="1",
-            seconds__total=3.0,
-        )
-        for name in "ab"
-    ]
+    facts = {"kept": True, "round": 1, "threads": 1, "env.machine_id": "1", "seconds.total": 3.0}
+    timed = [row(name, "x", method__hash=name) | facts for name in "ab"]
     timed[1][differs] = "another"
     write_csv(tmp_path / "timing" / "speed.csv", frame(*timed))
     (own,) = contests_of(TRACK._replace(timing="speed"), ours(), {})
