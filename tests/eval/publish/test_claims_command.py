@@ -18,13 +18,13 @@ MORE = {**LESS, "holds": "one a > one b"}
 
 
 def write(folder, values, name="one_own", tasks=1):
-    """Write rows of methods with a volume for each subject; all tasks of a subject have the same volume."""
+    """Write rows of methods with a mean volume for each subject; only its first task has a volume."""
     rows = [
-        row(method, f"s{subject}/t{task}", metric__volume=volume, task__meta__subject=subject)
+        row(method, f"s{subject}/t{task}", metric__volume=own, task__meta__subject=subject)
         for method, volumes in values.items()
         for subject, volume in enumerate(volumes)
-        for task in range(tasks)
         if volume is not None
+        for task, own in enumerate([tasks * volume, 0, 0][:tasks])
     ]
     folder.mkdir(exist_ok=True)
     write_csv(folder / f"{name}.csv", to_frame(rows))
@@ -49,12 +49,12 @@ def test_the_result_follows_from_the_subjects_that_both_sides_have(tmp_path, a, 
 
 
 def test_a_side_may_be_a_number_or_another_experiment(tmp_path):
-    write(tmp_path / "rows", {"a": [1, 2, 6]}, tasks=2)
+    write(tmp_path / "rows", {"a": [1, 2, 6]}, tasks=3)
     write(tmp_path / "rows", {"a": [2, 4, 6]}, name="two_own")
     found = examine({**LESS, "holds": "one a < 20"}, "own", tmp_path / "rows")
-    assert found == (3, 20, 3, 6, "confirmed")
+    assert found == (3, 20, 3, 9, "confirmed")
     found = examine({**LESS, "holds": "two a > one a"}, "own", tmp_path / "rows")
-    assert found[:4] == (4, 3, 3, 3)
+    assert found[:4] == (4, 9, 3, 3)
     assert examine({**LESS, "holds": "one a < gone a"}, "own", tmp_path / "rows").result == "no rows"
 
 
