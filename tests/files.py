@@ -1,5 +1,9 @@
-"""The files of a folder."""
+"""The files of a folder, and a folder for the time of the tests."""
 
+import atexit
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 
 
@@ -7,3 +11,11 @@ def contents(folder: str | Path = ".") -> dict[str, bytes]:
     """Return the content of every file below a folder, hidden files included, by its path in the folder."""
     paths = sorted(path for path in Path(folder).rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+@cache
+def scratch() -> Path:
+    """Return a folder of this process, which is removed when the process ends."""
+    folder = tempfile.mkdtemp()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)

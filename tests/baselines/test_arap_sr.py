@@ -4,6 +4,7 @@ import igl
 import numpy as np
 import pytest
 
+from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from sshade.mesh.mesh import Mesh
@@ -103,3 +104,24 @@ def test_an_acceleration_that_always_begins_anew_is_the_plain_iteration(body, mo
     assert restarted.extra["restarts"] == 38  # no restart after the first step, and no mixing after the last
     assert plain.extra["restarts"] == 0
     assert np.abs(restarted.vertices - plain.vertices).max() < 1e-12 * body.diagonal
+
+
+def test_acceleration_step_equals_the_least_squares_formula():
+    rng = np.random.default_rng(11)
+    U, G = rng.normal(size=(2, 9, 30))
+    mixer, u = Anderson(30, 3), np.empty(30)
+    for k in range(9):
+        u[:] = U[k]
+        mixer.advance(u, G[k])
+        first = max(0, k - 3)
+        dF, dG = np.diff((G - U)[first : k + 1], axis=0).T, np.diff(G[first : k + 1], axis=0).T
+        theta = np.linalg.lstsq(dF, G[k] - U[k], rcond=None)[0] if k else np.zeros(0)
+        assert u == pytest.approx(G[k] - dG @ theta, abs=1e-11)
+
+
+def test_acceleration_survives_repeated_differences():
+    mixer, u = Anderson(6, 4), np.zeros(6)
+    for _ in range(6):
+        u[:] = 0.0
+        mixer.advance(u, np.ones(6))
+    assert np.array_equal(u, np.ones(6))

@@ -10,13 +10,9 @@ from tests.shapes import bumpy, held_ends
 from tests.sshade.naive import vertex_areas
 
 
-def ends(level=2):
-    return held_ends(bumpy(level))
-
-
 @pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
 def test_without_smoothness_it_is_arap(energy):
-    task = ends()
+    task = held_ends(bumpy(2))
     ours = smooth_arap(task, smoothness=0.0, energy=energy, tolerance=0, max_iterations=25)
     arap = local_global(task, energy=energy, accelerate=False, tolerance=0, max_iterations=25)
     assert np.abs(ours.vertices - arap.vertices).max() < 1e-11 * task.mesh.diagonal
@@ -40,7 +36,7 @@ def energy_of(mesh, P, R, smoothness):
 
 @pytest.mark.parametrize("smoothness", [0.3, 0.97])
 def test_the_global_step_minimises_the_energy_for_its_rotations(smoothness):
-    task = ends(1)
+    task = held_ends(bumpy(1))
     result = smooth_arap(task, smoothness=smoothness, tolerance=0, max_iterations=7)
     R = result.extra["rotations"]
     least = energy_of(task.mesh, result.vertices, R, smoothness)

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles, TransferTask
+from tests.eval.eval_cases import bumpy_task
 from tests.methods import LEARNED, configured, methods
-from tests.shapes import bumpy, end_handles
+from tests.shapes import bumpy
 
 METHODS = methods("", "peer", "transfer")
 
@@ -64,18 +65,12 @@ def method(request):
     fixed = ("solver.tolerance=0", "solver.max_iterations=40")
     call = configured(request.param, "proxy.vertices=200", *fixed)
     transfers = request.param.startswith("transfer/")
-    task = transfer_task() if transfers else ends_task()
+    task = transfer_task() if transfers else bumpy_task()
     try:
         result = call(task, seed=3)
     except ImportError as error:
         pytest.skip(str(error))
     return SimpleNamespace(name=request.param, call=call, task=task, transfers=transfers, result=result)
-
-
-def ends_task() -> DeformationTask:
-    mesh = bumpy(3)
-    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
-    return DeformationTask("ends", mesh, end_handles(mesh.V, turn=turn, shift=[0, 0, 0.1]))
 
 
 def transfer_task() -> TransferTask:

@@ -173,11 +173,7 @@ def test_vertices_and_faces_outside_the_surface_are_removed(tmp_path):
     for k in range(3):
         write(tmp_path / "data", f"ape{k}", *littered(bent(ball, k), ball.F), kind=".mat")
     source = sequence(tmp_path / "data", "source.landmarks={front: 5, top: 13}")
-    assert source.dropped(0) == {
-        "unused_vertices": 1,
-        "faces_that_repeat_a_vertex": 1,
-        "duplicate_faces": 1,
-    }
+    assert source.dropped(0) == {"unused_vertices": 1, "faces_that_repeat_a_vertex": 1, "duplicate_faces": 1}
     assert source.landmark_vertices(0) == {"front": 4, "top": 12}
     with pytest.raises(InputError, match="the vertex of landmark lost, 0, belongs to no face"):
         sequence(tmp_path / "data", "source.landmarks={lost: 0}").landmark_vertices(0)

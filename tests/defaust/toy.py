@@ -39,10 +39,7 @@ class Balls(Source):
         return {"top": int(V[:, 1].argmax()), "bottom": int(V[:, 1].argmin()), "front": int(V[:, 2].argmax())}
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
-        return (
-            SourcePose("lean", ("top", "bottom")),
-            SourcePose("turn", self.landmark_names, aligned=False),
-        )
+        return (SourcePose("lean", ("top", "bottom")), SourcePose("turn", self.landmark_names, aligned=False))
 
     def rest(self, subject: int) -> Mesh:
         ball = icosphere(3)

@@ -20,6 +20,7 @@ from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.defaust.test_animations import packed
+from tests.files import scratch
 from tests.gltf import glb
 from tests.shapes import bumpy, icosphere, tetrahedron
 from tests.sshade.io.test_formats import OBJ, OFF, STL
@@ -74,7 +75,7 @@ def _read_mesh(data: bytes, folder: Path) -> None:
 def _mesh_seeds() -> list[bytes]:
     seeds = []
     sphere = icosphere(0)
-    folder = Path(_scratch())
+    folder = scratch()
     for number, suffix in enumerate(SUFFIXES):
         write_mesh(folder / f"seed{suffix}", sphere.V, sphere.F)
         seeds.append(bytes([number]) + (folder / f"seed{suffix}").read_bytes())
@@ -84,17 +85,6 @@ def _mesh_seeds() -> list[bytes]:
     contents += [(".ply", OLD_MESHLAB.encode()), (".glb", glb(*instanced()))]
     seeds += [bytes([SUFFIXES.index(suffix)]) + content for suffix, content in contents]
     return seeds
-
-
-@cache
-def _scratch() -> str:
-    import atexit
-    import shutil
-    import tempfile
-
-    folder = tempfile.mkdtemp(prefix="fuzz_")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
 
 
 def _read_json_handles(data: bytes, folder: Path) -> None:
@@ -149,7 +139,7 @@ def _manifest_seeds() -> list[bytes]:
     from eval.rows.frame import to_frame, write_csv
     from tests.defaust.toy import OPTIONS, Balls
 
-    out = Path(_scratch()) / "balls"
+    out = scratch() / "balls"
     build(Balls(subjects=(0,)), out, options=OPTIONS, workers=1)
     row = {"task.name": "t", "method.name": "m", "method.hash": "h", "seed": 0, "status": "ok", "key": "k"}
     row |= {"date": "2026-01-01", "env.machine": "box", "metric.edge": 1.5, "seconds.total": 2.0}
@@ -161,7 +151,7 @@ def _manifest_seeds() -> list[bytes]:
 
 @cache
 def _sound_map() -> dict[str, np.ndarray]:
-    buffer = Path(_scratch()) / "map.npz"
+    buffer = scratch() / "map.npz"
     save_binding(buffer, bind(BODY, 12))
     with np.load(buffer, allow_pickle=False) as data:
         return dict(data)

@@ -1,8 +1,6 @@
 """Cases: building, checking and using datasets."""
 
-import atexit
 import shutil
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -11,7 +9,7 @@ from typing import Any
 from defaust.build.dataset import build
 from sshade.io.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls, change, relist
-from tests.files import contents
+from tests.files import contents, scratch
 from tests.robustness.case import Case, check_refusal, limited, nothing, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, folder, garbage, patched, text
 from tests.shapes import bent
@@ -23,10 +21,8 @@ RUN = "sshade-eval run dataset=defaust dataset.root=balls subject=0 pose=1 metho
 
 @cache
 def _finished() -> Path:
-    place = tempfile.mkdtemp()
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
-    build(Balls(subjects=(0, 1)), Path(place) / "balls", options=OPTIONS, workers=1)
-    return Path(place) / "balls"
+    build(Balls(subjects=(0, 1)), scratch() / "balls of cases", options=OPTIONS, workers=1)
+    return scratch() / "balls of cases"
 
 
 def dataset() -> None:
@@ -193,12 +189,6 @@ CASES = [
     *(Case(f"build: {o}", f"defaust build {o}", says=says) for o, says in OPTIONS_OF_BUILDS.items()),
     *(Case(f"build of two: {o}", f"{SMALL} {o}", TWO, says=says) for o, says in OPTIONS_OF_TWO.items()),
     *refused(SMALL, SOURCES, prefix="build: "),
-    Case(
-        "build: FAUST without registrations",
-        "defaust build source=faust source.root=meshes out=out",
-        folder("meshes"),
-        says=("meshes",),
-    ),
     _begun("a cut mesh", both(TWO, cut("meshes/b.ply", 0.5)), "b.ply"),
     _begun("a MATLAB file that ends its reader", _matlab, "b.mat: not readable as .mat"),
     Case("build: a full disk", _full_disk, shapes("a0", "a1", "b0", "b1"), leaves=("out",)),

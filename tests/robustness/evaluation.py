@@ -1,11 +1,9 @@
 """Cases: running methods, and everything made from rows."""
 
-import atexit
 import csv
 import json
 import pickle
 import shutil
-import tempfile
 from collections.abc import Callable
 from contextlib import chdir
 from functools import cache
@@ -14,16 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.files import contents
-from tests.robustness.case import (
-    Case,
-    check_refusal,
-    limited,
-    nothing,
-    on_a_full_disk,
-    refused,
-    run,
-)
+from tests.files import contents, scratch
+from tests.robustness.case import Case, check_refusal, limited, nothing, on_a_full_disk, refused, run
 from tests.robustness.datasets import RUN, dataset
 from tests.robustness.inputs import Given, both, cut, data, text
 
@@ -37,8 +27,8 @@ SWEEP = f"sshade-eval run -m {CASES_OF_TWO} method=identity run.experiment=tiny"
 @cache
 def _done() -> Path:
     """A working folder with a dataset, two runs and their rows."""
-    place = Path(tempfile.mkdtemp())
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    place = scratch() / "runs of cases"
+    place.mkdir()
     with chdir(place):
         dataset()
         assert run(SWEEP)[0] == 0

@@ -79,7 +79,4 @@ MILLION = Case(
     holds=_million_holds,
     slow=True,
 )
-CASES = [
-    *(_taken(name, given, holds) for name, (given, holds) in TAKEN.items()),
-    MILLION,
-]
+CASES = [*(_taken(name, given, holds) for name, (given, holds) in TAKEN.items()), MILLION]

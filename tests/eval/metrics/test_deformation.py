@@ -1,19 +1,21 @@
-"""Metrics of faces without area, inverted faces and needles; values that runs of a task share."""
+"""Metrics of flat, inverted and thin faces, of tails and creases; values that runs of a task share."""
 
 import numpy as np
 import pytest
-from eval_cases import ends_task
 
 from eval.metrics import Deformed, measure
-from eval.metrics.shape import Shape, Topology
+from eval.metrics.detail import detail
+from eval.metrics.distortion import collapsed, distortion, distortion_max
+from eval.metrics.shape import Shape, Topology, weighted_percentile
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.task import DeformationTask, Handles
-from tests.shapes import bumpy
+from tests.shapes import bumpy, rotation, strip
 
 
-def held(mesh: Mesh) -> DeformationTask:
-    return DeformationTask("t", mesh, Handles(np.array([0]), mesh.V[:1]))
+def task(mesh: Mesh) -> DeformationTask:
+    index = np.array([0, mesh.n - 1])
+    return DeformationTask("task", mesh, Handles(index, mesh.V[index], group=np.arange(2)))
 
 
 def shape(V: np.ndarray, F: np.ndarray) -> Shape:
@@ -26,7 +28,7 @@ def test_zero_area_rest_faces_are_left_out_and_counted():
     moved = V.copy()
     moved[2] = [0, 2, 0]
     mesh = Mesh(V, F)
-    found = measure(held(mesh), moved)
+    found = measure(task(mesh), moved)
     assert found["zero_area_faces"] == 1
     before, after = (shape(X, F).corner_angles[[0, 2, 3]] for X in (V, moved))
     assert found["angle_relative"] == pytest.approx(100 * (np.abs(after - before) / before).mean())
@@ -38,9 +40,9 @@ def test_an_ear_folded_over_is_one_flip():
     mesh = Mesh(V, F)
     folded = V.copy()
     folded[3] = [2, 1, 0]
-    assert measure(held(mesh), folded)["flips"] == 1
+    assert measure(task(mesh), folded)["flips"] == 1
     # Folds of the rest shape do not count.
-    assert measure(held(Mesh(folded, F)), folded)["flips"] == 0
+    assert measure(task(Mesh(folded, F)), folded)["flips"] == 0
     assert shape(folded, F).opposed.tolist() == [False, True, False, False]
 
 
@@ -58,7 +60,7 @@ def test_flips_face_by_face():
             found.append(normal @ sum(n for n, k in zip(normals, shared, strict=True) if k == 2) < 0)
         return found
 
-    assert not any(opposed(mesh.V)) and measure(held(mesh), moved)["flips"] == sum(opposed(moved)) > 0
+    assert not any(opposed(mesh.V)) and measure(task(mesh), moved)["flips"] == sum(opposed(moved)) > 0
 
 
 def test_angles_keep_their_digits_at_a_needle():
@@ -67,14 +69,54 @@ def test_angles_keep_their_digits_at_a_needle():
 
 
 def test_what_is_computed_of_the_rest_shape_is_shared_by_all_runs_of_a_task():
-    task = ends_task(bumpy(2))
-    one, two = (Deformed(task, factor * task.mesh.V) for factor in (1.1, 1.2))
+    same, other = task(bumpy(2)), task(bumpy(2))
+    one, two = (Deformed(same, factor * same.mesh.V) for factor in (1.1, 1.2))
     assert one.rest is two.rest and one.rest.corner_angles is two.rest.corner_angles
-    assert Deformed(ends_task(bumpy(2)), task.mesh.V).rest is not one.rest
+    assert Deformed(other, same.mesh.V).rest is not one.rest
 
 
 def test_vertices_that_are_no_shape_are_refused():
-    task = ends_task(bumpy(1))
-    for bad, why in ((np.full_like(task.mesh.V, np.nan), "NaN"), (task.mesh.V[1:], "must correspond")):
+    mesh = bumpy(1)
+    for bad, why in ((np.full_like(mesh.V, np.nan), "NaN"), (mesh.V[1:], "must correspond")):
         with pytest.raises(InputError, match=f"deformed shape.*{why}|{why}.*deformed shape"):
-            measure(task, bad)
+            measure(task(mesh), bad)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_rigid_motion_is_no_deformation(scale):
+    mesh = bumpy()
+    mesh = Mesh(scale * mesh.V, mesh.F)
+    moved = mesh.V @ rotation(3).T + scale * np.array([3.0, -2.0, 1.0])
+    found = measure(task(mesh), moved)
+    assert found.pop("handle") > 1
+    assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-5)
+
+
+def test_a_face_that_loses_its_area_is_infinitely_distorted_and_one_without_is_left_out():
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0]])
+    mesh = Mesh(V, np.array([[0, 3, 2], [3, 1, 2], [0, 1, 3]]))  # the last face has no area
+    assert np.isnan(Deformed(task(mesh), V).singular_values[0][2])
+    assert distortion_max(Deformed(task(mesh), V)) == pytest.approx(0.0, abs=1e-12)
+    assert collapsed(Deformed(task(mesh), V)) == 0
+    flat = V * [1.0, 0.0, 1.0]
+    lost = Deformed(task(mesh), flat)
+    assert np.isinf(lost.dirichlet[:2]).all() and np.isinf(distortion(lost)) and collapsed(lost) == 2
+    assert np.isnan(weighted_percentile(np.empty(0), np.empty(0), 50.0))
+
+
+def test_edges_of_boundaries_of_three_faces_and_of_opposed_winding_have_no_angle():
+    mesh = strip(4, 2)
+    inner = len(mesh.edges) - len(mesh.boundary_edges)
+    assert Topology(mesh.F, mesh.n).dihedral.shape[1] == inner
+    assert Topology(np.array([[0, 1, 2], [0, 1, 3]]), 5).dihedral.shape[1] == 0
+    assert Topology(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]), 5).dihedral.shape[1] == 0
+    assert Topology(np.array([[0, 1, 2], [1, 0, 3]]), 5).dihedral.shape[1] == 1
+
+
+def test_detail_turns_with_the_surface_and_is_lost_where_relief_is_mirrored():
+    mesh = strip(14, 14)
+    relief = mesh.V + 0.02 * np.random.default_rng(0).standard_normal(mesh.n)[:, None] * [0, 0, 1.0]
+    mesh = Mesh(relief, mesh.F)
+    assert detail(Deformed(task(mesh), mesh.V * [1.0, 1.0, -1.0])) == pytest.approx(180.0, abs=15.0)
+    flat = strip(11, 11)
+    assert np.isnan(detail(Deformed(task(flat), flat.V)))

@@ -31,10 +31,7 @@ def test_plans_of_several_sweeps_stand_together_and_a_rerun_adds_none(tmp_path):
     assert read_plans(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "[]", '{"version": []}', '{"runs": [{"seed": 0}]}', '{"runs": [1]}'],
-)
+@pytest.mark.parametrize("text", ["", "[]", '{"version": []}', '{"runs": [{"seed": 0}]}', '{"runs": [1]}'])
 def test_a_damaged_plan_is_told(tmp_path, text):
     write_plan(tmp_path, [planned()])
     (path,) = tmp_path.rglob("*.json")

@@ -150,10 +150,7 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
         (f"speed --methods identity --cases {CASE} --extrapolate identity", "needs max_iterations"),
         (f"{ARAP} --extrapolate arap --block 1000", "a block of 1000 iterations does not fit"),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
-        (
-            f"{DRAG} '{ONE} method@method.coarse=arap solver.max_iterations=3'",
-            "sshade.Deformer differ by",
-        ),
+        (f"{DRAG} '{ONE} method@method.coarse=arap solver.max_iterations=3'", "sshade.Deformer differ by"),
         (f"versions --methods fast --cases {CASE}", "versions needs --against"),
         (f"versions --methods fast --cases {CASE} --against no-such", "'no-such' is no commit"),
         (f"versions --methods arap --cases {CASE} --against HEAD", "not 'arap'"),
