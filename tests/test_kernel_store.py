@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from sshade import kernels
@@ -28,7 +27,6 @@ class Names(event.Listener):
 
 import other
 event.register("numba:compile", Names())
-import numpy as np
 import ours
 assert ours.total(np.ones(3)) == 3 and other.double(2) == 4
 print(numba.config.CPU_NAME)
@@ -124,10 +122,3 @@ def test_the_list_of_signatures_is_read_as_it_is_written():
         imported = kernels.sys.modules.get(module) or __import__(module, fromlist=["_"])
         assert isinstance(vars(imported)[function]._cache, kernels.Store)
         assert describe(tuple(parse(iter(words), imported))) == " ".join(words)
-
-
-def test_read_only_arrays_are_described():
-    frozen = np.zeros((2, 2))
-    frozen.flags.writeable = False
-    kinds = tuple(map(kernels.numba.typeof, (frozen, (1, 2.0))))
-    assert describe(kinds) == "float64:2Cr ( int64 float64 )"

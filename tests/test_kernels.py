@@ -13,8 +13,7 @@ from types import ModuleType
 import pytest
 from numba.core.registry import CPUDispatcher
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("sshade", "baselines", "defaust", "eval")
+from tests.robustness.test_trust import ROOT, SOURCES
 
 
 def kernels(module: ModuleType) -> list[CPUDispatcher]:
@@ -38,8 +37,7 @@ def calls_across(module: ModuleType) -> list[str]:
 
 
 def modules_with_kernels() -> list[ModuleType]:
-    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-    compiled = [path for path in paths if "sshade.kernels import" in path.read_text(encoding="utf-8")]
+    compiled = [path for path in SOURCES if "sshade.kernels import" in path.read_text(encoding="utf-8")]
     names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in compiled]
     return [importlib.import_module(name) for name in names]
 

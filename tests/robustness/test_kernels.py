@@ -3,7 +3,6 @@
 The functions of `WORK` together call every kernel on tiny meshes, first compiled and then as plain Python.
 """
 
-import importlib
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -35,9 +34,9 @@ from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
-from tests.robustness.test_trust import ROOT, SOURCES
 from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
+from tests.test_kernels import modules_with_kernels
 
 #: Maximum difference, relative to the largest value. The compiler contracts and reorders sums.
 CLOSE = 1e-9
@@ -181,9 +180,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
 
 def kernels() -> dict[CPUDispatcher, list[tuple[Any, str]]]:
     """Return every compiled function, with the modules and the names that refer to it."""
-    for path in SOURCES:
-        if "@kernel" in path.read_text(encoding="utf-8"):
-            importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    modules_with_kernels()  # are imported
     found: dict[CPUDispatcher, list[tuple[Any, str]]] = {}
     for module in [
         m for n, m in sys.modules.items() if n.startswith(("sshade.", "baselines.", "eval.", __name__))
