@@ -112,3 +112,17 @@ def test_pages_show_each_picture_of_their_script_once_and_pictures_are_small(nam
     assert sorted(re.findall(r"\]\(figures/(.+)\.png\)", text)) == sorted(names)
     for name in names:
         assert 1000 < (ROOT / "docs" / "figures" / f"{name}.png").stat().st_size < 150_000
+
+
+def test_rows_of_blender_have_each_method_on_its_poses_at_each_size():
+    """A method that failed has the reason in place of measures."""
+    rows = pd.read_csv(blender.ROWS)
+    assert set(rows["method"]) == {*blender.METHODS}
+    assert ((rows["truth"] >= 0) ^ rows["failure"].notna()).all()
+    for _, some in rows.groupby("vertices"):
+        assert some.groupby("method")["pose"].agg(set).map(sorted).map(tuple).nunique() == 1
+
+
+def test_the_script_on_the_page_is_the_file():
+    block = blender.PAGE.read_text().split("```python\n")[1].split("\n```")[0]
+    assert block.startswith("def main") and block in (blender.ROOT / "docs" / "blender_task.py").read_text()

@@ -96,9 +96,8 @@ def test_arguments_that_change_in_any_way_change_their_line():
 
 def test_the_command_prints_changes_and_updates_the_list(tmp_path, monkeypatch, capsys):
     place = tmp_path / "api.txt"
-    place.write_text(
-        api.LIST.read_text("utf-8").replace("sshade.Mesh.volume\n", "sshade.Mesh.content\n"), "utf-8"
-    )
+    listed = api.LIST.read_text("utf-8")
+    place.write_text(listed.replace("sshade.Mesh.volume\n", "sshade.Mesh.content\n"), "utf-8")
     monkeypatch.setattr(api, "LIST", place)
     changes = "-sshade.Mesh.content\n+sshade.Mesh.volume\n"
     for arguments, code in ([], 1), (["--update"], 0):
