@@ -31,6 +31,14 @@ def test_counts_topology_and_shape(ball, target, steps):
     assert length.std() / length.mean() < 0.2
 
 
+def test_every_edge_is_split(ball):
+    # LS3's default threshold would leave edges under 1 % of the diagonal alone.
+    fine = subdivide(ball, steps=3)
+    assert fine.m == 64 * ball.m
+    assert fine.volume == pytest.approx(4 / 3 * np.pi, rel=0.01)
+    assert subdivide(ball, steps=0) is ball
+
+
 def test_unfit_surfaces_are_refused(ball):
     two = beside(ball, shifted(ball, 3))
     for mesh, message in ((Mesh(ball.V, ball.F[1:]), "3 boundary edges"), (two, "2 components")):
