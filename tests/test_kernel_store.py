@@ -16,6 +16,7 @@ OTHER = "import numba\n\n\n@numba.njit(cache=True)\ndef double(x):\n    return 2
 #: Prints the functions that are compiled by calls of both, and a setting of numba.
 CALLS = """
 import numba
+import numpy as np
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
