@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from sshade import Mesh, Slide
 from sshade.edit.groups import Group, Motion
@@ -36,17 +38,11 @@ def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
 
 
 def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
-    """Return distances (n,) from the nearest source; relax all edges until nothing changes."""
-    found = np.full(mesh.n, np.inf)
-    found[sources] = 0
+    """Return distances (n,) from the nearest source."""
     i, j = mesh.edges.T
     length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    before = None
-    while not np.array_equal(before, found):
-        before = found.copy()
-        np.minimum.at(found, j, before[i] + length)
-        np.minimum.at(found, i, before[j] + length)
-    return found
+    graph = csr_array((length, (i, j)), shape=(mesh.n, mesh.n))
+    return dijkstra(graph, directed=False, indices=sources, min_only=True)
 
 
 def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
