@@ -174,7 +174,7 @@ def _deform(
 ) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
-    from sshade.io.handles import handle_notes, on_mesh
+    from sshade.io.handles import handle_notes, on_surface
     from sshade.io.meshes import write_file
     from sshade.io.volumes import volumes_on_surface
     from sshade.pipeline.deform import deform
@@ -185,7 +185,7 @@ def _deform(
     mesh = whole.mesh
     require_memory_to_deform(len(V), resolved)
     with naming(options.handles):
-        handles = on_mesh(given, mesh, vertex=whole.vertex)
+        handles = on_surface(given, whole)
         volumes = volumes_on_surface(given.volumes, whole, file.F)
     if options.weight is not None:
         handles = softened(handles, options.weight)

@@ -187,7 +187,7 @@ def _deform(
     file, whole = read_surface(options, output_of_contents(options.output))
     mesh, files = whole.mesh, [pose.file for pose in given.poses]
     require_memory_to_deform(len(file.V), resolved)
-    poses = given.on(mesh, whole.vertex)
+    poses = given.on(whole)
     if options.weight is not None:
         poses = [softened(handles, options.weight) for handles in poses]
     goals = []

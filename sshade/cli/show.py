@@ -77,12 +77,12 @@ def command(options: argparse.Namespace) -> int:
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
-    from sshade.io.handles import on_mesh
+    from sshade.io.handles import on_surface
 
     file, whole = read_surface(options)
     mesh = whole.mesh
     with naming(options.handles):
-        handles = None if given is None else on_mesh(given, mesh, vertex=whole.vertex)
+        handles = None if given is None else on_surface(given, whole)
     deformed = None
     if options.deformed is not None:
         shape = read(options.deformed)

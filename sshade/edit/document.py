@@ -18,12 +18,13 @@ from sshade.edit.keys import MOST, Key, frames_of, unique
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.errors import InputError
+from sshade.handle_checks import extent_of
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
 from sshade.io.entries import FRAMES, KEY_TIMES, LINKS, HandleFile, handle_file_of, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.gltf import buffer_files
-from sshade.io.handles import on_mesh, write_handles
+from sshade.io.handles import on_surface, write_handles
 from sshade.io.keys import parsed_list
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
 from sshade.io.poses import is_animation, poses_of
@@ -174,7 +175,7 @@ class Document:
             When a handle is no vertex of a face.
         """
         index = self._surface.places(handles.index)
-        return groups_of(replace(handles, index=index, extent=self.mesh.diagonal), {}, first=1)
+        return groups_of(replace(handles, index=index, extent=extent_of(self._surface)), {}, first=1)
 
     def all_handles(self, state: State) -> Handles:
         """Return the groups as handles at vertices of the file, each copy of a vertex included.
@@ -211,14 +212,14 @@ class Document:
             chosen = np.isin(poses.times, [t for t in recorded_times if isinstance(t, int | float)])
         keys = []
         for k in np.flatnonzero(chosen if chosen.any() else ~chosen).tolist():
-            handles = poses.poses[k].on(self.mesh, self._surface.vertex)
+            handles = poses.poses[k].on(self._surface)
             keys.append(Key(float(poses.times[k]), groups_of(handles, {}, first=first)))
         return given._replace(keys=tuple(keys))
 
     def _given(self, file: HandleFile, first: int) -> Given:
         if file.volumes:
             raise InputError('the editor has no volume goals; leave "volumes" out of the file')
-        handles = on_mesh(file, self.mesh, vertex=self._surface.vertex)
+        handles = on_surface(file, self._surface)
         names = {entry.number: entry.name for entry in file.entries}
         groups = linked(self.mesh, groups_of(handles, names, first=first), file.links)
         return Given(groups, (), tuple(name for name in ("volume", "area") if file.made.get(name) == 0))

@@ -51,7 +51,7 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.handle_checks import SAME_TARGET
+from sshade.handle_checks import SAME_TARGET, extent_of
 from sshade.handles import Handles
 from sshade.io.entries import FILE_RECORDS, FRAMES, REST, Entry, HandleFile, entry_name, read_handle_file
 from sshade.io.files import naming, replacing
@@ -62,6 +62,7 @@ from sshade.io.points import columns, packed
 from sshade.io.regions import vertices_in
 from sshade.io.volumes import volumes_on_surface
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import Surface
 from sshade.options import NEAR
 from sshade.slides import Slide
 from sshade.snapping import snap_to_vertices
@@ -94,7 +95,14 @@ def read_handles(
         return on_mesh(file, mesh, vertex=vertex)
 
 
-def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -> Handles:
+def on_surface(file: HandleFile, whole: Surface) -> Handles:
+    """Place the handles of a file on a surface; see :func:`on_mesh`."""
+    return on_mesh(file, whole.mesh, vertex=whole.vertex, extent=extent_of(whole))
+
+
+def on_mesh(
+    file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None, extent: float | None = None
+) -> Handles:
     """Place the handles of a file on a mesh.
 
     Parameters
@@ -102,6 +110,8 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
     file : HandleFile
     mesh, vertex
         See :func:`read_handles`.
+    extent : float, optional
+        See :class:`sshade.Handles`; by default the diagonal of the mesh.
 
     Raises
     ------
@@ -109,6 +119,7 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
         When the handles do not fit the mesh.
     """
     vertex = np.arange(mesh.n) if vertex is None else vertex
+    extent = mesh.diagonal if extent is None else extent
     # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
     same: dict[str, Slide] = {}  # entries with equal slides share one
@@ -126,7 +137,6 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
     parts = []
     if rows[0]:
         at, target, snap, dynamic, group, weight, R, slide = columns(rows[0])
-        extent = mesh.diagonal
         parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, slide, extent=extent))
     if rows[1]:
         at, target, _, dynamic, group, weight, R, slide = columns(rows[1])
@@ -144,7 +154,7 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None) -
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
     merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
-    return Handles(**joined, merged=merged, merge_distance=farthest, extent=mesh.diagonal)
+    return Handles(**joined, merged=merged, merge_distance=farthest, extent=extent)
 
 
 def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
@@ -206,7 +216,7 @@ def read_task(
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
     given = read_handle_file(handles, raw=raw)
     with naming(handles):
-        own = on_mesh(given, rest.mesh, vertex=rest.vertex)
+        own = on_surface(given, rest)
         volumes = volumes_on_surface(given.volumes, rest, file.F)
     meta, carry = {"raw": raw}, carry_unconstrained
     return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry, volumes=volumes)

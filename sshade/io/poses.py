@@ -32,7 +32,7 @@ from sshade.io.regions import RigidMotion
 
 if TYPE_CHECKING:
     from sshade.handles import Handles
-    from sshade.mesh.mesh import Mesh
+    from sshade.mesh.surface import Surface
 
 #: Keys of a motion, of a frame, and of a group in a frame.
 MOTION = ("target", "rotation", "translation", "center")
@@ -52,18 +52,18 @@ class Pose(NamedTuple):
     name: str
     file: HandleFile
 
-    def on(self, mesh: Mesh, vertex: np.ndarray) -> Handles:
-        """Place the handles of the pose on a mesh; see :func:`sshade.io.handles.on_mesh`.
+    def on(self, whole: Surface) -> Handles:
+        """Place the handles of the pose on a surface; see :func:`sshade.io.handles.on_mesh`.
 
         Raises
         ------
         InputError
             When the handles do not fit the mesh. The message names the pose.
         """
-        from sshade.io.handles import on_mesh  # imports large libraries
+        from sshade.io.handles import on_surface  # imports large libraries
 
         with naming(self.name):
-            return on_mesh(self.file, mesh, vertex=vertex)
+            return on_surface(self.file, whole)
 
 
 class Poses(NamedTuple):
@@ -82,8 +82,8 @@ class Poses(NamedTuple):
     times: np.ndarray
     notes: list[str]
 
-    def on(self, mesh: Mesh, vertex: np.ndarray) -> list[Handles]:
-        """Place the handles of all poses on a mesh.
+    def on(self, whole: Surface) -> list[Handles]:
+        """Place the handles of all poses on a surface.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Poses(NamedTuple):
         """
         placed = []
         for pose in self.poses:
-            placed.append(pose.on(mesh, vertex))
+            placed.append(pose.on(whole))
             with naming(pose.name):
                 placed[-1].require_same(placed[0])
         return placed

@@ -13,6 +13,7 @@ import numpy as np
 
 from sshade.carry.kinds import vertex_values
 from sshade.errors import InputError
+from sshade.handle_checks import extent_of
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
@@ -247,7 +248,7 @@ def deform(
     values = options.get("frame_function")
     if values is not None and not isinstance(values, str):
         options["frame_function"] = whole.picked(vertex_values(values, len(V)))
-    extent = whole.mesh.diagonal
+    extent = extent_of(whole)
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=whole.places(handles.index), extent=extent)
     goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))

@@ -14,6 +14,7 @@ from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
 from sshade.io.poses import read_poses
+from sshade.mesh.surface import surface
 from tests.sshade.edit.sessions import BODY, added, begun, ready
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -103,7 +104,7 @@ def test_the_saved_animation_is_run_by_the_command_and_opened_again():
     own = session.state.group(number).vertices
     poses = read_poses([Path("wave.json")], fps=1)
     assert poses.times.tolist() == [0, 0.5, 1, 1.5, 2, 2.5, 3]
-    for time, handles in zip(poses.times, poses.on(session.mesh, np.arange(BODY.n)), strict=True):
+    for time, handles in zip(poses.times, poses.on(surface(BODY.V, BODY.F)), strict=True):
         rows = np.isin(handles.index, own)
         assert np.abs(handles.target[rows] - expected(own, time)).max() < 1e-12
         assert np.array_equal(handles.target[~rows], BODY.V[handles.index[~rows]])
@@ -156,7 +157,7 @@ def test_rotations_slides_and_followers_are_in_the_frames(kind, monkeypatch):
     session.release(number, Motion.about(np.zeros(3), TURN.as_quat(), 0.2 * MOVE))
     session.key(2.0)
     session.save("animation", "wave.json", rate=1.0)
-    handles = read_poses([Path("wave.json")], fps=1).on(session.mesh, np.arange(BODY.n))
+    handles = read_poses([Path("wave.json")], fps=1).on(surface(BODY.V, BODY.F))
     half = Rotation.from_rotvec(0.5 * TURN.as_rotvec()).as_matrix()
     own = np.isin(handles[1].index, session.state.group(number).vertices)
     if kind != "image":

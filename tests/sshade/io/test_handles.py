@@ -9,7 +9,7 @@ from sshade.io.entries import read_handle_file
 from sshade.io.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
 from sshade.io.meshes import write_mesh
 from sshade.mesh.surface import surface
-from tests.shapes import bumpy, rotation, tetrahedron
+from tests.shapes import bumpy, rotation, shifted, tetrahedron, torn
 
 
 @pytest.fixture
@@ -233,6 +233,25 @@ def test_targets_of_one_vertex_may_differ_by_a_millionth_of_the_diagonal(write, 
         read(2.2e-6)
     with pytest.raises(InputError, match="vertex 5 has contradictory targets"):
         deform(body.V, body.F, [5, 5], [at, at + 2e-6 * body.diagonal])
+
+
+def test_targets_of_copies_may_differ_as_far_from_the_origin_as_single_precision_does(write, tmp_path):
+    V, F, seam = torn(shifted(bumpy(2), [100, -3, 1]))
+    V = V.astype(np.float32)
+    V[-len(seam) :] = np.nextafter(V[-len(seam) :], np.float32(200))
+    write_mesh(tmp_path / "far.ply", V, F)
+    at = np.concatenate([seam[:3], np.arange(len(V) - len(seam), len(V))[:3]])
+    target = V[at] + np.array([0, 0, 0.125])
+    assert len(np.unique(deform(V, F, at, target)[at], axis=0)) == 3
+
+    def read() -> Handles:
+        path = write([{"vertices": at.tolist(), "target": target.tolist()}])
+        return read_task(str(tmp_path / "far.ply"), handles=str(path)).handles
+
+    assert len(read()) == 3
+    target[5] += 1e-4
+    with pytest.raises(InputError, match="contradictory targets"):
+        read()
 
 
 def test_positions_that_share_a_vertex_are_merged_as_far_as_their_distances_explain(write, body):
