@@ -75,12 +75,11 @@ class Program(NamedTuple):
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
         name, *arguments = (sys.argv[1:] if argv is None else argv) or [""]
-        if name in ("-h", "--help", "--version"):
-            print(f"{version_of(self.name)}\n" if name == "--version" else self.help, end="")  # noqa: T201
-            return 0
         try:
             from sshade.cli.console import run_command
 
+            if name in ("-h", "--help", "--version"):
+                return run_command(lambda: self.tell(name))
             if name == "--print-completion":
                 return run_command(lambda: self.complete(arguments))
             return run_command(lambda: self.call(name, arguments), hurries=name in self.hurried)
@@ -94,6 +93,11 @@ class Program(NamedTuple):
         width = max(map(len, self.commands))
         lines = (f"  {name:<{width}} {summary}" for name, (_, summary) in self.commands.items())
         return self.text.format(commands="\n".join(lines))
+
+    def tell(self, name: str) -> int:
+        """Print the version or the help text."""
+        print(f"{version_of(self.name)}\n" if name == "--version" else self.help, end="")  # noqa: T201
+        return 0
 
     def complete(self, arguments: Sequence[str]) -> int:
         """Print the script of ``--print-completion SHELL``. This imports the modules of all sub-commands."""

@@ -63,9 +63,10 @@ PRINTING = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
 
 def _to_a_full_device() -> None:
     """Print to a device that is always full, like a log on a full disk."""
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(PRINTING, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
-    assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
+    for line in PRINTING, [sys.executable, "-m", "sshade", "--help"]:
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+        assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
 
 
 def _to_nobody() -> None:
