@@ -89,9 +89,9 @@ def take_turns(jobs: Sequence[Job], *, rounds: int) -> list[Row]:
     for number in range(1, rounds + 1):
         for job in short:
             rows += _until_kept(job, [_repeat(job, number=number, least=SHORTEST)])
-    seen = Counter[tuple[str, str]]()
+    seen = Counter[tuple[str, ...]]()
     for row in rows:
-        job_id = row["method.name"], row["task.checksum"]
+        job_id = row["method.name"], row["task.name"], row["task.checksum"]
         seen[job_id] += 1
         row |= {"repeat": seen[job_id], "env.version.code": version}
     require_unchanged(functions)

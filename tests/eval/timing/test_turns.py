@@ -9,7 +9,7 @@ from eval.timing.turns import ATTEMPTS, Job, take_turns
 from sshade.errors import InputError
 
 
-def job(name, order, seconds=(1.0,)):
+def job(name, order, seconds=(1.0,), task="t"):
     told = iter(seconds * 1000)
 
     def call():
@@ -17,7 +17,7 @@ def job(name, order, seconds=(1.0,)):
         sleep(2e-3)
         return {"seconds.total": next(told), "seconds.solve": 0.5, "iterations": 7.0}
 
-    facts = {"method.name": name, "method.hash": name, "task.name": "t", "task.checksum": "c"}
+    facts = {"method.name": name, "method.hash": name, "task.name": task, "task.checksum": "c"}
     return Job(facts, call)
 
 
@@ -28,6 +28,11 @@ def test_jobs_take_turns_after_a_warm_up(machine):
     found = [(row["method.name"], row["round"], row["repeat"]) for row in rows]
     assert found == [(name, number, number) for number in (1, 2, 3) for name in "abc"]
     assert all(row["kept"] and row["reason"] == "" and row["other_cores"] == 0 for row in rows)
+
+
+def test_tasks_with_equal_arrays_count_their_own_repeats(machine):
+    rows = take_turns([job("a", [], task=task) for task in "tu"], rounds=2)
+    assert [(row["task.name"], row["repeat"]) for row in rows] == [("t", 1), ("u", 1), ("t", 2), ("u", 2)]
 
 
 def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
