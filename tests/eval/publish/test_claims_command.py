@@ -18,13 +18,14 @@ MORE = {**LESS, "holds": "one a > one b"}
 
 
 def write(folder, values, name="one_own", tasks=1):
-    """Write rows of methods with a mean volume for each subject; only its first task has a volume."""
+    """Write rows of methods with a mean volume for each subject; one seed of its first task has it all."""
     rows = [
-        row(method, f"s{subject}/t{task}", metric__volume=own, task__meta__subject=subject)
+        row(method, f"s{subject}/t{task}", seed=seed, metric__volume=of_seed, task__meta__subject=subject)
         for method, volumes in values.items()
         for subject, volume in enumerate(volumes)
         if volume is not None
         for task, own in enumerate([tasks * volume, 0, 0][:tasks])
+        for seed, of_seed in enumerate([4 * own, 0, 0, 0])
     ]
     folder.mkdir(exist_ok=True)
     write_csv(folder / f"{name}.csv", to_frame(rows))
