@@ -161,10 +161,11 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
 
 
 def buffer_files(path: Path) -> list[Path]:
-    """Return the files beside a readable .gltf file that have its buffers; none for other files."""
-    if path.suffix.lower() != ".gltf":
+    """Return the files beside a readable .glb or .gltf that have its buffers; none for other files."""
+    if path.suffix.lower() not in (".glb", ".gltf"):
         return []
-    uris = [buffer.get("uri", "data:") for buffer in json.loads(path.read_bytes()).get("buffers", [])]
+    tree = parsed_gltf(path.read_bytes(), path).tree
+    uris = [buffer.get("uri", "data:") for buffer in tree.get("buffers", [])]
     return [path.parent / unquote(uri) for uri in uris if not is_embedded(uri)]
 
 

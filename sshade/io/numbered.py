@@ -109,7 +109,7 @@ def chained_keys(inputs: str, poses: Iterable[bytes]) -> list[str]:
 
 
 def input_checksum(path: Path) -> str:
-    """Return a checksum of a mesh file, with the buffers beside a .gltf file."""
+    """Return a checksum of a mesh file, with the buffers beside a glTF file."""
     from sshade.io.gltf import buffer_files  # imports large libraries
 
     return "".join(checksum(one) for one in (path, *buffer_files(path)))

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sshade.cli.main import main
 from sshade.io import files, gltf_morph, meshes, point_cache
+from sshade.io.gltf import buffer_files
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
 from sshade.task import Handles
@@ -164,6 +165,10 @@ def test_surfaces_and_buffers_are_inputs_too(folder, capsys):
     smaller = (np.frombuffer(content[: 12 * BODY.n], "<f4") * np.float32(0.999)).tobytes()
     Path("part.bin").write_bytes(smaller + content[12 * BODY.n :])
     assert main(command) == 0 and "kept" not in capsys.readouterr().err
+    # The bytes of a file tell whether it is binary, not its suffix.
+    assert buffer_files(Path("part.gltf").rename("part.glb")) == [Path("part.bin")]
+    write_mesh("whole.glb", BODY.V, BODY.F)
+    assert buffer_files(Path("whole.glb").rename("whole.gltf")) == []
 
 
 def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, capsys):
