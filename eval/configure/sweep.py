@@ -12,6 +12,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, OmegaConf
 
@@ -71,8 +72,8 @@ class PlannedSweeper(_Basic):
         launcher = self.config.hydra.runtime.choices["hydra/launcher"]
         record = SweepRecord.create(folder, Sweep(datetime.now(UTC), runs, launcher, code=code))
         monitor = Monitor(record, folders, watch=launcher != "basic")
-        place = str(record.folder).replace("\\", "\\\\").replace("'", "\\'")
-        common = f"run.sweep={{record:'{place}',runs:{len(runs)}}}"
+        place = QuotedString(str(record.folder), Quote.single).with_quotes()
+        common = f"run.sweep={{record:{place},runs:{len(runs)}}}"
         texts = [[*_texts(run), common] for run in runs]
         for done in range(0, len(runs), size := self.max_batch_size or len(runs) or 1):
             for job in self.launcher.launch(texts[done : done + size], initial_job_idx=done):

@@ -60,6 +60,8 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert forced.returncode == 0 and "on elsewhere, has not ended" in forced.stderr
     assert "has not ended" not in first.stderr + again.stderr
     assert forced.stdout.splitlines()[-1].startswith("1 runs: 1 new")
+    elsewhere = run_eval(tmp_path, "-m", *overrides, r"run.experiment='it\'s\here'")
+    assert elsewhere.stdout.splitlines()[-1].startswith("1 runs: 1 new")
 
 
 def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
