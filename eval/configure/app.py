@@ -28,7 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, runs_folder, source_of
-from eval.configure.typed import allow_programs
+from eval.configure.typed import allow_programs, search_path
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
@@ -145,7 +145,7 @@ def _checked(arguments: list[str]) -> list[str]:
             raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
     allow_from(known.overrides)
     allow_programs(known.overrides)
-    check_folders([known.config_dir], overrides=known.overrides)
+    check_folders([known.config_dir, *search_path(known.overrides)])
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         refuse_old_names(key, re.split(r"[=,]", text)[1:])

@@ -1,4 +1,4 @@
-"""Programs that a command line names, which are thereby allowed."""
+"""Programs and folders that a command line names: programs are thereby allowed, folders are to be checked."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from sshade.errors import InputError
 from sshade.programs import ALLOWING, allow
+
+#: Setting of Hydra with further folders of configurations.
+_SEARCH_PATH = "hydra.searchpath"
 
 
 def allow_programs(settings: Iterable[str]) -> None:
@@ -28,7 +31,7 @@ def allow_programs(settings: Iterable[str]) -> None:
     """
     parser = OverridesParser.create()
     for text in settings:
-        key = text.lstrip("+").partition("=")[0]
+        key = _key(text)
         if key == ALLOWING:
             commands = parser.parse_override(text).value()
             if not isinstance(commands, list) or not all(isinstance(line, str) for line in commands):
@@ -42,3 +45,14 @@ def allow_programs(settings: Iterable[str]) -> None:
             texts = override.sweep_string_iterator() if swept else [override.get_value_element_as_str()]
             values = [parser.parse_override(f"one={value}").value() for value in texts]
             allow(value for value in values if isinstance(value, list))
+
+
+def search_path(settings: Iterable[str]) -> list[str]:
+    """Return the folders in the setting ``hydra.searchpath``."""
+    parser = OverridesParser.create()
+    values = [parser.parse_override(text).value() for text in settings if _key(text) == _SEARCH_PATH]
+    return [str(folder) for value in values if isinstance(value, list) for folder in value]
+
+
+def _key(text: str) -> str:
+    return text.lstrip("+").partition("=")[0]

@@ -27,7 +27,6 @@ VARIABLE = "EVAL_ALLOW_TARGETS"
 #: Setting with the same meaning on the command line of ``sshade-eval run``; a YAML file cannot set it.
 OVERRIDE = "run.allow_targets"
 
-_SEARCH_PATH = "hydra.searchpath"
 #: Settings of Hydra that name code: folders of configurations, variables such as PYTHONPATH, shell commands.
 _RESERVED = ("searchpath", "env_set", "setup")
 
@@ -76,11 +75,11 @@ def require_programs(config: Any, *, where: str) -> None:
 
 def allow_from(overrides: Sequence[str]) -> None:
     """Read ``run.allow_targets`` from a command line, for this process and its child processes."""
-    texts = [text for override in overrides for text in _list(override, OVERRIDE)]
+    texts = [text for override in overrides for text in _list(override)]
     os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *texts]).strip(",")
 
 
-def check_folders(folders: Iterable[str | None], *, overrides: Sequence[str] = ()) -> None:
+def check_folders(folders: Iterable[str | None]) -> None:
     """Check the YAML files of folders that a command line adds to the configuration.
 
     Hydra calls the functions that such files name as launcher, sweeper, callback or handler of a log.
@@ -88,17 +87,14 @@ def check_folders(folders: Iterable[str | None], *, overrides: Sequence[str] = (
     Parameters
     ----------
     folders : iterable of str or None
-        Values of ``--config-dir``.
-    overrides : sequence of str
-        Settings of the command line; ``hydra.searchpath`` adds folders.
+        Values of ``--config-dir`` and of the setting ``hydra.searchpath``.
 
     Raises
     ------
     InputError
         On a function that is not allowed, a file that is not YAML, or a setting of Hydra that names code.
     """
-    more = [folder for override in overrides for folder in _list(override, _SEARCH_PATH)]
-    for folder in filter(None, [*folders, *more]):
+    for folder in filter(None, folders):
         for path in sorted(Path(folder.removeprefix("file://")).rglob("*.yaml")):
             _check_file(path)
 
@@ -132,7 +128,7 @@ def _items(config: Any) -> Iterator[tuple[Any, Any]]:
             yield from _items(value)
 
 
-def _list(override: str, name: str) -> list[str]:
-    """Return the elements of the override ``name=[a, b]``; none for all other overrides."""
+def _list(override: str) -> list[str]:
+    """Return the elements of ``run.allow_targets=[a, b]``; none for all other overrides."""
     key, _, value = override.lstrip("+").partition("=")
-    return [text.strip(" '\"") for text in value.strip(" []'\"").split(",")] if key == name else []
+    return [text.strip(" '\"") for text in value.strip(" []'\"").split(",")] if key == OVERRIDE else []

@@ -5,6 +5,7 @@ import sys
 import pytest
 import yaml
 
+from eval.configure.typed import search_path
 from eval.run.allowed import VARIABLE, allow_from, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
@@ -67,9 +68,10 @@ def test_folders_are_checked_whole(quick, tmp_path, text, words):
     quick.write_text(text)
     with pytest.raises(InputError, match=words):
         check_folders([str(tmp_path)])
-    for override in (f"hydra.searchpath=[file://{tmp_path}]", f"+hydra.searchpath=['{tmp_path}', pkg://x]"):
+    tmp_path.rename(odd := tmp_path.with_name(f"{tmp_path.name} a,b"))
+    for override in (f"hydra.searchpath=['file://{odd}']", f"+hydra.searchpath=['{odd}', pkg://x]"):
         with pytest.raises(InputError, match=words):
-            check_folders([None], overrides=[override])
+            check_folders([None, *search_path(["seed=1", override])])
 
 
 @pytest.fixture
