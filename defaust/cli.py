@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,8 +107,9 @@ def _example(args: argparse.Namespace) -> int:
     from defaust.example import POSES, write_example
 
     rest = write_example(args.folder, subdivisions=args.subdivisions)
-    mesh, handles = args.folder / "rest.ply", args.folder / f"pose_{POSES[1]}.json"
-    print(f"{mesh}: {rest.n:,} vertices; try: sshade deform {mesh} {handles} -o posed.ply")  # noqa: T201
+    mesh, handles = ((args.folder / name).as_posix() for name in ("rest.ply", f"pose_{POSES[1]}.json"))
+    command = shlex.join(["sshade", "deform", mesh, handles, "-o", "posed.ply"])
+    print(f"{mesh}: {rest.n:,} vertices; try: {command}")  # noqa: T201
     return 0
 
 

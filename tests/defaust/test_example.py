@@ -20,12 +20,13 @@ def example(tmp_path_factory):
     """The folder of an example of 27,554 vertices, written without the libraries of the benchmark."""
     root = tmp_path_factory.mktemp("example")
     code = f"import sys; sys.modules |= dict.fromkeys({BENCHMARK}); from defaust.cli import main; main()"
-    command = [sys.executable, "-c", code, "example", "new", "--subdivisions", "1"]
+    command = [sys.executable, "-c", code, "example", "my body", "--subdivisions", "1"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=True)
     assert done.stdout == (
-        "new/rest.ply: 27,554 vertices; try: sshade deform new/rest.ply new/pose_6.json -o posed.ply\n"
+        "my body/rest.ply: 27,554 vertices; "
+        "try: sshade deform 'my body/rest.ply' 'my body/pose_6.json' -o posed.ply\n"
     )
-    return root / "new"
+    return root / "my body"
 
 
 @pytest.mark.parametrize(("pose", "farthest"), [*zip(POSES, (1.0, 1.0, 3.0), strict=True)])
