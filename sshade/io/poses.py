@@ -103,7 +103,8 @@ def is_animation(path: Path) -> bool:
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     content = path.read_bytes()
-    return f'"{FRAMES}"'.encode() in content and FRAMES in _parsed(path, content)
+    # UTF-16 and UTF-32 have zeros between the letters.
+    return f'"{FRAMES}"'.encode() in content.replace(b"\0", b"") and FRAMES in _parsed(path, content)
 
 
 def read_poses(
