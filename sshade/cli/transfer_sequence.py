@@ -49,7 +49,8 @@ Pose = Callable[[int], tuple[MeshFile, np.ndarray]]
 def posed_files(given: list[Path]) -> list[Path]:
     """Return the files of a sequence; a folder stands for the mesh files in it, in the order of their names.
 
-    Numbers in names are compared as numbers: walk_2.ply comes before walk_10.ply.
+    Numbers in names are compared as numbers: walk_2.ply comes before walk_10.ply. Hidden files do not count,
+    such as those that macOS writes beside others.
 
     Raises
     ------
@@ -61,7 +62,8 @@ def posed_files(given: list[Path]) -> list[Path]:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = [one for one in path.iterdir() if one.suffix.lower() in SUFFIXES and one.is_file()]
+        shown = [one for one in path.iterdir() if not one.name.startswith(".")]
+        inside = [one for one in shown if one.suffix.lower() in SUFFIXES and one.is_file()]
         inside.sort(key=_numbers_as_numbers)
         if not inside:
             raise InputError(f"{path}: the folder has no mesh files ({', '.join(SUFFIXES)})")

@@ -33,7 +33,8 @@ def folder(here) -> Path:
     Path("poses").mkdir()
     for number, amount in enumerate(AMOUNTS):
         write_mesh(f"poses/walk_{number}.ply", bent(BODY.V, amount), BODY.F)
-    Path("poses/readme.txt").write_text("no mesh")
+    for name in ("readme.txt", "._walk_0.ply"):
+        Path("poses", name).write_text("no mesh")
     marks = [{"source": int(i), "target": BODY.V[i].tolist()} for i in spread(BODY.V, 40)]
     Path("marks.json").write_text(json.dumps({"marks": marks}))
     return here
