@@ -154,6 +154,13 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     # The default label is the choice of a method, which may be in a folder.
     if "/" in str(plain["label"]) and "hydra:" not in str(given["label"]):
         raise InputError(f"label={plain['label']} has a '/'; it is a name in tables, and no path")
+    try:
+        json.dumps([plain[part] for part in ("label", "method", "dataset")], ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            "the label, the method or the dataset has a name that is not UTF-8, which no table can hold; "
+            "rename it, or set PYTHONUTF8=1"
+        ) from error
     for part in ("method", "dataset"):
         require_allowed(plain[part], where=f"the configuration of the {part}")
         require_programs(plain[part], where=f"the configuration of the {part}")
