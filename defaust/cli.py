@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -174,7 +175,8 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
         raise InputError(one_sentence(str(error))) from error
     if not isinstance(plain["out"], str):
         raise InputError(f"out={plain['out']} is no folder; give a name")
-    out, settings = Path(plain.pop("out")), {name: plain.pop(name) for name in ("workers", "strict")}
+    out = Path(os.path.expanduser(plain.pop("out")))
+    settings = {name: plain.pop(name) for name in ("workers", "strict")}
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:

@@ -182,7 +182,7 @@ def _animations(paths: Sequence[Path]) -> tuple[Classes, dict[str, str]]:
 
 def existing(root: Any, *, option: str) -> Path:
     """Path that the user named; InputError if nothing is there."""
-    path = Path(str(root)).expanduser()
+    path = Path(os.path.expanduser(str(root)))
     if not path.exists():
         raise InputError(f"{path}: no such folder; set {option}")
     return path

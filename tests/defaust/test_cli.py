@@ -2,9 +2,11 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from defaust.cli import configure
 from tests.robustness.case import assert_refused
 
 
@@ -35,3 +37,8 @@ def test_module_runs_and_starts_light():
 )
 def test_wrong_overrides_are_refused(overrides, message, refused):
     refused(overrides, message)
+
+
+def test_a_tilde_is_the_home_of_the_user_where_there_is_one(refused):
+    assert configure(["out='~/built'"])[1] == Path.home() / "built"
+    refused(["out=x", "source=sequence", "source.root='~nobody_here/x'"], "no such folder")
