@@ -64,10 +64,12 @@ def of_dataset(path: Path) -> Path:
     """
     if _holds_something(path):
         return path
-    tagged = [path.with_name(f"{path.stem}{tag}{path.suffix}") for tag in _tags()]
+    end = ".csv" if path.suffix == ".csv" else ""  # the name of a folder may have a dot, as in v1.2
+    tagged = [path.with_name(f"{path.name.removesuffix(end)}{tag}{end}") for tag in _tags()]
     found = [other for other in tagged if _holds_something(other)]
     if len(found) > 1:
-        raise InputError(f"there is no {path}; name one of {', '.join(other.stem for other in found)}")
+        names = ", ".join(other.name.removesuffix(end) for other in found)
+        raise InputError(f"there is no {path}; name one of {names}")
     return found[0] if found else path
 
 

@@ -69,3 +69,5 @@ def test_an_experiment_on_another_dataset_is_found_by_its_name_alone(here):
         experiment_folder(Path("mine"))
     write_run(run_folder("out/runs/mine", row()), row())
     assert experiment_folder(Path("mine")) == Path("out/runs/mine")
+    write_run(run_folder("out/runs/v1.2_mesh", row()), row())
+    assert experiment_folder(Path("v1.2")) == Path("out/runs/v1.2_mesh")
