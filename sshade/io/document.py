@@ -103,10 +103,14 @@ def listed(names: Sequence[str]) -> str:
 def moved_reference(name: str, source: Path, path: Path) -> str:
     """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay.
 
-    Names are sought beside `source`, even if it is a link to a file elsewhere.
+    Names are sought beside `source`, even if it is a link to a file elsewhere. A name becomes absolute if
+    `path` is on another drive of Windows.
     """
     here, there = source.parent.resolve(), path.parent.resolve()
     absolute = Path(name).is_absolute() or PureWindowsPath(name).is_absolute()
     if here == there or absolute or len(urlsplit(name).scheme) > 1:
         return name
-    return Path(os.path.relpath(here / name, there)).as_posix()
+    try:
+        return Path(os.path.relpath(here / name, there)).as_posix()
+    except ValueError:
+        return (here / name).as_posix()

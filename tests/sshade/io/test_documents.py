@@ -1,5 +1,6 @@
 """Files as several programs write them keep everything except positions and normals."""
 
+import os
 import struct
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
+from sshade.io.document import moved_reference
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import end_handles, icosphere
@@ -292,6 +294,15 @@ def test_the_name_of_a_library_is_what_programs_read(tmp_path, line, moved):
     file = read_file(tmp_path / "in" / "a.obj")
     write_file(tmp_path / "out" / "a.obj", file, file.V)
     assert (tmp_path / "out" / "a.obj").read_text().startswith((moved or line) + "\n")
+
+
+def test_a_reference_becomes_absolute_where_windows_has_another_drive(tmp_path, monkeypatch):
+    def on_another_drive(*_):
+        raise ValueError("path is on mount 'C:', start on mount 'D:'")
+
+    monkeypatch.setattr(os.path, "relpath", on_another_drive)
+    moved = moved_reference("a.mtl", tmp_path / "a.obj", tmp_path / "out" / "a.obj")
+    assert moved == (tmp_path / "a.mtl").resolve().as_posix()
 
 
 def test_references_of_a_link_are_beside_the_link(tmp_path):
