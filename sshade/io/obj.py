@@ -13,7 +13,7 @@ import numpy as np
 
 from sshade.io.document import MeshFile, moved_reference, present
 from sshade.io.normals import smooth_groups, turned, turns
-from sshade.io.obj_materials import obj_skin
+from sshade.io.obj_materials import obj_skin, rest_of
 from sshade.io.skins import Skin
 from sshade.io.triangles import fanned
 from sshade.io.words import Edits, Numbers, Text, edited, key_of, without_comments
@@ -139,7 +139,7 @@ def _skin(data: bytes, path: Path) -> Skin:
     )
     _, triangles, face, texture = _faces(text, polygons, vertices, shading)
     lines = {"polygons": polygons, "coordinates": coordinates, "uses": uses, "libraries": libraries}
-    return obj_skin(text, path, **lines, face=face, texture=texture, triangles=triangles)
+    return obj_skin(text, data, path, **lines, face=face, texture=texture, triangles=triangles)
 
 
 def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
@@ -207,9 +207,8 @@ def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
 
 def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    written = line.partition(b"#")[0]
-    rest = written.split(None, 1)[1:]
-    text = rest[0].strip().decode("utf-8", "surrogateescape") if rest else ""
+    written = line if (source.parent / rest_of(line)).is_file() else line.partition(b"#")[0]
+    text = rest_of(written)
     # Names are separated by blanks, but a single name may contain blanks.
     single = (source.parent / text).is_file() or text.lower().count(".mtl") == 1
     names = [text] if single else text.split()

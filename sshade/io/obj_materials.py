@@ -16,6 +16,7 @@ _PLAIN = Material(np.full(3, 0.8))
 
 def obj_skin(
     text: Text,
+    data: bytes,
     path: Path,
     *,
     polygons: np.ndarray,
@@ -31,6 +32,8 @@ def obj_skin(
     Parameters
     ----------
     text : Text
+    data : bytes
+        The text with its comments: names may have a ``#``.
     path : path
         The OBJ file; the names of .mtl files are relative to its folder.
     polygons, coordinates, uses, libraries : (k,) int64
@@ -57,15 +60,24 @@ def obj_skin(
         above = np.searchsorted(coordinates, polygons)[face[there]]
         number += np.where(number < 0, above + 1, 0)
         corner[there] = np.where((number > 0) & (number < len(uv)), number, 0)
+
+    def names(lines: np.ndarray) -> list[tuple[str, str]]:
+        ends = np.stack(text.line_ends(lines)).T.tolist()
+        return [(rest_of(data[a:b]), rest_of(data[a:b].partition(b"#")[0])) for a, b in ends]
+
     known: dict[str, Material] = {}
-    for line in libraries.tolist():
-        words = text.words(line)[1:]
-        for name in {b" ".join(words), *words}:
-            known |= _library(path.parent / name.decode("utf-8", "surrogateescape"))
-    names = [b" ".join(text.words(line)[1:]).decode("utf-8", "surrogateescape") for line in uses.tolist()]
-    materials = [_PLAIN, *(known.get(name, _PLAIN) for name in names)]
+    for whole, short in names(libraries):
+        for name in dict.fromkeys((*short.split(), short, whole)):
+            known |= _library(path.parent / name)
+    materials = [_PLAIN, *(known.get(whole, known.get(short, _PLAIN)) for whole, short in names(uses))]
     of_polygon = np.searchsorted(uses, polygons)
     return Skin(uv, corner[triangles], of_polygon[face[triangles[:, 0]]], materials)
+
+
+def rest_of(line: bytes) -> str:
+    """Return what follows the keyword of a line."""
+    rest = line.split(None, 1)[1:]
+    return rest[0].strip().decode("utf-8", "surrogateescape") if rest else ""
 
 
 def _library(path: Path) -> dict[str, Material]:
@@ -73,13 +85,13 @@ def _library(path: Path) -> dict[str, Material]:
     found: dict[str, Material] = {}
     name = None
     try:
-        lines = path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+        lines = path.read_text(encoding="utf-8-sig", errors="surrogateescape").splitlines()
     except (OSError, ValueError):
         return found
     for line in lines:
         key, *words = line.split() or [""]
         if key == "newmtl":
-            name = " ".join(words)
+            name = line.strip().removeprefix(key).strip()
             found[name] = _PLAIN
         elif name is None:
             continue

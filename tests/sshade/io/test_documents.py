@@ -272,6 +272,12 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
     path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it.mtl"))
     write_file(tmp_path / "out" / "b.obj", read_file(path), V)
     assert "mtllib ../in/of it.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    # So may a name with a "#", which else begins a comment.
+    (tmp_path / "in" / "of it #2.mtl").write_text("newmtl red #1\nKd 1 0 0\n", encoding="utf-8-sig")
+    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it #2.mtl") + "usemtl red #1\nf 1 2 3\n")
+    write_file(tmp_path / "out" / "b.obj", read_file(path), V)
+    assert "mtllib ../in/of it #2.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    assert read_file(path).skin().materials[-1].colour.tolist() == [1, 0, 0]
     path = path.with_suffix(".ply")
     path.write_text(MESHLAB)
     write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])
