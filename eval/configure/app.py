@@ -162,7 +162,7 @@ def _as_sweep(setting: str) -> str:
 
     Hydra checks all other settings for the default method, too.
     """
-    override = OverridesParser.create().parse_override(setting)
+    override = OverridesParser.create().parse_overrides([setting])[0]
     if override.is_sweep_override() or override.is_delete():
         return setting
     value = override.get_value_element_as_str() or "''"

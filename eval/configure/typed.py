@@ -33,24 +33,25 @@ def allow_programs(settings: Iterable[str]) -> None:
     for text in settings:
         key = _key(text)
         if key == ALLOWING:
-            commands = parser.parse_override(text).value()
+            (override,) = parser.parse_overrides([text])
+            commands = override.value()
             if not isinstance(commands, list) or not all(isinstance(line, str) for line in commands):
                 raise InputError(
                     f"{text} is not a list of commands; write \"{ALLOWING}=['python3 mymethod.py']\""
                 )
             allow(commands)
         elif key.startswith("method.") and key.endswith(".command"):
-            override = parser.parse_override(text)
+            (override,) = parser.parse_overrides([text])
             swept = override.is_sweep_override()
             texts = override.sweep_string_iterator() if swept else [override.get_value_element_as_str()]
-            values = [parser.parse_override(f"one={value}").value() for value in texts]
+            values = [one.value() for one in parser.parse_overrides([f"one={value}" for value in texts])]
             allow(value for value in values if isinstance(value, list))
 
 
 def search_path(settings: Iterable[str]) -> list[str]:
     """Return the folders in the setting ``hydra.searchpath``."""
-    parser = OverridesParser.create()
-    values = [parser.parse_override(text).value() for text in settings if _key(text) == _SEARCH_PATH]
+    given = [text for text in settings if _key(text) == _SEARCH_PATH]
+    values = [override.value() for override in OverridesParser.create().parse_overrides(given)]
     return [str(folder) for value in values if isinstance(value, list) for folder in value]
 
 

@@ -164,6 +164,7 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
+        (["-m", "dataset=bumpy", "method.vertices=(1"], "method.vertices=(1 is not understood"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
         (["-m", "dataset=listed", "subject=[0,1]", "pose=1"], "subject=[0, 1] does not fit"),
         (["dataset=bumpy", "method=stretching", "method.factor=nan"], "method.factor is NaN"),
