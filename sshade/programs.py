@@ -66,9 +66,10 @@ def require_permission(command: Any, *, where: str) -> None:
     allowed = [_named(shlex.split(line)) for line in os.environ.get(ALLOWED, "").splitlines()]
     if asked not in allowed:
         text = shlex.join(asked)
+        inside = text.replace("'", '\\"')  # it stands in quotes of Hydra in quotes of the shell
         raise InputError(
             f"{where} runs the program `{text}`, which is not allowed; if you trust it, give "
-            f"\"{ALLOWING}=['{text}']\" on the command line, or set {ALLOWED}"
+            f"\"{ALLOWING}=['{inside}']\" on the command line, or set {ALLOWED}"
         )
 
 

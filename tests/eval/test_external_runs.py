@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from external_programs import COPYING, TEXTS, allow, ended, program, wait_for
 from test_code_version import forget
 from test_eval_interrupt import alive, start_eval
 
+from eval.configure.typed import allow_programs
 from eval.main import call, main
 from eval.rows.collect import gather
 from eval.rows.frame import read_csv
@@ -23,7 +25,7 @@ from eval.run.code import CodeChanged
 from eval.run.recall import load_task
 from eval.run.run import run
 from sshade.errors import InputError
-from sshade.programs import ALLOWED
+from sshade.programs import ALLOWED, require_permission
 from tests.full import few
 from tests.robustness.case import Case, attempt
 from tests.robustness.case import run as run_command
@@ -326,3 +328,10 @@ def test_the_method_itself_asks_again(task, tmp_path):
 def test_a_list_of_programs_must_be_one(theirs):
     write_method(theirs, command=["sh", "mine.sh"])
     assert main(["run", "run.allow_programs=sh", "method=identity", "dataset=hairpin"]) == 2
+
+
+def test_the_setting_that_a_refusal_proposes_allows_the_program():
+    with pytest.raises(InputError) as refusal:
+        require_permission(["sh", "my methods/m.sh"], where="it")
+    allow_programs(shlex.split(str(refusal.value).partition("give ")[2].partition(" on the command")[0]))
+    require_permission(["sh", "my methods/m.sh"], where="it")
