@@ -146,7 +146,9 @@ def announced_compilation() -> Iterator[None]:
 
 
 def missing_library(error: BaseException) -> str | None:
-    """Return what to install, if a library of :data:`EXTRAS` is missing; None for any other error."""
+    """Return what to install, if a library of :data:`EXTRAS` or this package is missing; None otherwise."""
+    if isinstance(error, ModuleNotFoundError) and error.name == "sshade":  # a clone asks for its version
+        return "sshade is not installed; install it with pip install . in the clone"
     library = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     extra = EXTRAS.get(library)
     return f"{library} is not installed; {how_to_install(extra)}" if extra else None

@@ -4,11 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 
 from sshade.cli.console import EXTRAS, run_command
+from sshade.cli.programs import version_of
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
@@ -67,3 +69,12 @@ def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing
 def test_another_missing_module_is_an_error_of_the_program():
     with pytest.raises(ModuleNotFoundError, match="no_such_library"):
         run_command(lambda: __import__("no_such_library"))
+
+
+def test_a_clone_that_is_not_installed_says_so(capsys, monkeypatch):
+    def absent(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.version", absent)
+    assert run_command(lambda: version_of("sshade")) == 2
+    assert capsys.readouterr().err.startswith("error: sshade is not installed; ")
