@@ -281,7 +281,8 @@ def parsed_slide(slide: Any, folder: Path) -> Slide | str:
             return Slide.axes(value)
         if value == REST:
             return REST
-        path = (folder / value).resolve()
+        path = folder / value
+        path = path.parent.resolve() / path.name  # the name of a link has the suffix
         if not value or not path.exists():
             raise InputError(f"{path}: there is no such file; the path is relative to the handle file")
         return Slide.on(read_mesh(path), name=str(path))

@@ -293,7 +293,7 @@ def write_handles(
                     raise InputError(
                         "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
                     )
-                entry |= _beside(slide.record, Path(path).resolve().parent)
+                entry |= _beside(slide.record, Path(path))
             if "free" in entry:
                 entry.pop("target", None)  # it has no effect, and files do not have it
             entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
@@ -303,10 +303,14 @@ def write_handles(
         temporary.write_text(_lines(texts, "") + "\n", encoding="utf-8")
 
 
-def _beside(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the record of a slide; a surface in or below the folder of the file is named from there."""
-    named = record.get("slide", {}).get("surface", REST)
-    if named == REST or not Path(named).is_relative_to(folder):
+def _beside(record: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return the record of a slide; a surface in or below the folder of the file is named from there.
+
+    A link to a file in another folder is read from both, so the name stays absolute.
+    """
+    named, folder = record.get("slide", {}).get("surface", REST), path.parent.resolve()
+    elsewhere = path.resolve().parent != folder
+    if named == REST or elsewhere or not Path(named).is_relative_to(folder):
         return dict(record)
     return {"slide": {"surface": Path(named).relative_to(folder).as_posix()}}
 

@@ -210,19 +210,23 @@ def read(path, *entries):
 
 
 def test_files_have_every_slide(here):
-    (here / "ground.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n")
+    (here / "store").mkdir()
+    (here / "store/0123").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n")
+    for link, file in (("store/ground.obj", "0123"), ("deeper.json", "store/deeper.json")):
+        (here / link).symlink_to(file)
     entries = [
         {"vertices": [0, 1], "kind": "static"},
         {"vertices": [2], "slide": {"plane": [0, 0, 2]}},
         {**FILE, "slide": {"line": [0, 1, 1]}, "weight": 3.0, "rotation": TURN.tolist()},
         {"source": [SPHERE.V[4].tolist()], "slide": {"axes": "xz"}},
-        {"boxes": [[[0.95, -1, -1], [1, 1, 1]]], "slide": {"surface": "ground.obj"}},
+        {"boxes": [[[0.95, -1, -1], [1, 1, 1]]], "slide": {"surface": "store/ground.obj"}},
         {"vertices": [6], "slide": {"surface": "rest"}},
         {"vertices": [7], "rotation": TURN.tolist(), "free": "position"},
     ]
     handles = read(here / "a.json", *entries)
     write_handles(here / "deeper.json", handles)
     again = read_handles(here / "deeper.json", SPHERE)
+    assert len(read_handles(here / "store/deeper.json", SPHERE)) == len(again)
     P = 1.3 * SPHERE.V + [0.1, 0.2, 0.3]
     names = ("index", "target", "weight", "rotation", "group")
     assert all(np.array_equal(getattr(handles, n), getattr(again, n), equal_nan=True) for n in names)
