@@ -93,8 +93,11 @@ def command(options: argparse.Namespace) -> int:
     if path is None:
         plotter.show(title=f"sshade show {options.mesh}")
         return 0
+    from PIL import Image  # after pyvista, which brings it
+
+    pixels = plotter.screenshot(return_img=True)
     with replacing(path) as temporary:
-        plotter.screenshot(temporary)
+        Image.fromarray(pixels).save(temporary)  # pyvista knows no upper-case suffix
     plotter.close()
     say(str(path))
     return 0

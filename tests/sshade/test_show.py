@@ -73,10 +73,10 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
 def test_show_writes_a_picture_with_targets_and_errors(sound, capsys):
     write_mesh("posed.ply", BODY.V * [1, 1, 1.5], BODY.F)
     write_handles("pose.json", end_handles(BODY.V, count=2, shift=[0, 0, 2.0]))
-    line = "show body.ply pose.json --deformed posed.ply -o both.png --towards 1 0 0 --up 0 0 1"
+    line = "show body.ply pose.json --deformed posed.ply -o both.PNG --towards 1 0 0 --up 0 0 1"
     assert main(line.split()) == 0
-    assert "both.png" in capsys.readouterr().err
-    pixels = (255 * pyplot.imread("both.png")[..., :3]).astype(int)
+    assert "both.PNG" in capsys.readouterr().err
+    pixels = (255 * pyplot.imread("both.PNG")[..., :3]).astype(int)
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
     for panel in (left, right):
         assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
