@@ -174,7 +174,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
             raise error.__cause__ from error
         raise InputError(one_sentence(str(error))) from error
     if not isinstance(plain["out"], str):
-        raise InputError(f"out={plain['out']} is no folder; give a name")
+        raise InputError(f"out={plain['out']} is no folder; give a name, such as ./2026 if it is a number")
     out = Path(os.path.expanduser(plain.pop("out")))
     settings = {name: plain.pop(name) for name in ("workers", "strict")}
     del plain["source"]

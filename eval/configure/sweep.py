@@ -277,6 +277,8 @@ def in_queue() -> bool:
 def check_root(dataset: Mapping[str, Any]) -> None:
     """Raise InputError, with the build command, when the folder of a dataset is missing."""
     root = dataset.get("root")
+    if root is not None and not isinstance(root, str):
+        raise InputError(f"dataset.root={root} is no folder; give a name, such as ./2026 if it is a number")
     if root is not None and not Path(root).exists():
         hint = f"; make it with: {dataset['build']}" if dataset.get("build") else ""
         raise InputError(f"the dataset folder {root} does not exist{hint}")

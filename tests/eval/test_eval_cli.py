@@ -165,6 +165,7 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
         (["-m", "dataset=bumpy", "method.vertices=(1"], "method.vertices=(1 is not understood"),
+        (["dataset=listed", "dataset.root=2026"], "dataset.root=2026 is no folder; give a name, such as ./2"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
         (["-m", "dataset=listed", "subject=[0,1]", "pose=1"], "subject=[0, 1] does not fit"),
         (["dataset=bumpy", "method=stretching", "method.factor=nan"], "method.factor is NaN"),
