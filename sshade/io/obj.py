@@ -6,6 +6,7 @@ Vertices are never split by texture coordinates, normals, colours, groups or mat
 from __future__ import annotations
 
 from functools import partial
+from os.path import isfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -207,10 +208,10 @@ def _content(obj: _Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
 
 def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    written = line if (source.parent / rest_of(line)).is_file() else line.partition(b"#")[0]
+    written = line if isfile(source.parent / rest_of(line)) else line.partition(b"#")[0]
     text = rest_of(written)
     # Names are separated by blanks, but a single name may contain blanks.
-    single = (source.parent / text).is_file() or text.lower().count(".mtl") == 1
+    single = isfile(source.parent / text) or text.lower().count(".mtl") == 1
     names = [text] if single else text.split()
     moved = [moved_reference(name, source, path) for name in names]
     if moved == names:

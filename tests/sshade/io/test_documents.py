@@ -288,6 +288,7 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
     ("line", "moved"),
     [
         ("mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
+        (f"mtllib one.mtl # {'long' * 99}", f"mtllib ../in/one.mtl # {'long' * 99}"),
         ("mtllib not there.mtl", "mtllib ../in/not there.mtl"),
         ("mtllib C:\\models\\one.mtl", None),
         ("mtllib /models/one.mtl", None),
