@@ -124,6 +124,7 @@ class ThreadTeam:
             work()
             done.put(None)
 
+        self._threads[:] = [thread for thread in self._threads if thread.is_alive()]  # none after a fork
         while len(self._threads) < others:
             thread = Thread(target=_serve, args=(self._tasks,), daemon=True)
             thread.start()

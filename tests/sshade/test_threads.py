@@ -1,5 +1,6 @@
 import gc
 import os
+import signal
 import threading
 
 import pytest
@@ -74,3 +75,14 @@ def test_threads_end_with_their_team():
     for thread in others:
         thread.join(timeout=10)
         assert not thread.is_alive()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_team_works_after_a_fork():
+    with ThreadTeam(3) as team:
+        team(square, 3)
+        if not (child := os.fork()):
+            signal.alarm(10)  # ends a child that waits for threads of its parent
+            os._exit(team(square, 3) != [0, 1, 4])
+        assert os.waitpid(child, 0)[1] == 0
