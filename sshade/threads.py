@@ -124,7 +124,8 @@ class ThreadTeam:
             work()
             done.put(None)
 
-        self._threads[:] = [thread for thread in self._threads if thread.is_alive()]  # none after a fork
+        if not all(thread.is_alive() for thread in self._threads):
+            self._threads.clear()  # a forked process has none of them
         while len(self._threads) < others:
             thread = Thread(target=_serve, args=(self._tasks,), daemon=True)
             thread.start()
