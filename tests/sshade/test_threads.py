@@ -1,6 +1,7 @@
 import gc
 import os
-import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -77,12 +78,22 @@ def test_threads_end_with_their_team():
         assert not thread.is_alive()
 
 
+FORK = """
+import os, signal
+from sshade.threads import ThreadTeam
+
+def square(i):
+    return i * i
+
+with ThreadTeam(3) as team:
+    team(square, 3)
+    if not (child := os.fork()):
+        signal.alarm(10)  # ends a child that waits for threads of its parent
+        os._exit(team(square, 3) != [0, 1, 4])
+    assert os.waitpid(child, 0)[1] == 0
+"""
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_team_works_after_a_fork():
-    with ThreadTeam(3) as team:
-        team(square, 3)
-        if not (child := os.fork()):
-            signal.alarm(10)  # ends a child that waits for threads of its parent
-            os._exit(team(square, 3) != [0, 1, 4])
-        assert os.waitpid(child, 0)[1] == 0
+    subprocess.run([sys.executable, "-W", "ignore", "-c", FORK], check=True)
