@@ -28,12 +28,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, runs_folder, source_of
-from eval.configure.typed import allow_programs, search_path
+from eval.configure.typed import allow_programs, listed
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.old_names import refuse_old_names
 from eval.rows.splits import require_split
-from eval.run.allowed import OVERRIDE, allow_from, check_folders
+from eval.run.allowed import OVERRIDE, allow_functions, check_folders
 from eval.run.attempt import WROTE
 from eval.run.code import CodeChanged, require_unchanged
 from eval.run.record import SweepRecord, status_text
@@ -143,9 +143,9 @@ def _checked(arguments: list[str]) -> list[str]:
         if getattr(known, flag) is not None:
             name = f"--{flag.replace('_', '-')}"
             raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
-    allow_from(known.overrides)
+    allow_functions(listed(known.overrides, OVERRIDE))
     allow_programs(known.overrides)
-    check_folders([known.config_dir, *search_path(known.overrides)])
+    check_folders([known.config_dir, *listed(known.overrides, "hydra.searchpath")])
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         refuse_old_names(key, re.split(r"[=,]", text)[1:])

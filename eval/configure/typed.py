@@ -1,4 +1,4 @@
-"""Programs and folders that a command line names: programs are thereby allowed, folders are to be checked."""
+"""Programs, functions and folders that a command line names."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from sshade.errors import InputError
 from sshade.programs import ALLOWING, allow
-
-#: Setting of Hydra with further folders of configurations.
-_SEARCH_PATH = "hydra.searchpath"
 
 
 def allow_programs(settings: Iterable[str]) -> None:
@@ -48,11 +45,14 @@ def allow_programs(settings: Iterable[str]) -> None:
             allow(value for value in values if isinstance(value, list))
 
 
-def search_path(settings: Iterable[str]) -> list[str]:
-    """Return the folders in the setting ``hydra.searchpath``."""
-    given = [text for text in settings if _key(text) == _SEARCH_PATH]
-    values = [override.value() for override in OverridesParser.create().parse_overrides(given)]
-    return [str(folder) for value in values if isinstance(value, list) for folder in value]
+def listed(settings: Iterable[str], key: str) -> list[str]:
+    """Return the elements of the lists in the words ``key=[a, b]``; ``key=a`` counts as a list of one."""
+    given = [text for text in settings if _key(text) == key]
+    texts: list[str] = []
+    for override in OverridesParser.create().parse_overrides(given):
+        value = override.value()
+        texts += map(str, value if isinstance(value, list) else [value])
+    return texts
 
 
 def _key(text: str) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -73,10 +73,9 @@ def require_programs(config: Any, *, where: str) -> None:
         require_programs(value, where=where)
 
 
-def allow_from(overrides: Sequence[str]) -> None:
-    """Read ``run.allow_targets`` from a command line, for this process and its child processes."""
-    texts = [text for override in overrides for text in _list(override)]
-    os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *texts]).strip(",")
+def allow_functions(prefixes: Iterable[str]) -> None:
+    """Allow functions by the first letters of their names, for this process and its child processes."""
+    os.environ[VARIABLE] = ",".join([os.environ.get(VARIABLE, ""), *prefixes]).strip(",")
 
 
 def check_folders(folders: Iterable[str | None]) -> None:
@@ -126,9 +125,3 @@ def _items(config: Any) -> Iterator[tuple[Any, Any]]:
         for value in config:
             yield None, value
             yield from _items(value)
-
-
-def _list(override: str) -> list[str]:
-    """Return the elements of ``run.allow_targets=[a, b]``; none for all other overrides."""
-    key, _, value = override.lstrip("+").partition("=")
-    return [text.strip(" '\"") for text in value.strip(" []'\"").split(",")] if key == OVERRIDE else []

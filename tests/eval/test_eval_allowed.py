@@ -5,8 +5,8 @@ import sys
 import pytest
 import yaml
 
-from eval.configure.typed import search_path
-from eval.run.allowed import VARIABLE, allow_from, check_folders, require_allowed
+from eval.configure.typed import listed
+from eval.run.allowed import OVERRIDE, VARIABLE, allow_functions, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
 from sshade.errors import InputError
 from tests.robustness.case import assert_refused, run
@@ -35,8 +35,8 @@ def test_anything_else_is_not(name, key):
 
 
 def test_the_command_line_allows_beginnings():
-    allow_from(["method=x", "run.allow_targets=[mypackage., other.f]"])
-    allow_from(["+run.allow_targets='third.'"])
+    allow_functions(listed(["method=x", "run.allow_targets=[mypackage., 'other.f']"], OVERRIDE))
+    allow_functions(listed(["+run.allow_targets='third.'"], OVERRIDE))
     require_allowed([{"_target_": name} for name in ("mypackage.a.b", "other.f", "third.f")], where="x")
     with pytest.raises(InputError, match="mypackages.a"):
         require_allowed({"_target_": "mypackages.a"}, where="x")
@@ -71,7 +71,7 @@ def test_folders_are_checked_whole(quick, tmp_path, text, words):
     tmp_path.rename(odd := tmp_path.with_name(f"{tmp_path.name} a,b"))
     for override in (f"hydra.searchpath=['file://{odd}']", f"+hydra.searchpath=['{odd}', pkg://x]"):
         with pytest.raises(InputError, match=words):
-            check_folders([None, *search_path(["seed=1", override])])
+            check_folders([None, *listed(["seed=1", override], "hydra.searchpath")])
 
 
 @pytest.fixture
