@@ -70,8 +70,9 @@ class Handles:
     merge_distance : float
         Largest distance between the target of a merged handle and the target of its vertex.
     extent : float, optional
-        Diagonal of the mesh, by default of the bounding box of all targets. Targets of one vertex are equal
-        if they differ by at most :data:`sshade.handle_checks.SAME_TARGET` times this length.
+        Length, by default the diagonal of the bounding box of all targets. Targets of one vertex are equal
+        if they differ by at most :data:`sshade.handle_checks.SAME_TARGET` times this length. Give the
+        diagonal of the mesh, or more where merged copies of a vertex lie further apart.
 
     Raises
     ------
