@@ -25,12 +25,11 @@ _NUMBER = re.compile(r"%(0\d+)?d")
 
 
 def has_number(path: Path) -> bool:
-    """Whether a name has a place for a number, and raise InputError on more than one or another ``%``."""
-    if "%" not in path.name:
-        return False
-    if len(_NUMBER.findall(path.name)) != 1 or path.name.count("%") != 1:
+    """Whether a name has a place for a number, and raise InputError on two places, or one such as ``%4d``."""
+    places = re.findall(r"%\d*d", path.name)
+    if places and (len(places) > 1 or not _NUMBER.fullmatch(places[0])):
         raise InputError(f"{path}: a pattern has one place for the number, such as out_%04d.ply")
-    return True
+    return bool(places)
 
 
 class NumberedFiles:

@@ -60,8 +60,8 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     ]
     for V, step in zip(vertices("out_*.ply"), STEPS, strict=True):
         np.testing.assert_allclose(V[ENDS.index], targets(step), atol=1e-12)
-    assert main(["deform", "body.ply", "pose_0.json", "-o", "single.ply", *FAST]) == 0
-    assert Path("single.ply").read_bytes() == Path("out_001.ply").read_bytes()
+    assert main(["deform", "body.ply", "pose_0.json", "-o", "50%.ply", *FAST]) == 0
+    assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
     assert main(["deform", "body.ply", *poses()[:2], "-o", "out_%03d.ply", *FAST]) == 0
     assert "out_003.ply is of an earlier, longer sequence, and stays" in capsys.readouterr().err
@@ -455,7 +455,8 @@ MOVES = ["moves.json", *OUT]
 BAD = {
     "no number": (None, [*poses(), "-o", "out.ply"], "out.ply: one such file cannot hold a sequence; number"),
     "two numbers": (None, [*poses(), "-o", "o%d_%d.ply"], "one place for the number, such as out_%04d.ply"),
-    "another place": (None, [*poses(), "-o", "out_%s.ply"], "one place for the number"),
+    "another place": (None, [*poses(), "-o", "out_%4d.ply"], "one place for the number"),
+    "no place": (None, [*poses(), "-o", "50%_%s.ply"], "50%_%s.ply: one such file cannot hold a sequence"),
     "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
     "numbered cache": (None, [*poses(), "-o", "out_%d.pc2"], "unknown format '.pc2'"),
     "fps below 0": (None, [*poses(), *OUT, "--fps", "-1"], "--fps takes a number above 0"),
