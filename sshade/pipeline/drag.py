@@ -194,8 +194,12 @@ class NearestPlacement:
         self.rest = self._snapped(rest)
         number = numbered(self.rest.index, proxy.n)
         #: The handle of N that stands for each handle of M, and corrections of the targets of N's handles.
-        self._stands_for, self._shift = number[nearest], np.zeros((len(self.rest), 3))
-        self._farthest = 2 * self.rest.snap_distance
+        self._stands_for, self._farthest = number[nearest], 2 * self.rest.snap_distance
+        self.forget()
+
+    def forget(self) -> None:
+        """Correct no target until the next :meth:`learn`."""
+        self._shift = np.zeros((len(self.rest), 3))
 
     def __call__(self, handles: Handles) -> Handles:
         """Return handles of N at targets corrected for where the last call missed."""

@@ -250,7 +250,7 @@ class BoundProxy:
     sampling : Sampling
     place : callable
         Places handles of M on N. An optional method ``learn(handles, V)`` corrects later placements for the
-        distance of M' from the targets, and returns the largest distance.
+        distance of M' from the targets, and returns the largest distance; ``forget()`` ends the corrections.
     solver : callable
         A :data:`SolveProxy`; in a Deformer a :class:`sshade.pipeline.drag.Drag`.
     bound : Future of Binding
@@ -284,8 +284,11 @@ class BoundProxy:
         self.secants = Secants(len(wanted)) if goals.parts else None
 
     def restart(self) -> None:
-        """Forget the corrections of goals."""
+        """Forget the corrections of goals and of places."""
         self.goals = self.first_goals
+        self.secants = self.secants and Secants(len(self.goals))
+        if forget := getattr(self.place, "forget", None):
+            forget()
 
     @property
     def binding(self) -> Binding:

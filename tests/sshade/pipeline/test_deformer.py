@@ -254,6 +254,14 @@ def test_other_handles_are_taken_without_binding_anew(weight):
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
 
 
+def test_a_reset_forgets_where_rebound_handles_missed_their_targets(mesh, held, drag):
+    others = np.setdiff1d(np.argsort(mesh.V[:, 2])[[*range(12), *range(-12, 0)]], held)
+    drag.rebind_handles(others)
+    drag(mesh.V[others] + np.where(mesh.V[others, 2:] > 0, [0.3, 0, 0.2], 0.0))
+    drag.reset()
+    assert np.abs(drag(mesh.V[others]).vertices - mesh.V).max() < 1e-12 * mesh.diagonal
+
+
 @pytest.mark.parametrize("wrong", [[0, 0], [10**6], "far"])
 def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, wrong, monkeypatch):
     drag = Deformer(mesh, held, vertices=150, samplings=2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Handles, InputError, Slide, deform, deform_sequence
+from sshade import DeformationTask, Handles, InputError, Slide, VolumeGoal, deform, deform_sequence
 from sshade.pipeline import engine
 from sshade.pipeline.sequence import NEAR_POSE, Sequence
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
@@ -85,10 +85,11 @@ def test_a_sequence_goes_on_from_stored_vertices_with_the_same_bits():
         np.testing.assert_array_equal(result.vertices, whole[number])
 
 
-def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected():
+@pytest.mark.parametrize("goals", [(), (VolumeGoal(ratio=1.3, faces=np.arange(200)),)])
+def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(goals):
     mesh = bumpy(4)
-    ends = end_handles(mesh.V, count=mesh.n // 4)
-    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends)
+    ends = end_handles(mesh.V, count=20 if goals else mesh.n // 4)
+    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends, volumes=goals)
     poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
     first, last = deform_sequence(task, poses, vertices=300)
     again = Sequence(task, vertices=300)(poses[1], after=(poses[0], first.vertices))
