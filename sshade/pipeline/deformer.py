@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from math import inf
 from time import perf_counter
@@ -290,7 +291,8 @@ class Deformer:
         self._last_handles = handles
         stop = stopping.subset(("tolerance", "max_iterations"))
         solved = self._proxies[0].solve(handles, **stop)
-        return replace(solved, seconds={"solve": perf_counter() - begin})
+        # A copy, because the caller may change the arrays, and a later call may start there.
+        return replace(deepcopy(solved), seconds={"solve": perf_counter() - begin})
 
     def _resolved(self, values: Mapping[str, Any]) -> tuple[Options, tuple[VolumeGoal, ...]]:
         """Return the method's options with the values of the user, and the volume goals of parts."""
