@@ -50,7 +50,7 @@ def write_point_cache(path: Path, poses: Iterable[np.ndarray], *, vertices: int,
 
 def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
     """Return positions (n, 3) as float32, and raise InputError where a position is too large for it."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", under="ignore"):
         floats = V.astype(np.float32)
     if (np.isinf(floats) & np.isfinite(V)).any():
         raise InputError(f"{path}: a position is too large for the single precision of this format")

@@ -177,7 +177,7 @@ def single_steps(V: np.ndarray) -> np.ndarray:
 
 def as_single(V: np.ndarray) -> np.ndarray:
     """Return V (n, 3) float64 as float32 holds it."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", under="ignore"):
         return V.astype(np.float32).astype(np.float64)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sshade import InputError, Mesh
 from sshade.mesh.seams import same_rows
-from sshade.mesh.surface import surface
+from sshade.mesh.surface import is_single, surface
 from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
 
@@ -145,3 +145,8 @@ def test_a_repair_that_leaves_no_face_is_refused():
     with pytest.raises(InputError, match="all 60 faces collapse .* choose a smaller weld"):
         surface(V, slivers.F, repair=True)
     assert surface(V, slivers.F, repair=True, weld=0).mesh.n == slivers.n
+
+
+def test_rounding_to_single_precision_ignores_how_the_caller_treats_underflow():
+    with np.errstate(all="raise"):
+        assert not is_single(1e-50 * np.eye(3)) and not is_single(1e50 * np.eye(3))
