@@ -90,7 +90,8 @@ def write(
     InputError
         When faces are missing, arrays have other shapes, a position is not finite, or faces are out of
         range. When `like` has another number of vertices or other faces, or contents that the format of
-        `path` cannot hold. On an unknown suffix, or a folder that does not exist or is not writable.
+        `path` cannot hold. On an unknown suffix, positions too large for the format, or a folder that does
+        not exist or is not writable.
     """
     shape = opened(mesh)
     if shape is None:

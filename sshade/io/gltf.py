@@ -37,6 +37,7 @@ from sshade.io.gltf_scene import (
 )
 from sshade.io.keys import decoded
 from sshade.io.normals import vertex_turns
+from sshade.io.point_cache import as_floats
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
 
@@ -334,7 +335,7 @@ def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
         "bufferViews": [],
         "buffers": [{"byteLength": 0}],
     }
-    gltf, positions = Gltf(path, tree, [bytearray()], b""), V.astype(np.float32)
+    gltf, positions = Gltf(path, tree, [bytearray()], b""), as_floats(V, path)
     new = NewAccessors(gltf)
     new.add(positions, bounds(positions))
     new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)

@@ -14,6 +14,7 @@ from sshade.io.gltf import plain_gltf, read_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
+from sshade.io.point_cache import as_floats
 from sshade.io.stl import read_stl, write_stl
 from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh
@@ -120,7 +121,8 @@ def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> N
     Raises
     ------
     InputError
-        On an unknown suffix, or a folder that does not exist or is not writable.
+        On an unknown suffix, positions too large for the format, or a folder that does not exist or is not
+        writable.
     """
     path = Path(path)
     check_output(path, SUFFIXES)
@@ -146,7 +148,8 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
     Raises
     ------
     InputError
-        On an unknown suffix, or a folder that does not exist or is not writable.
+        On an unknown suffix, positions too large for the format, or a folder that does not exist or is not
+        writable.
     """
     path = Path(path)
     check_output(path, SUFFIXES)
@@ -157,6 +160,7 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         elif suffix in (".glb", ".gltf"):
             temporary.write_bytes(plain_gltf(path, V, F))
         elif suffix == ".stl":
+            as_floats(V, path)  # raises InputError
             write_stl(temporary, V, F)
         elif suffix == ".obj":
             temporary.write_bytes(rows_of("v ", V) + rows_of("f ", F + 1))

@@ -8,6 +8,7 @@ import numpy as np
 
 from sshade.io.document import MeshFile, present, unchanged
 from sshade.io.normals import turned, turns
+from sshade.io.point_cache import as_floats
 from sshade.io.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import as_single
@@ -36,7 +37,7 @@ def read_stl(path: Path) -> MeshFile:
         def content(posed: np.ndarray, path: Path) -> bytes:
             changed = facets.copy()
             changed["normal"] = _turned(facets["normal"].astype(np.float64), V, posed)
-            changed["corners"] = posed.reshape(-1, 3, 3)
+            changed["corners"] = as_floats(posed, path).reshape(-1, 3, 3)
             return data[:84] + changed.tobytes()
 
         stored, holds = as_single, present(facet_attributes=facets["attribute"].any())

@@ -43,6 +43,19 @@ def test_ply_keeps_every_bit_also_of_odd_numbers(tmp_path, shuffled):
     assert back.tobytes() == V.tobytes() and np.array_equal(F, shuffled.F)
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".glb", ".gltf"])
+def test_positions_too_large_for_single_precision_are_refused(tmp_path, shuffled, suffix):
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, shuffled.V, shuffled.F)
+    before, file = path.read_bytes(), meshio.read_file(path)
+    large = [lambda: write_mesh(path, 1e39 * shuffled.V, shuffled.F)]
+    large += [lambda: meshio.write_file(path, file, 1e39 * file.V)] * (suffix == ".stl")
+    for write in large:
+        with pytest.raises(InputError, match=f"mesh{suffix}: a position is too large for the single prec"):
+            write()
+    assert path.read_bytes() == before and os.listdir(tmp_path) == [path.name]
+
+
 def test_a_folder_that_cannot_take_the_output_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(meshio.os, "access", lambda path, mode: mode != os.W_OK)
     with pytest.raises(InputError, match="is not writable"):
