@@ -35,12 +35,13 @@ class LocalStep:
     Attributes
     ----------
     R : (n, 9) float64
-        The rotations; each call overwrites them.
+        The rotations, first the identity; each call overwrites them.
     """
 
     def __init__(self, elements: Elements, n: int) -> None:
         self._elements = elements
-        self._Q, self.R, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        self._Q, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 3))
+        self.R = np.tile(np.eye(3).ravel(), (n, 1))
 
     def rotations(self, u: np.ndarray) -> np.ndarray:
         """Fit the rotations to positions u (n, 3) and return them."""

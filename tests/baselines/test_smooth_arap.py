@@ -13,6 +13,7 @@ from tests.sshade.naive import vertex_areas
 @pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
 def test_without_smoothness_it_is_arap(energy):
     task = held_ends(bumpy(2))
+    assert (smooth_arap(task, max_iterations=0).extra["rotations"] == np.eye(3)).all()
     ours = smooth_arap(task, smoothness=0.0, energy=energy, tolerance=0, max_iterations=25)
     arap = local_global(task, energy=energy, accelerate=False, tolerance=0, max_iterations=25)
     assert np.abs(ours.vertices - arap.vertices).max() < 1e-11 * task.mesh.diagonal
