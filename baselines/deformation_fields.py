@@ -39,7 +39,8 @@ def deformation_field(
     Parameters
     ----------
     task : DeformationTask
-        The mesh may have a boundary and several components. No triangle may have zero area.
+        The mesh may have a boundary and several components, each with a handle. No triangle may have zero
+        area.
     order : int
         k: 1 for the harmonic, 2 for the biharmonic field.
     start : {"rest", "rigid"}
@@ -56,7 +57,8 @@ def deformation_field(
     Raises
     ------
     InputError
-        If `order` is neither 1 nor 2, the start is unknown, a handle is soft, or a triangle has zero area.
+        If `order` is neither 1 nor 2, the start is unknown, a handle is soft, a component has no
+        handle, or a triangle has zero area.
     FloatingPointError
         If the result is not finite.
     """
@@ -66,6 +68,7 @@ def deformation_field(
         raise InputError(f"order={order!r} is no field of this method; use 1, harmonic, or 2, biharmonic")
     mesh, handles = task.mesh, task.handles
     handles.require_hard("a deformation field")
+    mesh.require_handles(handles.index)
     require_areas(mesh)
     watch = Stopwatch()
     R, t = start_motion(task, start)

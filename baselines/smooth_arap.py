@@ -63,7 +63,7 @@ def smooth_arap(
     Parameters
     ----------
     task : DeformationTask
-        The mesh may have a boundary, several components and triangles of zero area.
+        The mesh may have a boundary, several components, each with a handle, and triangles of zero area.
     smoothness : float
         l, in [0, 1). Larger values are smoother; 0 gives ARAP.
     energy : {"spokes", "spokes_and_rims"}
@@ -85,8 +85,8 @@ def smooth_arap(
     Raises
     ------
     InputError
-        If the smoothness is outside [0, 1), the energy or start is unknown, a handle is soft, or the matrix
-        is not positive definite.
+        If the smoothness is outside [0, 1), the energy or start is unknown, a handle is soft, a
+        component has no handle, or the matrix is not positive definite.
     """
     if not 0 <= smoothness < 1:
         raise InputError(f"smoothness={smoothness!r} is out of range; use a number from 0 to below 1")
@@ -95,6 +95,7 @@ def smooth_arap(
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("Smooth ARAP")
+    mesh.require_handles(handles.index)
     u = initial_guess(task, start)
     h = half_cotangents(mesh)
     edges, weights = edge_weights(mesh, h)

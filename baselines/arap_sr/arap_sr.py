@@ -71,7 +71,7 @@ def arap_sr(
     Parameters
     ----------
     task : DeformationTask
-        The mesh may have a boundary and several components.
+        The mesh may have a boundary and several components, each with a handle.
     alpha : float
         Weight of the rotations' smoothness. 0 gives ARAP; large values give one rotation for all vertices.
     clamp : bool
@@ -100,13 +100,15 @@ def arap_sr(
     Raises
     ------
     InputError
-        If the start is unknown, alpha is negative or infinite, or a handle is soft.
+        If the start is unknown, alpha is negative or infinite, a handle is soft, or a component has no
+        handle.
     """
     if not 0 <= alpha < np.inf:
         raise InputError(f"alpha={alpha!r} is out of range; use a finite number of at least 0")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("ARAP-SR")
+    mesh.require_handles(handles.index)
     U = initial_guess(task, start)
     R0 = rigid_motion(mesh.V[handles.index], handles.target)[0] if start == "rigid" else np.eye(3)
     colour = vertex_colours(mesh)

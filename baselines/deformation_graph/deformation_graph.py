@@ -55,7 +55,8 @@ def deformation_graph(
     Parameters
     ----------
     task : DeformationTask
-        The mesh must be manifold and oriented. It may have a boundary and several components.
+        The mesh must be manifold and oriented. It may have a boundary and several components, each
+        with a handle.
     nodes : int
         k, number of nodes. Each handle vertex is a node, except inside handle regions (see
         :class:`sshade.pipeline.regions.HandleRegions`). A small mesh has one node for four vertices (see
@@ -84,13 +85,14 @@ def deformation_graph(
     ------
     InputError
         If the mesh is not manifold and oriented, the start is unknown, there are fewer nodes than handles,
-        `blended` is below 1, or a handle is soft.
+        `blended` is below 1, a handle is soft, or a component has no handle.
     """
     if blended < 1:
         raise InputError(f"blended={blended} is out of range; at least one node must move a vertex")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
     handles.require_hard("the deformation graph")
+    mesh.require_handles(handles.index)
     graph = vertex_graph(mesh)
     nodes = proxy_vertices(nodes, mesh.n, len(handles))
     regions = HandleRegions(mesh, handles, vertices=nodes, graph=graph)

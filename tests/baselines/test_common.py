@@ -92,6 +92,14 @@ def test_collapsed_faces_are_deformed_as_those_around_them(method):
     assert flat.converged and count >= 6
 
 
+@pytest.mark.parametrize("method", [arap, arap_sr, deformation_graph, smooth_arap, deformation_field])
+def test_a_component_without_a_handle_is_refused(method):
+    task, other = held_ends(bumpy(1)), icosphere(1)
+    both = beside(task.mesh, Mesh(other.V + 5, other.F))
+    with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
+        method(DeformationTask("two", both, task.handles, carry_unconstrained=True))
+
+
 @pytest.mark.parametrize("method", [arap, elastic, deformation_field])
 def test_a_triangle_without_area_is_refused(method):
     task = held_ends(bumpy(1))
