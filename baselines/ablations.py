@@ -97,7 +97,7 @@ def paper_with(
 
     once = partial(deform_once, sample=samplers[handle_mode], projection=counted)
     result = deform_task(task, method="paper", once=once, progress=progress, **options)
-    far = float(np.mean(counts))
+    far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})
 

@@ -14,7 +14,7 @@ from baselines.ablations import (
     project_to_surface,
     sample_nearest_to_handles,
 )
-from sshade import Handles, InputError, deform
+from sshade import DeformationTask, Handles, InputError, deform
 from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
@@ -37,6 +37,8 @@ def test_by_default_it_is_the_method():
     ablated, plain = paper_with(task, **options), deform(task, method="paper", **options)
     assert np.array_equal(ablated.vertices, plain.vertices)
     assert ablated.extra == {**plain.extra, "far_vertices": 0.0, "far_share": 0.0}
+    everywhere = DeformationTask("all", task.mesh, Handles(np.arange(task.mesh.n), task.mesh.V + 1))
+    assert paper_with(everywhere).extra["far_share"] == 0.0
     for name, choice in (("projection", "normal"), ("handle_mode", "first")):
         with pytest.raises(InputError, match=f"unknown .* '{choice}'; use"):
             paper_with(task, **{name: choice})
