@@ -79,7 +79,7 @@ def external(
     ------
     InputError
         When the command is not allowed, is no list of words, or does not start; when the format of the
-        handles cannot hold them.
+        handles is unknown or cannot hold them.
     ProgramFailed
         On an exit code other than 0, a missing or unreadable result, another number of vertices, and
         positions that are not finite.
@@ -180,6 +180,8 @@ def _write_handles(path: Path, handles: Handles) -> None:
     if path.suffix == ".json":
         write_handles(path, handles)
         return
+    if path.suffix != ".txt":
+        raise InputError(f"handles_format={path.suffix[1:]} is unknown; use json or txt")
     handles.require_hard("handles_format=txt")
     rows = zip(handles.index.tolist(), handles.target.tolist(), strict=True)
     path.write_text("".join(f"{i} {x!r} {y!r} {z!r}\n" for i, (x, y, z) in rows), encoding="ascii")

@@ -162,11 +162,13 @@ def test_a_program_that_does_not_start_is_told(task, monkeypatch, tmp_path):
         external(task, command=allow(monkeypatch, [str(tmp_path / "text")]))
 
 
-def test_soft_handles_need_json(run, task):
+def test_soft_handles_need_json_and_other_formats_are_refused(run, task):
     soft = DeformationTask("soft", task.mesh, Handles([0, 9], task.mesh.V[[0, 9]], weight=5.0))
     with pytest.raises(InputError, match="handles_format=txt takes no soft handles"):
         run(SHIFTING, task=soft)
     run('grep -q weight "$2" && ' + SHIFTING, task=soft, handles_format="json")
+    with pytest.raises(InputError, match="handles_format=JSON is unknown; use json or txt"):
+        run(SHIFTING, handles_format="JSON")
 
 
 def test_no_shell_reads_a_command(task, monkeypatch, here):
