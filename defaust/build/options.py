@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from defaust.folder.record import BUILD
 from sshade import InputError
@@ -54,14 +55,14 @@ class BuildOptions:
             value = getattr(self, name)
             if value is not None and value < least:
                 raise InputError(f"{name} is {value}; it must be at least {least}")
-        if not self.static_below > 0:
-            raise InputError(f"static_below is {self.static_below}; it must be more than 0")
+        if not 0 < self.static_below < inf:
+            raise InputError(f"static_below is {self.static_below}; it must be a finite number above 0")
         if self.handles_per_landmark > self.neighbourhood:
             raise InputError(
                 f"{self.handles_per_landmark} handles cannot be drawn from a neighbourhood "
                 f"of {self.neighbourhood} vertices"
             )
-        if not 0 < self.window[0] <= 1 <= self.window[1]:
+        if len(self.window) != 2 or not 0 < self.window[0] <= 1 <= self.window[1] < inf:
             raise InputError(f"window is {list(self.window)}; give two numbers around 1, e.g. [0.9, 1.1]")
         if self.subjects is not None:
             if not self.subjects:

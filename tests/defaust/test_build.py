@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 from dataclasses import replace
+from math import inf
 
 import pytest
 
@@ -176,7 +177,10 @@ def test_errors_of_a_subject_name_it(tmp_path):
         ({"seed": -1}, "seed is -1; it must be at least 0"),
         ({"subjects": ()}, "subjects is empty"),
         ({"window": (1.1, 1.2)}, "give two numbers around 1"),
+        ({"window": (0.9, inf)}, "give two numbers around 1"),
+        ({"window": (0.9, 1.1, 2.0)}, "give two numbers around 1"),
         ({"static_below": 0.0}, "static_below is 0.0"),
+        ({"static_below": inf}, "static_below is inf; it must be a finite number above 0"),
     ],
 )
 def test_wrong_options(options, message):
