@@ -20,7 +20,7 @@ from sshade import InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.solver.factorisation import Factorisation
 
-#: Minimum edge length for smoothing normals, as a fraction of the diagonal.
+#: Minimum length of edges for smoothing normals, and of axes, as a fraction of the diagonal.
 SHORTEST = 1e-9
 
 
@@ -97,7 +97,7 @@ class Stretch:
         """Edited vertices (n, 3)."""
         region = _around(mesh, self.at, self.radius)
         axis = mesh.V[region.seed] - mesh.V[region.vertices].mean(axis=0)
-        return _moved(mesh, region, axis / np.linalg.norm(axis), self.amount)
+        return _moved(mesh, region, _direction(axis, mesh.diagonal), self.amount)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Horns:
         for place in self.at:
             region = _around(mesh, place, self.radius)
             normal = (region.weight[:, None] * _normals(mesh)[region.vertices]).sum(axis=0)
-            V += _moved(mesh, region, normal / np.linalg.norm(normal), self.height) - mesh.V
+            V += _moved(mesh, region, _direction(normal, 1.0), self.height) - mesh.V
         return V
 
 
@@ -197,6 +197,14 @@ def _moved(mesh: Mesh, region: _Region, direction: np.ndarray, amount: float) ->
 def _require_length(value: float, name: str) -> None:
     if not 0 < value < np.inf:
         raise InputError(f"the {name} of an edit is {value}; it must be more than 0")
+
+
+def _direction(vector: np.ndarray, unit: float) -> np.ndarray:
+    """Return the unit vector of a vector; raise InputError if it is no longer than rounding errors."""
+    length = np.linalg.norm(vector)
+    if not length > SHORTEST * unit:
+        raise InputError("the region of an edit has no direction there; use another place or radius")
+    return vector / length
 
 
 def _bump(t: np.ndarray) -> np.ndarray:

@@ -84,6 +84,16 @@ def test_edits_that_do_not_fit(edit, message):
         edit(beside(icosphere(1), shifted(icosphere(1), [5.0, 0, 0])))
 
 
+@pytest.mark.parametrize(
+    "edit",
+    [Stretch(at=(0.5, 0.5, 0.5), radius=0.2, amount=0.1), Horns(at=((0.5, 0.5, 1),), radius=1e9, height=0.1)],
+)
+def test_a_region_without_a_direction_is_refused(edit):
+    mesh = icosphere(2) if isinstance(edit, Horns) else strip(20, 20)
+    with pytest.raises(InputError, match="has no direction"):
+        edit(mesh)
+
+
 @pytest.mark.parametrize("path", sorted(CONFIGURATION.glob("edit/*.yaml")), ids=lambda path: path.stem)
 def test_the_configured_edits_suit_the_bodies(path):
     config = yaml.safe_load(path.read_text())
