@@ -233,7 +233,8 @@ def write_handles(
     """Write handles as this project's JSON, by vertex ids.
 
     Vertices, targets, kinds, weights, rotations and slides are read back bit by bit, in the order of the
-    groups. A group of the file has one kind, one weight, one rotation and one slide: hard handles of a group
+    groups. Targets of static handles are read back with ``raw`` only; otherwise, static handles are read back
+    at rest. A group of the file has one kind, one weight, one rotation and one slide: hard handles of a group
     that differ in them are read back as several groups. Groups are numbered anew, and snap distances are not
     in the file.
 
