@@ -104,7 +104,7 @@ def implicit_arap(
     ImportError
         If torch is not installed.
     ValueError
-        If a network has fewer than two layers, or a patch fewer than three points.
+        If `sdf` is unknown, a network has fewer than two layers, or a patch fewer than three points.
 
     References
     ----------
@@ -112,6 +112,8 @@ def implicit_arap(
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
     options = dict(locals())
+    if sdf not in ("network", "grid"):
+        raise ValueError(f"sdf={sdf!r} is unknown; use 'network' or 'grid'")
     import torch
 
     from baselines.implicit_arap.networks import MotionField

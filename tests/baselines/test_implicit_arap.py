@@ -39,6 +39,11 @@ def test_without_torch_the_error_names_the_extra_and_the_row_is_skipped(no_torch
     assert done.vertices is None
 
 
+def test_an_unknown_distance_is_refused():
+    with pytest.raises(ValueError, match="sdf='gird' is unknown; use 'network' or 'grid'"):
+        implicit_arap(held_ends(bumpy(1)), sdf="gird")
+
+
 def test_importing_the_package_leaves_torch_alone():
     code = "import sys, baselines.implicit_arap; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
