@@ -96,7 +96,8 @@ class RegisteredSequence(Source):
     rest_pose : str, optional
         Name of the rest pose; by default a mesh named ``rest``, or else the first mesh of the class.
     poses_used : sequence of str, optional
-        Names of the target poses; by default all other meshes, or `frames` frames of an animation.
+        Names of the target poses, which keep the order of the files; by default all other meshes, or `frames`
+        frames of an animation.
     frames : int
         Maximum number of target poses of an animation; see :func:`defaust.sources.animations.far_frames`.
     landmarks : int or mapping
