@@ -141,7 +141,7 @@ def measure_warps(
 
 
 def _measured(call: Callable[[], Any], mesh: Mesh, truth: np.ndarray) -> dict[str, Any]:
-    """Call a method; return its errors in percent of the diagonal and of the volume, and its CPU time."""
+    """Call a method; return its errors in percent of the diagonal, and of a closed volume, and CPU time."""
     begin = process_time()
     try:
         result = call()
@@ -149,9 +149,12 @@ def _measured(call: Callable[[], Any], mesh: Mesh, truth: np.ndarray) -> dict[st
         return {"failure": str(error)}
     seconds = process_time() - begin
     off = 100 * np.linalg.norm(result.vertices - truth, axis=1)
-    volume, true = (Mesh(V, mesh.F).volume for V in (result.vertices, truth))
     facts = {"mean": off.mean(), "largest": off.max(), "cpu": seconds}
-    return facts | {"warped": result.extra.get("warped", 0.0), "volume": 100 * (volume / true - 1)}
+    facts["warped"] = result.extra.get("warped", 0.0)
+    if mesh.is_closed and mesh.is_oriented:
+        volume, true = (Mesh(V, mesh.F).volume for V in (result.vertices, truth))
+        facts["volume"] = 100 * (volume / true - 1)
+    return facts
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -164,7 +167,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         if "failure" in row:
             body.append([*first, row["failure"], "", "", "", ""])
             continue
-        numbers = [f"{row['mean']:.5f}", f"{row['largest']:.4f}", f"{row['volume']:+.3f}"]
+        volume = f"{row['volume']:+.3f}" if "volume" in row else "n/a"
+        numbers = [f"{row['mean']:.5f}", f"{row['largest']:.4f}", volume]
         body.append([*first, *numbers, f"{100 * row['warped']:.0f}", f"{row['cpu']:.2f}"])
     return markdown_table(labels, body, left=("map", "method"))
 
@@ -188,6 +192,8 @@ def command(options: argparse.Namespace) -> int:
     mesh = read_mesh(options.mesh) if options.mesh else ellipsoid(QUICK_LEVEL if options.quick else LEVEL)
     if min(options.handles) < 4 or max(options.handles) > mesh.n:
         raise InputError(f"--handles takes numbers from 4 to the number of vertices, {mesh.n}")
+    if options.seed < 0:
+        raise InputError(f"--seed takes a whole number from 0, not {options.seed}")
     rows = measure_warps(mesh, list(options.methods), options.maps, list(options.handles), seed=options.seed)
     print(table(rows))  # noqa: T201
     write_csv(ROWS.parent / "warps.csv", to_frame(rows))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from eval.main import main
-from eval.timing.warps import HELD_OUT, MAPS, ellipsoid, measure_warps
+from eval.timing.warps import HELD_OUT, MAPS, ellipsoid, measure_warps, table
+from tests.shapes import strip
 
 
 def test_the_mesh_and_the_maps():
@@ -25,8 +26,12 @@ def test_rows():
     fast, never, rbf = rows
     assert fast["warped"] == 1 and fast["mean"] < rbf["mean"] < 0.1 < never["mean"]
     assert abs(fast["volume"]) < 0.1 and never["volume"] < -5
+    rows = measure_warps(strip(10, 10), ["fast"], ["grow"], [20])
+    assert "volume" not in rows[0] and "| n/a |" in table(rows)
 
 
 def test_refused(capsys):
     assert main(["warps", "--quick", "--handles", "3"]) == 2
     assert "--handles takes numbers from 4 to" in capsys.readouterr().err
+    assert main(["warps", "--quick", "--seed", "-1"]) == 2
+    assert "--seed takes a whole number from 0, not -1" in capsys.readouterr().err
