@@ -246,7 +246,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    measures = tuple(options.measures)
+    measures = tuple(dict.fromkeys(options.measures))
     if len(measures) < 2 and not options.times:
         raise InputError(f"--measures needs at least two metrics, and {measures[0]} is the only one")
     rows = pd.concat([read_csv(path) for path in options.rows], ignore_index=True)

@@ -70,6 +70,8 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     assert str(picture) in capsys.readouterr().out
     assert call("front", [*paths, "-o", str(picture), "--leave-out", "arap"]) == 0
     assert "<!-- arap -->" not in picture.read_text()
+    with pytest.raises(InputError, match="at least two metrics, and edge is the only one"):
+        call("front", [*paths, "--measures", "edge", "edge"])
 
 
 def test_times_are_those_of_the_same_configuration_and_version():
