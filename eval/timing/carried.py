@@ -198,7 +198,8 @@ def times(mesh: Mesh, points: int) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--mesh", type=Path, help="rest shape (default: a bumpy ellipsoid)")
+    text = "rest shape of one component and of 2,000 vertices or more (default: a bumpy ellipsoid)"
+    parser.add_argument("--mesh", type=Path, help=text)
     text = f"{', '.join(MAPS)} (default: bend twist shear)"
     maps = {"choices": MAPS, "default": ["bend", "twist", "shear"], "metavar": "MAP"}
     parser.add_argument("--maps", nargs="+", **maps, help=text)
@@ -210,6 +211,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Print the tables; return the exit code."""
+    if options.points < 0:
+        raise InputError(f"--points takes a whole number from 0, not {options.points}")
     mesh = read_mesh(options.mesh) if options.mesh else ellipsoid(QUICK_LEVEL)
     middle, diagonal = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0)), mesh.diagonal
     rest = Mesh((mesh.V - middle) / diagonal, mesh.F)
@@ -219,6 +222,8 @@ def command(options: argparse.Namespace) -> int:
             pose = read_mesh(path)
             if not np.array_equal(pose.F, mesh.F):
                 raise InputError(f"{path} has other faces than the mesh at rest; give poses of the same mesh")
+            if path.stem in poses:
+                raise InputError(f"two poses are named {path.stem}, and so would be their lines; rename one")
             poses[path.stem] = (pose.V - middle) / diagonal
         print(compare_poses(rest, poses))  # noqa: T201
     else:

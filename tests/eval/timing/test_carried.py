@@ -31,8 +31,12 @@ def test_splats_on_a_bend_are_nearest_to_the_truth_with_sshade():
     assert all(a < b and a < c for a, b, c in zip(ours, handle, blend, strict=True))
 
 
-def test_other_faces_are_refused(tmp_path, capsys):
+def test_other_faces_two_poses_of_a_name_and_a_negative_number_are_refused(tmp_path, capsys):
     write_mesh(tmp_path / "rest.ply", BALL.V, BALL.F)
     write_mesh(tmp_path / "other.ply", BALL.V, BALL.F[:, [1, 2, 0]])
     assert main(["carried", "--mesh", f"{tmp_path}/rest.ply", "--posed", f"{tmp_path}/other.ply"]) == 2
     assert "other.ply has other faces than the mesh at rest" in capsys.readouterr().err
+    assert main(["carried", "--mesh", f"{tmp_path}/rest.ply", "--posed", *2 * [f"{tmp_path}/rest.ply"]]) == 2
+    assert "two poses are named rest" in capsys.readouterr().err
+    assert main(["carried", "--points", "-3"]) == 2
+    assert "--points takes a whole number from 0, not -3" in capsys.readouterr().err
