@@ -66,7 +66,9 @@ class VolumeGoal:
         if self.faces is None:
             return
         faces = np.asarray(self.faces)
-        faces = np.flatnonzero(faces) if faces.dtype == bool else faces
+        if faces.dtype == bool:
+            object.__setattr__(self, "_masked", faces.size)  # no field: goals of other meshes have ids
+            faces = np.flatnonzero(faces)
         if faces.size == 0:
             raise InputError(f"the volume goal of {self.title} has no faces")
         if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer):
@@ -86,6 +88,8 @@ def check_goals(goals: Sequence[VolumeGoal], m: int) -> tuple[VolumeGoal, ...]:
     for goal in goals:
         if not isinstance(goal, VolumeGoal):
             raise InputError(f"volumes is a list of VolumeGoal, not of {type(goal).__name__}")
+        if (masked := getattr(goal, "_masked", m)) != m:
+            raise InputError(f"{goal.title} has a mask of {masked} faces, but the mesh has {m}")
         ids = np.empty(0, dtype=np.int64) if goal.faces is None else goal.faces
         if len(outside := ids[(ids < 0) | (ids >= m)]):
             raise InputError(f"{goal.title} has face {outside[0]}, but the mesh has faces 0 to {m - 1}")

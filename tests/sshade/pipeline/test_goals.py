@@ -171,6 +171,7 @@ BAD = {
     "no weight of parts": ({"volume": 0}, [(1.1, FEW)], "volume goals need a weight"),
     "overlap": ({}, [(1.1, FEW), (1.1, FEW[50:])], "150 faces in common"),
     "out of range": ({}, [(1.1, [BODY.m])], "but the mesh has faces 0 to"),
+    "a mask of vertices": ({}, [(1.1, BODY.V[:, 1] > 0)], f"has a mask of {BODY.n} faces, but the mesh has "),
     "the whole": ({"volume_goal": 1.2}, [(1.1, np.arange(BODY.m))], "whose goal is 1.2 and not 1.1"),
     "two wholes": ({"volume_goal": 1.2}, [(1.1, None)], "two volume goals"),
     "all parts": ({"volume_goal": 2}, [(1.1, FEW), (1.1, np.arange(200, BODY.m))], "add up to 1.1 and not 2"),
