@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from sshade.progress import Progress, silent
-from sshade.solver.start import initial_guess
 from sshade.task import DeformationResult, DeformationTask
 
 
 def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:
     """Put each handle on its target; leave every other vertex at rest. `seed` and `progress` are unused."""
     task.handles.require_hard("identity")
-    return DeformationResult(vertices=initial_guess(task, "rest"), iterations=0, converged=None)
+    V = task.mesh.V.copy()
+    V[task.handles.index] = task.handles.target
+    return DeformationResult(vertices=V, iterations=0, converged=None)

@@ -31,7 +31,8 @@ class DeformationTask(Shown):
     truth : (n, 3) float64, optional
         Ground truth: the true deformed positions, if known.
     guess : (n, 3) float64, optional
-        Shape in which iterative methods start, in place of their option `start`.
+        Shape in which iterative methods start, in place of their option `start`. Methods on tetrahedra or
+        lattices ignore it.
     meta : mapping
         Plain values for the row of a table (subject, pose, ...).
     carry_unconstrained : bool

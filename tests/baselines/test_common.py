@@ -1,5 +1,6 @@
 """Promises of several baselines: rigid motions, collapsed faces, components, soft handles, wrong options."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -98,6 +99,14 @@ def test_a_component_without_a_handle_is_refused(method):
     both = beside(task.mesh, Mesh(other.V + 5, other.F))
     with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
         method(DeformationTask("two", both, task.handles, carry_unconstrained=True))
+
+
+def test_the_identity_leaves_the_rest_shape_whatever_the_guess():
+    task = held_ends(bumpy(1))
+    guessed = replace(task, guess=task.mesh.V + 1)
+    assert np.array_equal(identity(guessed).vertices, identity(task).vertices)
+    free = np.setdiff1d(np.arange(task.mesh.n), task.handles.index)
+    assert np.array_equal(identity(task).vertices[free], task.mesh.V[free])
 
 
 @pytest.mark.parametrize("method", [arap, elastic, deformation_field])
