@@ -131,7 +131,8 @@ class RegisteredSequence(Source):
         wrong = set(self.facts) ^ set(FACTS)
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
-        problem = mismatch(list(self.without), [str], "source.without")
+        without = self.without if isinstance(self.without, str) else list(self.without)
+        problem = mismatch(without, [str], "source.without")
         problem = problem or mismatch(self.frames, int, "source.frames")
         if problem:
             raise InputError(problem)

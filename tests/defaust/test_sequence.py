@@ -272,6 +272,7 @@ def test_a_source_without_a_usable_mesh_is_refused(tmp_path, refused):
     command = ["source=tosca", f"source.root={tmp_path / 'data'}", f"out={tmp_path / 'out'}"]
     refused(command, "source.without leaves no class of gorilla")
     refused([*command, "source.without=[1]"], "source.without[0] is 1, not a text")
+    refused([*command, "source.without=gorilla"], "source.without is 'gorilla', not a list")
 
 
 def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
