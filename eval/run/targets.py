@@ -102,7 +102,10 @@ def code_of(config: Mapping[str, Any]) -> set[str]:
     names = {config["_target_"]} if "_target_" in config else set()
     if EXTERNAL in names:
         first, *others = words_of(config["command"])
-        paths = [word for word in others if os.path.isfile(word)] + list(config.get("files") or ())
+        files = config.get("files") or ()
+        if isinstance(files, str):  # its letters are no paths
+            raise InputError(f"files={files!r} is not a list of paths; write [{files}]")
+        paths = [word for word in others if os.path.isfile(word)] + list(files)
         names |= {f"program:{first}", *(f"file:{path}" for path in paths)}
     for value in config.values():
         if isinstance(value, Mapping):

@@ -131,6 +131,7 @@ def test_an_edit_of_a_program_during_a_sweep_ends_it(task, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"files": "nowhere.txt"}, "files='nowhere.txt' is not a list of paths"),
         ({"files": ["nowhere.txt"]}, "there is no file 'nowhere.txt'; relative paths begin at"),
         ({"command": ["nowhere-to-be-found"]}, "there is no program 'nowhere-to-be-found'"),
     ],
