@@ -317,6 +317,7 @@ class HandleRegions:
         between = np.union1d(between, self._handles.index[~self._hard])
         if len(between):
             near, other = distance[vertex], Fronts(graph, between).distance[vertex]
+            other = np.minimum(other, np.finfo(float).max)  # infinite on a component without a between
             phi = phi * (1 - _smooth_fall(other / np.maximum(near, other)))
         return vertex, fronts.cell[vertex], phi
 

@@ -20,7 +20,7 @@ from baselines.volumetric.lattice_arap import lattice_arap
 from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import bounded_biharmonic_weights
 from sshade import DeformationTask, Handles, InputError, Mesh
-from tests.shapes import beside, bumpy, held_ends, icosphere, moved_parts, rotation
+from tests.shapes import beside, bumpy, held_ends, icosphere, moved_parts, rotation, strip
 from tests.sshade.pipeline.test_degenerate import check_collapsed
 
 ROUNDING = 1e-9
@@ -99,6 +99,17 @@ def test_a_component_without_a_handle_is_refused(method):
     both = beside(task.mesh, Mesh(other.V + 5, other.F))
     with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
         method(DeformationTask("two", both, task.handles, carry_unconstrained=True))
+
+
+@pytest.mark.parametrize("method", [deformation_graph, lattice_arap])
+def test_a_component_of_one_region_stands_beside_one_of_two(method):
+    sheet, other = strip(11, 7), strip(5, 5)
+    both = beside(sheet, Mesh(other.V + [30, 0, 0], other.F))
+    ends = np.flatnonzero((sheet.V[:, 0] < 4) | (sheet.V[:, 0] > 7))
+    index = np.concatenate([ends, sheet.n + np.arange(18)])
+    target = both.V[index] + [0, 0, 1] * (both.V[index, :1] > 7)
+    result = method(DeformationTask("regions", both, Handles(index, target)))
+    assert np.abs(result.vertices[sheet.n :] - both.V[sheet.n :] - [0, 0, 1]).max() < 0.1
 
 
 def test_the_identity_leaves_the_rest_shape_whatever_the_guess():
