@@ -85,7 +85,7 @@ def deformation_graph(
     ------
     InputError
         If the mesh is not manifold and oriented, the start is unknown, there are fewer nodes than handles,
-        `blended` is below 1, a handle is soft, or a component has no handle.
+        `blended` is below 1, a handle is soft, or a component has no handle or no node.
     """
     if blended < 1:
         raise InputError(f"blended={blended} is out of range; at least one node must move a vertex")
@@ -99,6 +99,8 @@ def deformation_graph(
     if regions.covered:
         return all_on_targets(task)
     fronts = farthest_point_sampling(regions.metric, nodes, first=regions.first)
+    if np.isinf(fronts.distance).any():
+        raise InputError(f"{nodes} nodes leave a component of the mesh without one; ask for more")
     fixed = np.flatnonzero(regions.number[fronts.samples] >= 0)
     P, edges = mesh.V[fronts.samples], node_graph(mesh, fronts)
     phi = bind_to_nodes(graph, fronts, edges=edges, blended=blended)

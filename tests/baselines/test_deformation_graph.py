@@ -11,7 +11,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.sampling.fronts import farthest_point_sampling
 from sshade.task import DeformationTask, Handles
-from tests.shapes import family, held_ends, jittered, strip
+from tests.shapes import beside, family, held_ends, icosphere, jittered, strip
 from tests.sshade.naive import svd_rotations
 
 
@@ -144,6 +144,15 @@ def test_equals_a_dense_implementation_to_rounding(body):
     np.testing.assert_array_equal(result.vertices[index], target)
     expected[index] = target
     assert np.abs(result.vertices - expected).max() < 1e-9 * body.diagonal
+
+
+def test_a_component_without_a_node_is_refused():
+    both = beside(strip(10, 10), icosphere(1))  # the sphere consists of handles, and has no edge of a region
+    index = np.concatenate([[0, 1, 2], 121 + np.arange(42)])
+    task = DeformationTask("two", both, Handles(index, both.V[index]))
+    assert deformation_graph(task, nodes=4).converged
+    with pytest.raises(InputError, match="3 nodes leave a component of the mesh without one; ask for more"):
+        deformation_graph(task, nodes=3)
 
 
 def test_a_mesh_that_is_not_manifold_is_refused(small_body):
