@@ -16,6 +16,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,28 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return partial(kernel, **options)
     dispatcher = numba.njit(nogil=True, **options)(function)
     dispatcher._cache = Store(function)
+    if not numba.config.DISABLE_JIT:
+        dispatcher._compile_for_args = partial(_undisturbed, dispatcher._compile_for_args)
     return dispatcher
+
+
+def _undisturbed(load: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+    """Load or compile a kernel out of the main thread, where a signal may raise, such as an interrupt.
+
+    An exception inside of numba may leave one of its locks taken, for which all other threads would wait.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return load(*arguments, **keywords)
+    loaded = Future[Any]()
+
+    def work() -> None:
+        try:
+            loaded.set_result(load(*arguments, **keywords))
+        except BaseException as error:
+            loaded.set_exception(error)
+
+    threading.Thread(target=work).start()
+    return loaded.result()
 
 
 class Store(NullCache):

@@ -2,8 +2,10 @@
 
 import errno
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -93,6 +95,23 @@ def test_a_store_that_cannot_be_written_costs_a_warning(folder, monkeypatch, cod
     monkeypatch.setattr(kernels, "_replace", fails)
     with pytest.warns(UserWarning, match=f"compiles again.*{os.strerror(code)}"):
         assert kernel(lambda x: x + 2)(1.0) == 3.0
+
+
+def test_an_interrupt_lets_a_kernel_load_to_the_end(folder, monkeypatch):
+    told = []
+
+    def interrupted(store, *_):
+        told.append("begin")
+        if len(told) == 1:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.1)
+        told.append("end")
+
+    monkeypatch.setattr(kernels.Store, "load_overload", interrupted)
+    found = kernel(lambda x: x + 3)
+    with pytest.raises(KeyboardInterrupt):
+        found(1.0)
+    assert found(1.0) == 4.0 and told.count("begin") == told.count("end")
 
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the folder for caches has no variable here")
