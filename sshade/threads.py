@@ -87,13 +87,13 @@ class ThreadTeam:
         self.workers = number_of_workers(workers, default=1)
         self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._threads: list[Thread] = []
-        self._dismiss = weakref.finalize(self, _dismiss, self._tasks, self._threads)
+        weakref.finalize(self, self._tasks.put, None)
 
     def __enter__(self) -> ThreadTeam:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._dismiss()
+        self._tasks.put(None)
         for thread in self._threads:
             thread.join()
 
@@ -151,12 +151,8 @@ class ThreadTeam:
 
 
 def _serve(tasks: SimpleQueue[Callable[[], None] | None]) -> None:
-    """Do tasks until one is None."""
+    """Do tasks until one is None, which all other threads get as well."""
     while (task := tasks.get()) is not None:
         task()
         del task  # so that its arrays are freed while the thread waits
-
-
-def _dismiss(tasks: SimpleQueue[Callable[[], None] | None], threads: list[Thread]) -> None:
-    for _ in threads:
-        tasks.put(None)
+    tasks.put(None)  # an interrupt may have left a thread out of the list of the team

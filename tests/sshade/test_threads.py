@@ -78,6 +78,14 @@ def test_threads_end_with_their_team():
         assert not thread.is_alive()
 
 
+def test_a_thread_that_an_interrupt_left_out_of_the_list_ends_with_its_team():
+    with ThreadTeam(2) as team:
+        team(square, 2)
+        thread = team._threads.pop()
+    thread.join(timeout=10)
+    assert not thread.is_alive()
+
+
 FORK = """
 import os, signal
 from sshade.threads import ThreadTeam
