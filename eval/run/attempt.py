@@ -29,7 +29,7 @@ from eval.run.code import CodeChanged, digest, loaded_code, require_unchanged
 from eval.run.provenance import process_memory, task_checksum
 from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
-from sshade.cli.console import Ended, missing_library
+from sshade.cli.console import Ended, arrived_in, missing_library
 from sshade.processes import end_with_parent
 from sshade.programs import TIME_LIMIT
 from sshade.progress import Progress, silent
@@ -150,6 +150,8 @@ def _attempt(
     except Ended:
         raise
     except (Exception, SystemExit) as error:  # a method may raise anything; the sweep continues
+        if isinstance(signalled := arrived_in(error), KeyboardInterrupt | Ended):
+            raise signalled from None
         if isinstance(error, TimeoutError) and time_limit is not None:
             return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s on %s", method["_target_"], task.name, exc_info=True)

@@ -213,13 +213,22 @@ def _run(main: Callable[[], int]) -> int:
             raise
         mistake = f"there is not enough memory, or there are too many processes ({error})"
     except (KeyboardInterrupt, SystemError) as error:
-        # A compiled function raises SystemError where the interrupt arrived in it.
-        if not isinstance(error, KeyboardInterrupt) and not isinstance(error.__cause__, KeyboardInterrupt):
+        if not isinstance(arrived_in(error), KeyboardInterrupt):
             raise
         say("interrupted")
         return 130
     say(f"error: {mistake}")
     return 2
+
+
+def arrived_in(error: BaseException) -> BaseException:
+    """Return the exception of a signal that arrived in a compiled function, or another error itself.
+
+    The function raises SystemError from this exception, or from a further SystemError.
+    """
+    while isinstance(error, SystemError) and error.__cause__:
+        error = error.__cause__
+    return error
 
 
 class Ended(SystemExit):

@@ -106,6 +106,16 @@ def test_a_method_without_a_usable_result_leaves_a_failed_row(task, tmp_path, mo
     assert not (done.folder / "vertices.npy").exists()
 
 
+def test_an_interrupt_in_a_compiled_function_leaves_no_row(task, tmp_path, monkeypatch):
+    def interrupted(task, *, seed, progress=silent):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("eval_cases.stretching", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)
+    assert not run_folders(tmp_path)
+
+
 def sliding_task() -> DeformationTask:
     mesh = bumpy(1)
     handles = Handles([0, 5], mesh.V[[0, 5]] + 0.1, slide=[None, Slide.plane([0, 1, 0])])

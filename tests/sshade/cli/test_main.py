@@ -235,8 +235,10 @@ def test_an_interrupt_in_a_compiled_function_is_no_error_of_the_program(capsys):
     def fails(cause: BaseException) -> None:
         raise SystemError("returned a result with an exception set") from cause
 
-    assert run_command(lambda: fails(KeyboardInterrupt())) == 130
-    assert capsys.readouterr().err == "interrupted\n"
+    for cause in (KeyboardInterrupt(), SystemError()):
+        cause.__cause__ = None if isinstance(cause, KeyboardInterrupt) else KeyboardInterrupt()
+        assert run_command(lambda cause=cause: fails(cause)) == 130
+        assert capsys.readouterr().err == "interrupted\n"
     with pytest.raises(SystemError):
         run_command(lambda: fails(ValueError()))
 
