@@ -162,6 +162,7 @@ def retarget(
     method, **options
         See :func:`sshade.deform`.
     progress : Progress
+        See :func:`sshade.deform_sequence`.
 
     Yields
     ------

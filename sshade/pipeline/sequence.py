@@ -131,6 +131,7 @@ def deform_sequence(
     method, **options
         See :func:`sshade.deform`.
     progress : Progress
+        Solves of a proxy that is bound once report nothing.
 
     Yields
     ------
