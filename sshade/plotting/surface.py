@@ -76,9 +76,10 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
     if mesh.n <= limit:
         return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
     key = np.array([limit, samples, *keep]).tobytes()
-    if mesh not in _REDUCED or _REDUCED[mesh][0] != key:
-        _REDUCED[mesh] = key, _reduced(mesh, keep, samples)
-    return _REDUCED[mesh][1]
+    found = _REDUCED.get(mesh)
+    if found is None or found[0] != key:  # another thread may replace it at any time
+        found = _REDUCED[mesh] = key, _reduced(mesh, keep, samples)
+    return found[1]
 
 
 def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> Surface:

@@ -77,6 +77,15 @@ def test_a_mesh_is_reduced_once(monkeypatch):
         surface(mesh, keep=keep[:1], limit=600, samples=150)
 
 
+def test_a_reduced_mesh_has_its_own_handles_although_another_thread_keeps_others(monkeypatch):
+    class Shared(dict):
+        def __setitem__(self, mesh, found):
+            super().__setitem__(mesh, (b"other handles", None))
+
+    monkeypatch.setattr(module, "_REDUCED", Shared())
+    assert surface(bumpy(3), keep=np.array([3, 9]), limit=600, samples=150).samples[:2].tolist() == [3, 9]
+
+
 def test_a_view_does_not_depend_on_unit_and_place_and_says_what_is_left_out(monkeypatch):
     monkeypatch.setattr(module, "HANDLES", 20)
     mesh = bumpy(3)
