@@ -93,6 +93,7 @@ class ThreadTeam:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.workers = 1  # a later call has no threads
         self._tasks.put(None)
         for thread in self._threads:
             thread.join()

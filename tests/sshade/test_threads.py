@@ -83,7 +83,7 @@ def test_a_thread_that_an_interrupt_left_out_of_the_list_ends_with_its_team():
         team(square, 2)
         thread = team._threads.pop()
     thread.join(timeout=10)
-    assert not thread.is_alive()
+    assert not thread.is_alive() and team(square, 3) == [0, 1, 4]
 
 
 FORK = """
