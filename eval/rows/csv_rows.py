@@ -18,6 +18,8 @@ from sshade.errors import InputError
 
 #: Column with the number of rows in the file.
 COUNT = "rows_in_file"
+#: Largest number of letters of a cell, such as a reason with all numbers of an array; Python reads 131,072.
+LONGEST = 2**31 - 1
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[Row]:
@@ -34,7 +36,8 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
             f"{path}: no such file; `sshade-eval collect` makes rows of runs, `sshade-eval bench` of times"
         )
     try:  # pandas would fill up the cells of a cut line
-        with path.open(newline="", encoding="utf-8") as file:
+        csv.field_size_limit(LONGEST)
+        with path.open(newline="", encoding="utf-8-sig") as file:  # a spreadsheet writes a byte-order mark
             header, *lines = list(csv.reader(file)) or [[]]
     except (csv.Error, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a readable CSV file ({error})") from error
@@ -74,8 +77,8 @@ def _by_key(path: Path, written: int) -> dict[str, Row]:
 
 def _value(cell: str, *, text: bool) -> Any:
     """Convert a cell to a number or bool if possible, unless the column is `text`; None if it is empty."""
-    if cell in ("true", "false") and not text:
-        return cell == "true"
+    if cell.lower() in ("true", "false") and not text:  # a spreadsheet writes TRUE
+        return cell.lower() == "true"
     for kind in () if text else (int, float):
         try:
             return kind(cell)

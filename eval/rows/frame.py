@@ -123,5 +123,7 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
 
 
 def _cell(value: Any) -> Any:
-    """Return the value of a CSV cell: bools in lower case, all other values unchanged."""
+    """Return the value of a CSV cell: bools in lower case, and line breaks that every reader quotes."""
+    if isinstance(value, str):
+        return value.replace("\r", "\n")
     return str(value).lower() if isinstance(value, bool) else value

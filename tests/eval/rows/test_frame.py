@@ -80,6 +80,20 @@ def test_types_survive(tmp_path):
     assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
 
 
+def test_a_spreadsheet_may_have_saved_the_file(tmp_path):
+    path = tmp_path / "r.csv"
+    write_csv(path, frame(row()))
+    before = records(read_csv(path))
+    text = path.read_text().replace("true", "TRUE").replace("false", "FALSE").replace("\n", "\r\n")
+    path.write_text(text, encoding="utf-8-sig", newline="")
+    assert records(read_csv(path)) == before and before[0]["converged"] is True
+
+
+def test_a_text_may_be_long_and_have_line_breaks_of_any_kind(tmp_path):
+    write_csv(tmp_path / "r.csv", frame(row(reason=140_000 * "x" + "\ry")))
+    assert records(read_csv(tmp_path / "r.csv"))[0]["reason"] == 140_000 * "x" + "\ny"
+
+
 #: Columns of a planned run.
 PLANNED = ("method.name", "seed", "task.source", "env.version.code", "env.version.metrics")
 
