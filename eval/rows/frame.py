@@ -72,8 +72,8 @@ def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
     InputError
         When the date of a row is in the future, so that it would stay the latest for a long time.
     """
-    last = rows.sort_values("date").iloc[-1]
-    if last["date"] > (datetime.now(UTC) + CLOCKS_APART).isoformat():
+    last = rows.sort_values("date", na_position="first").iloc[-1]
+    if (last["date"] or "") > (datetime.now(UTC) + CLOCKS_APART).isoformat():
         raise InputError(
             f"the row of {last['method.name']} on {last['task.name']} has a date in the future, "
             f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "

@@ -9,7 +9,7 @@ from eval.main import main
 from eval.publish.claims import SOURCES, examine, read_claims, table
 from eval.rows.frame import to_frame, write_csv
 from sshade.errors import InputError
-from tests.eval.eval_rows import lost, row
+from tests.eval.eval_rows import lost, planned, row
 
 ROOT = Path(__file__).parents[3]
 CLAIMS = [claim for claims in read_claims().values() for claim in claims]
@@ -60,7 +60,7 @@ def test_a_side_may_be_a_number_or_another_experiment(tmp_path):
 
 
 def test_failed_runs_and_missing_measures_are_no_rows(tmp_path):
-    rows = [row("a", task__meta__subject=0), lost("b") | {"task.meta.subject": 0}]
+    rows = [row("a", task__meta__subject=0), lost("b") | {"task.meta.subject": 0}, planned("c")]
     write_csv(tmp_path / "one_own.csv", to_frame(rows))
     assert examine(LESS, "own", tmp_path).result == "no rows"
     assert examine({**LESS, "measure": "d_H", "holds": "one a < 9"}, "own", tmp_path).result == "no rows"
