@@ -161,7 +161,7 @@ def _find(
     stored = read_row(folder)
     if stored is not None and _usable(stored, fresh=fresh, time_limit=time_limit):
         return Outcome(stored, folder, found="already there")
-    published = published_row(experiment, row["key"])
+    published = published_row(experiment, row)
     if published is None or published["env.version.metrics"] != row["env.version.metrics"]:
         return None
     usable = _usable(published, fresh=fresh, time_limit=time_limit)

@@ -198,6 +198,7 @@ def test_a_published_row_of_the_same_version_answers_for_a_run(task, here):
     assert not again(key="another").found
     assert not again(status="failed").found
     assert not again(**{"env.version.metrics": "older"}).found
+    assert not again(**{"method.name": "another label"}).found
 
 
 def test_the_key_follows_code_and_libraries_and_not_the_metrics(task, tmp_path, monkeypatch):
