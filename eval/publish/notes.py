@@ -105,6 +105,12 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
     subjects = len({*subjects_of(rows).values()})
     count = f"{subjects} subject{'s' * (subjects > 1)}"
     notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices, {count}; means over {over}."]
+    tasks = begun(rows).reindex(columns=["task.name", "task.checksum"]).groupby("task.name").nunique()
+    if several := list(tasks.index[tasks["task.checksum"] > 1]):
+        notes.append(
+            "Rows of several tasks have one name (another resolution, another build of the data, or another "
+            f"make of processor), and their numbers need not compare: {shortened(several)}."
+        )
     notes += [HALF_NOTES[half]] if half else []
     few = comparison.finished.drop(index={*comparison.compared, *rows["method.name"][reference_rows(rows)]})
     few = [f"{name} ({count} of {cases})" for name, count in few[few > 0].items()]

@@ -109,6 +109,12 @@ def test_rows_of_two_configurations_are_no_one_method():
         table_of(*rows)
 
 
+def test_a_note_names_cases_whose_rows_are_of_several_builds():
+    rows = row("a"), row("b"), row("a", "t2"), row("b", "t2", task__checksum="rebuilt")
+    (note,) = [note for note in table_of(*rows).notes if "have one name" in note]
+    assert note.endswith(", and their numbers need not compare: t2.")
+
+
 def test_two_rows_of_one_case_are_refused():
     with pytest.raises(InputError, match="several rows for t1, seed 0"):
         table_of(row("a"), row("a", "t2"), row("a"))
