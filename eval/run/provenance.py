@@ -182,5 +182,6 @@ def _commit() -> tuple[str, bool | None]:
 
 
 def _git(folder: Path, *arguments: str) -> str:
-    command = ["git", "-C", str(folder), *arguments]
+    # The clone may belong to another user. Its code is running, so that it is safe for git as well.
+    command = ["git", "-c", f"safe.directory={PACKAGES.resolve()}", "-C", str(folder), *arguments]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

@@ -279,6 +279,7 @@ def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypat
         subprocess.run(["git", "-C", tmp_path, *command.split()], check=True)
     monkeypatch.setattr(provenance, "__file__", str(here))
     monkeypatch.setattr(provenance, "PACKAGES", tmp_path)
+    monkeypatch.setenv("GIT_TEST_ASSUME_DIFFERENT_OWNER", "1")  # the clone of a colleague
     for place, modified in (("results/rows/quick.csv", False), ("README.md", False), ("sshade/new.py", True)):
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / place).write_text("new")
