@@ -11,6 +11,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ def write_plan(experiment: Path, runs: Sequence[Row]) -> None:
     """
     facts = json.dumps([[run[name] for name in _FACTS] for run in runs])
     path = experiment / PLANS / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.json"
-    write_text(path, json.dumps({"runs": runs}))
+    # The time of the last change of a file is lost where the folder is copied.
+    write_text(path, json.dumps({"runs": runs, "date": datetime.now(UTC).isoformat()}))
 
 
 def read_plans(experiment: Path) -> list[Row]:
@@ -46,26 +48,26 @@ def read_plans(experiment: Path) -> list[Row]:
     InputError
         When a file there is damaged.
     """
-    paths = sorted(experiment.glob(f"{PLANS}/*.json"), key=lambda path: (path.stat().st_mtime, path.name))
-    return [run for path in paths for run in _read(path)]
+    plans = [_read(path) for path in sorted(experiment.glob(f"{PLANS}/*.json"))]
+    return [run for plan in sorted(plans, key=lambda plan: plan["date"]) for run in plan["runs"]]
 
 
-def _read(path: Path) -> list[Row]:
+def _read(path: Path) -> dict[str, Any]:
     try:
-        runs: list[Row] = json.loads(path.read_text(encoding="utf-8"))["runs"]
-        if any(type(run[name]) is not kind for run in runs for name, kind in _FACTS.items()):
+        plan: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if any(type(run[name]) is not kind for run in plan["runs"] for name, kind in _FACTS.items()):
             raise TypeError("a run that is none")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(
             f"{path}: not a plan ({type(error).__name__}: {error}); remove it, and the sweep, begun again, "
             "writes it"
         ) from error
-    return runs
+    return {"date": datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat()} | plan
 
 
 def run_of(row: Row) -> tuple[Any, ...]:
-    """Return what a row and its planned run have in common."""
-    return tuple(row.get(name) for name in _FACTS)
+    """Return what a row and its planned run have in common, wherever the dataset was."""
+    return row["method.name"], row["seed"], _case(row)
 
 
 def forget_plans(experiment: Path) -> None:

@@ -127,6 +127,9 @@ def test_code_that_was_restored_has_its_rows_back():
     assert records(newest(frame(old, edited))) == [edited]
     assert records(newest(frame(old, edited), plans)) == [edited]
     assert records(newest(frame(old, edited), plans[::-1])) == [old]
+    here, moved = ({"task.source": f'{{"root": "{root}", "pose": 1}}'} for root in ("here", "moved"))
+    both = frame(old | here, edited | here)
+    assert records(newest(both, [plan | moved for plan in plans[::-1]])) == [old | here]
     again = [run | {"env.version.metrics": "other"} for run in (old, edited)]  # measured again
     assert records(newest(frame(*again), plans[::-1])) == [again[0]]
     assert records(newest(frame(old, edited), [plans[0], {**plans[0], "env.version.code": None}])) == [old]

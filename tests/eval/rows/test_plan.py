@@ -1,6 +1,7 @@
 """Plans of sweeps are stored and joined, and planned runs without a row are missing."""
 
 import json
+import shutil
 
 import pytest
 from eval_rows import row
@@ -27,6 +28,8 @@ def test_plans_of_several_sweeps_stand_together_and_a_rerun_adds_none(tmp_path):
     for runs in (one, other, again):
         write_plan(tmp_path, runs)
     assert sorted(read_plans(tmp_path), key=str) == sorted([*again, *other], key=str)
+    shutil.copytree(tmp_path, tmp_path / "copy", copy_function=shutil.copyfile)
+    assert read_plans(tmp_path / "copy") == [*other, *again]
     forget_plans(tmp_path)
     assert read_plans(tmp_path) == []
 
