@@ -13,6 +13,7 @@ from eval.run.measures import measures_of
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.errors import InputError
+from sshade.io.files import naming
 from sshade.progress import Progress
 
 
@@ -35,7 +36,9 @@ def load_task(row: Row) -> Task:
     require_programs(source, where=f"the row of {row['task.name']}")
     task = instantiate(source)
     if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
-        raise InputError(f"the dataset of {row['task.name']} has changed since the run; run it again")
+        raise InputError(
+            f"the dataset of {row['task.name']} has changed since the run; run it again, and remove this run"
+        )
     return task
 
 
@@ -59,5 +62,6 @@ def measured_again(
         name = row["task.name"]
         progress(stage, done, len(runs), name)
         if last != (name, row["task.checksum"]):
-            last, task = (name, row["task.checksum"]), load(row)
+            with naming(folder):
+                last, task = (name, row["task.checksum"]), load(row)
         yield row, folder, measures_of(task, read_vertices(folder, n=row["task.vertices"]))
