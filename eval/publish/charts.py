@@ -15,6 +15,7 @@ import pandas as pd
 
 from eval.metrics import METRICS
 from eval.publish.columns import reference_rows
+from eval.publish.notes import warn_of_versions
 from eval.publish.plotting import FIGURES, SUFFIXES, axis_label, look, new_figure, save, style
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out
@@ -162,6 +163,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     for experiment in read_experiments(options.rows):
+        warn_of_versions(experiment.rows)
         for name, figure in charts(experiment).items():
             save(figure, options.out / experiment.name / f"{name}.{options.format}")
     return 0

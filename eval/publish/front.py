@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from eval.metrics import METRICS
+from eval.publish.notes import warn_of_versions
 from eval.publish.plotting import FIGURES, axis_label, look, name_points, new_figure, plot_points, save, style
 from eval.publish.summary import HALVES
 from eval.rows.files import ROWS_HELP, TIMING, rows_file
@@ -254,6 +255,7 @@ def command(options: argparse.Namespace) -> int:
     if options.times:
         rows, machine = with_times(rows, read_csv(rows_file(options.times, TIMING)))
         measures = (TIME, *measures)
+    warn_of_versions(rows)
     if options.knob != KNOB and f"method.{options.knob}" not in rows:
         raise InputError(f"--knob {options.knob}: no method of these rows has this setting")
     halves = rows["task.name"].map(split_of)

@@ -13,6 +13,7 @@ from eval.publish.intervals import LEAST
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
+from sshade.cli.console import say
 from sshade.errors import InputError
 
 #: Notes on the halves of the benchmark.
@@ -82,6 +83,13 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
     raise InputError(
         f"rows of {found}: {again or 'run the older rows again'}, or print all of them with --mixed"
     )
+
+
+def warn_of_versions(rows: pd.DataFrame) -> None:
+    """Print the warning about several versions of the code, for pictures, which show none."""
+    for note in version_notes(rows, mixed=True):
+        if note.startswith(MIXTURE):
+            say(note)
 
 
 def _version(rows: pd.DataFrame) -> str:

@@ -69,9 +69,12 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
     assert text.count("<!-- 0.0 -->") == text.count("<!-- inf -->") == 2
     assert str(picture) in capsys.readouterr().out
     assert call("front", [*paths, "-o", str(picture), "--leave-out", "arap"]) == 0
-    assert "<!-- arap -->" not in picture.read_text()
+    assert "<!-- arap -->" not in picture.read_text() and not capsys.readouterr().err
     with pytest.raises(InputError, match="at least two metrics, and edge is the only one"):
         call("front", [*paths, "--measures", "edge", "edge"])
+    write_csv(tmp_path / "others.csv", frame(knob[1] | {"env.version.code": "0lder"}))
+    assert call("front", [*paths, "-o", str(picture)]) == 0
+    assert capsys.readouterr().err.startswith("Warning: rows of 2 versions of the code, whose numbers need")
 
 
 def test_times_are_those_of_the_same_configuration_and_version():
