@@ -124,7 +124,7 @@ def write_site(
         of_tracks = [_cases(own, method) for own in contests if method in set(own.rows["method.name"])]
         rows = every[every["method.name"] == method]
         page = {"method": method, "of_tracks": of_tracks, "facts": facts(rows)}
-        page |= {"settings": configuration(rows, method), "submission": submissions.get(method)}
+        page |= {"settings": _settings(contests, method), "submission": submissions.get(method)}
         page["times"] = _times(contests, method, results)
         page["notes"] = distinct(rows, "method.note")
         pages[f"method_{method}"] = render("site/method.html", **page, **shared)
@@ -139,6 +139,16 @@ def _ranked(own: Contest, seconds: dict[str, float], told: str) -> dict[str, Any
     counts = {"cases": own.rows["task.name"].nunique(), "methods": own.rows["method.name"].nunique()}
     found = rankings(own.table, seconds)
     return {"track": own.track, "rankings": found, "by": next(iter(found)), "told": told, **counts}
+
+
+def _settings(contests: list[Contest], method: str) -> str:
+    """Return each configuration of a method below the titles of its tracks."""
+    titles: dict[str, list[str]] = {}
+    for own in contests:
+        rows = begun(own.rows)
+        if method in set(rows["method.name"]):
+            titles.setdefault(configuration(rows, method), []).append(own.track.title)
+    return "\n".join(f"# {'; '.join(found)}\n{text}" for text, found in titles.items())
 
 
 def _cases(own: Contest, method: str) -> dict[str, Any]:

@@ -63,6 +63,16 @@ def test_a_method_has_its_cases_failures_and_where_it_is_from(site, rows):
     assert "factor: 1.5" in handed_in and "A & B" not in unescape((site / "method_arap.html").read_text())
 
 
+def test_a_method_has_its_configuration_on_each_track(rows, tmp_path):
+    (ours,) = contests_of(TRACK, to_frame(rows), {})
+    other = [row | {"method.hash": "h2", "method.factor": 2.5} for row in rows]
+    (theirs,) = contests_of(TRACK._replace(name="other", title="Others"), to_frame(other), {})
+    write_site(tmp_path, [ours, ours._replace(track=theirs.track), theirs], {})
+    text = unescape((tmp_path / "method_stretching.html").read_text())
+    factors = re.findall(r"^(?:<pre>)?# (?!conf)(.*)|^factor: (.*)", text, re.MULTILINE)
+    assert factors == [("Tiny <spheres>; Others", ""), ("", "1.5"), ("Others", ""), ("", "2.5")]
+
+
 def test_the_projects_own_leaderboard(tmp_path, capsys):
     assert main(["site", "-o", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
