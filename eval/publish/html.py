@@ -57,12 +57,17 @@ def charts(figures: dict[str, Any]) -> dict[str, str]:
 
 
 def configuration(rows: pd.DataFrame, method: str) -> str:
-    """Return the settings of a method as YAML, nested as in its configuration."""
+    """Return the settings of a method as YAML, nested as in its configuration.
+
+    A setting that the method resolves by the case, such as a default for regions, has all of its values.
+    """
     import yaml
 
-    row = records(rows[rows["method.name"] == method])[0]
+    own = rows[rows["method.name"] == method]
+    row = records(own)[0]
+    found = {name: list(own[name].dropna().unique()) for name in own if name.startswith("method.")}
     # A setting without a value belongs to another method.
-    names = {name for name, value in row.items() if name.startswith("method.") and value is not None}
+    names = {name for name, values in found.items() if values}
     names -= {f"method.{fact}" for fact in ("name", "hash", "note", "sources")}
     settings: dict[str, Any] = {}
     for name in sorted(names, key=_function_first):
@@ -70,8 +75,10 @@ def configuration(rows: pd.DataFrame, method: str) -> str:
         place = settings
         for parent in parents:
             place = place.setdefault(parent, {})
-        value = row[name]
-        if isinstance(value, str) and value.startswith("["):  # rows hold lists as text
+        value = found[name][0]
+        if len(found[name]) > 1:
+            value = f"{' or '.join(map(str, found[name]))}, by the case"
+        elif isinstance(value, str) and value.startswith("["):  # rows hold lists as text
             value = ast.literal_eval(value)
         place["_target_" if last == "target" else last] = value
     text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)

@@ -6,9 +6,11 @@ from html import unescape
 
 import pytest
 import yaml
+from eval_rows import frame, row
 from report_runs import METHODS, make_transfers
 
 from eval.main import call
+from eval.publish.html import configuration
 from eval.rows.frame import read_csv, records
 from sshade.errors import InputError
 
@@ -109,6 +111,11 @@ def test_configurations_are_exact(text):
         for name, config in METHODS.items()
     }
     assert found == kept
+
+
+def test_a_setting_that_depends_on_the_case_has_all_of_its_values():
+    rows = frame(*(row("a", f"t{i}", method__area=area) for i, area in enumerate((None, 0.1, 1.0, 0.1))))
+    assert configuration(rows, "a").endswith("\narea: 0.1 or 1.0, by the case\n")
 
 
 def test_text_of_rows_is_no_markup(page, text):
