@@ -41,6 +41,8 @@ UNEDITED = "none"
 LISTED, REASON = 4, 160
 #: Columns of a row's version: code, metrics, commit, and whether files differed from the commit.
 VERSION = ["env.version.code", "env.version.metrics", "env.commit", "env.modified"]
+#: Columns ``env.version.*`` of the project; the others are of libraries.
+OF_CODE = ("env.version.code", "env.version.metrics", "env.version.evaluator")
 
 
 def shortened(names: Iterable[str]) -> str:
@@ -156,6 +158,9 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     """Return the notes on dataset, machine and methods, and the legend."""
     notes = [f"{note}." for note in distinct(rows, "task.meta.note")]
     notes += [f"Machine: {'; '.join(distinct(rows, 'env.machine'))}.", *_method_notes(rows)]
+    libraries = [name for name in rows if name.startswith("env.version.") and name not in OF_CODE]
+    several = {name: found for name in libraries if len(found := distinct(rows, name)) > 1}
+    notes += [f"Versions of {name.split('.')[-1]}: {', '.join(found)}." for name, found in several.items()]
     posed_by = distinct(rows, "task.meta.posed_by")
     notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
     if edits := distinct(rows, "task.meta.edit"):

@@ -115,6 +115,12 @@ def test_a_note_names_cases_whose_rows_are_of_several_builds():
     assert note.endswith(", and their numbers need not compare: t2.")
 
 
+def test_a_note_tells_several_versions_of_a_library():
+    rows = row("a", env__version__scipy="1.9"), row("b", env__version__scipy="1.10"), row("c")
+    assert "Versions of scipy: 1.10, 1.9." in table_of(*rows).notes
+    assert not any("Versions of" in note for note in table_of(*rows[1:]).notes)
+
+
 def test_two_rows_of_one_case_are_refused():
     with pytest.raises(InputError, match="several rows for t1, seed 0"):
         table_of(row("a"), row("a", "t2"), row("a"))
