@@ -76,7 +76,7 @@ def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
         f"{_version(own)}: {len(own)} row{'s' * (len(own) > 1)} of {shortened(method_names(own))}"
         for own in versions
     ]
-    differing = f"{len(versions)} versions of the code, whose numbers need not compare"
+    differing = f"{len(versions)} versions of the code, whose numbers may not be comparable"
     found = f"{differing} ({'; '.join(named)})"
     if mixed:
         return [f"{MIXTURE}{found}."]
@@ -118,8 +118,8 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
     tasks = begun(rows).reindex(columns=["task.name", "task.checksum"]).groupby("task.name").nunique()
     if several := list(tasks.index[tasks["task.checksum"] > 1]):
         notes.append(
-            "Rows of several tasks have one name (another resolution, another build of the data, or another "
-            f"make of processor), and their numbers need not compare: {shortened(several)}."
+            "One name stands for several tasks (resolutions, builds of the data, or makes of processor), "
+            f"whose numbers may not be comparable: {shortened(several)}."
         )
     notes += [HALF_NOTES[half]] if half else []
     few = comparison.finished.drop(index={*comparison.compared, *rows["method.name"][reference_rows(rows)]})

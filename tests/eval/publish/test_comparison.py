@@ -161,7 +161,7 @@ def test_versions_do_not_mix(tmp_path, capsys, change, old, cure):
     write_csv(tmp_path / "t.csv", frame(row("a"), row("b"), row("a", "t2", **change)))
     arguments = [str(tmp_path / "t.csv"), "-o", str(tmp_path / "tables")]
     new = "version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree"
-    said = "rows of 2 versions of the code, whose numbers need not compare"
+    said = "rows of 2 versions of the code, whose numbers may not be comparable"
     said += f" ({new}: 2 rows of a, b; {old}: 1 row of a)"
     with pytest.raises(InputError, match=f"^{re.escape(f'{said}: {cure}')}.* with --mixed$"):
         call("tables", arguments)

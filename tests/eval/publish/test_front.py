@@ -74,7 +74,9 @@ def test_command_draws_rows_of_several_files(tmp_path, capsys):
         call("front", [*paths, "--measures", "edge", "edge"])
     write_csv(tmp_path / "others.csv", frame(knob[1] | {"env.version.code": "0lder"}))
     assert call("front", [*paths, "-o", str(picture)]) == 0
-    assert capsys.readouterr().err.startswith("Warning: rows of 2 versions of the code, whose numbers need")
+    assert capsys.readouterr().err.startswith(
+        "Warning: rows of 2 versions of the code, whose numbers may not be"
+    )
 
 
 def test_times_are_those_of_the_same_configuration_and_version():

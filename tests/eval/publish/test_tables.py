@@ -111,8 +111,8 @@ def test_rows_of_two_configurations_are_no_one_method():
 
 def test_a_note_names_cases_whose_rows_are_of_several_builds():
     rows = row("a"), row("b"), row("a", "t2"), row("b", "t2", task__checksum="rebuilt")
-    (note,) = [note for note in table_of(*rows).notes if "have one name" in note]
-    assert note.endswith(", and their numbers need not compare: t2.")
+    (note,) = [note for note in table_of(*rows).notes if "several tasks" in note]
+    assert note.endswith(" may not be comparable: t2.")
 
 
 def test_a_note_tells_several_versions_of_a_library():
