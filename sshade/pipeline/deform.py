@@ -102,7 +102,7 @@ def deform_task(
     if warp is not None:
         name = "warped" if warp.exact else "released"
         seconds, facts = {**result.seconds, **seconds}, {**result.extra, name: warp.portion}
-        result = replace(result, vertices=warp.blend(result.vertices), seconds=seconds, extra=facts)
+        result = replace(result, vertices=warp.blend(result.vertices, task), seconds=seconds, extra=facts)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}

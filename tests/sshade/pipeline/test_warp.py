@@ -7,9 +7,10 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, InputError, Mesh, Slide, deform
+from sshade.mesh.rigid import rigid_motion
 from sshade.pipeline.interpolation import fit_splines, interpolate, neighbours
 from sshade.pipeline.warp import find_warp
-from tests.shapes import bent, block, bumpy, icosphere, rotation, torus
+from tests.shapes import bent, beside, block, bumpy, icosphere, rotation, shifted, torus
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
 
@@ -86,6 +87,17 @@ def test_between_dense_and_sparse_the_result_blends():
     assert mixed.extra["proxy_vertices"] > 0
     assert np.array_equal(mixed.vertices[between.handles.index], between.handles.target)
     assert off(warped, bent) < off(mixed, bent) < off(elastic, bent)
+
+
+def test_a_component_without_handles_moves_rigidly_where_the_result_blends():
+    ball = shifted(Mesh(icosphere(2).V * 0.3, icosphere(2).F), [1, 0, 1])
+    handles = task(bent, 20).handles
+    both = DeformationTask("ball", beside(BODY, ball), handles, carry_unconstrained=True)
+    result = deform(both)
+    assert 0 < result.extra["warped"] < 1
+    rest, moved = both.mesh.V[BODY.n :], result.vertices[BODY.n :]
+    R, t = rigid_motion(rest, moved)
+    assert np.abs(rest @ R.T + t - moved).max() < 1e-12
 
 
 def test_handles_that_are_hardly_predicted_deform_elastically():
