@@ -16,6 +16,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import extent_of
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
+from sshade.mesh.unconstrained import contacts, without_handles
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
 from sshade.pipeline.components import NO_PROXY, by_components
 from sshade.pipeline.engine import deform_once
@@ -96,17 +97,32 @@ def deform_task(
         seconds = {"warp": perf_counter() - begin}
         if warp.portion == 1.0 and warp.exact:
             facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
+            facts |= _components_that_follow(task, warp.vertices, announced=False)
             return DeformationResult(warp.vertices, 0, True, seconds, facts)
         area, ratios = True, {**ratios, **warp.constraints(task.mesh, whole)}
     result = by_components(task, deform_component, whole, progress=progress)
     if warp is not None:
         name = "warped" if warp.exact else "released"
         seconds, facts = {**result.seconds, **seconds}, {**result.extra, name: warp.portion}
-        result = replace(result, vertices=warp.blend(result.vertices, task), seconds=seconds, extra=facts)
+        V = warp.blend(result.vertices, task)
+        facts |= _components_that_follow(task, V, announced=True)
+        result = replace(result, vertices=V, seconds=seconds, extra=facts)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
+
+
+def _components_that_follow(task: DeformationTask, V: np.ndarray, *, announced: bool) -> dict[str, Any]:
+    """Return the facts of components without handles in a warp; warn of those that touch others, once."""
+    if not task.carry_unconstrained:
+        return {}
+    unconstrained = without_handles(task.mesh, task.handles.index)
+    contact = contacts(task.mesh, unconstrained)
+    if not announced:
+        contact.warn()
+    opening = contact.opening(V) / task.mesh.diagonal
+    return {"unconstrained": len(unconstrained), "touching": contact.components, "opening": opening}
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:

@@ -100,6 +100,17 @@ def test_a_component_without_handles_moves_rigidly_where_the_result_blends():
     assert np.abs(rest @ R.T + t - moved).max() < 1e-12
 
 
+@pytest.mark.parametrize("count", [20, 300])
+def test_a_component_that_comes_apart_in_a_warp_is_counted(count):
+    flap = Mesh(np.concatenate([BODY.V[[10, 500]], [[0, 0, 2]]]), np.array([[0, 1, 2]]))
+    handles = task(bent, count).handles
+    result = deform(DeformationTask("flap", beside(BODY, flap), handles, carry_unconstrained=True))
+    assert result.extra["warped"] > 0
+    assert result.extra["unconstrained"] == result.extra["touching"] == 1
+    gap = np.linalg.norm(result.vertices[[10, 500]] - result.vertices[-3:-1], axis=1).max()
+    assert result.extra["opening"] == pytest.approx(gap / beside(BODY, flap).diagonal) and gap > 0.001
+
+
 def test_handles_that_are_hardly_predicted_deform_elastically():
     noise = np.random.default_rng(1).normal(size=(BODY.n, 3))
     portions = []
