@@ -246,6 +246,8 @@ def _deform(
         say(f"warning: {warning}")
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
+    for name in ("gap", "side_gap", "opening"):
+        facts[name] = max(result.extra.get(name, 0.0) for result in results)
     for note in [
         *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal),
         *handle_notes(files[0], poses[0], mesh),

@@ -13,10 +13,11 @@ from sshade.io import files, gltf_morph, meshes, point_cache
 from sshade.io.gltf import buffer_files
 from sshade.io.handles import write_handles
 from sshade.io.meshes import read_arrays, write_mesh
+from sshade.mesh.mesh import Mesh
 from sshade.task import Handles
 from tests.gltf import arrays, buffer_beside, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
-from tests.shapes import bumpy, end_handles, tube
+from tests.shapes import beside, bumpy, end_handles, tube
 
 BODY = bumpy(2)
 ENDS = end_handles(BODY.V, share=0.1)
@@ -65,6 +66,16 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
     assert main(["deform", "body.ply", *poses()[:2], "-o", "out_%03d.ply", *FAST]) == 0
     assert "out_003.ply is of an earlier, longer sequence, and stays" in capsys.readouterr().err
+
+
+def test_the_largest_opening_of_all_poses_is_noted(folder, capsys):
+    flap = Mesh(np.concatenate([BODY.V[[0, 80]], [[0, 0, 9]]]), np.array([[0, 1, 2]]))
+    both = beside(BODY, flap)
+    write_mesh("body.ply", both.V, both.F)
+    write_handles("rest.json", ENDS.at(BODY.V[ENDS.index]), names={0: "low", 1: "high"})
+    follow = ["-o", "out_%d.ply", "--carry-unconstrained", *FAST]
+    assert main(["deform", "body.ply", "rest.json", "pose_3.json", *follow]) == 0
+    assert "components that touched came apart by" in capsys.readouterr().err
 
 
 def test_files_of_a_sequence_are_not_compared_with_each_input(folder, monkeypatch):
