@@ -229,6 +229,7 @@ def forget_all(*_: object) -> None:
 #: Functions that Blender calls, by the list of its handlers.
 HANDLERS = {
     "depsgraph_update_post": follow_handles,
+    "frame_change_post": follow_handles,
     "undo_post": after_undo,
     "redo_post": after_undo,
     "load_pre": forget_all,

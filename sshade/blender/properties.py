@@ -22,6 +22,10 @@ def _choose_empty(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> Non
         handle.rest_here()
 
 
+def _set_transform(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> None:
+    handle.id_data.update_tag()  # or else a live mode does not hear of it
+
+
 class SSHADE_PG_handle(bpy.types.PropertyGroup):
     """A vertex group that is a handle. Its name is the name of the vertex group."""
 
@@ -42,10 +46,16 @@ class SSHADE_PG_handle(bpy.types.PropertyGroup):
     )
     rest: FloatVectorProperty(size=(4, 4), subtype="MATRIX", default=IDENTITY, options={"HIDDEN"})
     location: FloatVectorProperty(
-        name="Move", description="Translation in the object's coordinates", subtype="TRANSLATION"
+        name="Move",
+        description="Translation in the object's coordinates",
+        subtype="TRANSLATION",
+        update=_set_transform,
     )
     rotation: FloatVectorProperty(
-        name="Turn", description="Rotation about the centre of the group", subtype="EULER"
+        name="Turn",
+        description="Rotation about the centre of the group",
+        subtype="EULER",
+        update=_set_transform,
     )
 
     def rest_here(self) -> None:

@@ -214,6 +214,26 @@ def scene_live():
     return facts | {"keys": obj.data.shape_keys.key_blocks.keys()}
 
 
+def scene_live_of_frames_and_transforms():
+    """Follow an empty that has keyframes, and the values of a group that moves by itself."""
+    obj, V, F = fresh()
+    fixed, moving = with_handles(obj, V)
+    handle, facts = obj.sshade.handles["moving"], {}
+    handle.empty.keyframe_insert("location", frame=1)
+    handle.empty.location.x += 1
+    handle.empty.keyframe_insert("location", frame=10)
+    bpy.context.scene.frame_set(1)
+    bpy.ops.sshade.live_start()
+    key = obj.data.shape_keys.key_blocks[-1]
+    before = points(key)[moving]
+    bpy.context.scene.frame_set(10)
+    facts["frame"] = float(np.abs(points(key)[moving] - before - [1, 0, 0]).max())
+    handle.kind, handle.location = "OWN", (0.0, 0.5, 0.0)
+    bpy.context.view_layer.update()
+    facts["values"] = float(np.abs(points(key)[moving] - V[moving] - [0, 0.5, 0]).max())
+    return facts
+
+
 def scene_cancel():
     """Cancel the live mode: the object is as before."""
     obj, V, F = fresh()

@@ -73,6 +73,11 @@ def test_the_live_mode_follows_and_ends_at_the_result_of_the_operator(report):
     assert facts["finished"] and facts["keys"] == ["Basis", "SShaDe"]
 
 
+def test_the_live_mode_follows_keyframes_and_values_in_the_panel(report):
+    facts = report["live_of_frames_and_transforms"]
+    assert facts["frame"] < 1e-6 and facts["values"] < 1e-6
+
+
 def test_cancel_restores_the_object(report):
     facts = report["cancel"]
     assert facts["moved"] > 0.3 and facts["keys"] and facts["running"] == 0
