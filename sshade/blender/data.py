@@ -167,16 +167,20 @@ def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion
     return motion
 
 
-def add_key(obj: bpy.types.Object) -> bpy.types.ShapeKey:
-    """Add a shape key with the value 1 to an object, and a basis if it has none.
+def switch_off(obj: bpy.types.Object) -> dict[str, float]:
+    """Give the shape keys of this extension the value 0, as Blender adds up keys; return their values."""
+    keys = obj.data.shape_keys.key_blocks if obj.data.shape_keys else ()
+    values = {key.name: key.value for key in keys if key.name.partition(".")[0] == KEY}
+    for name in values:
+        keys[name].value = 0.0
+    return values
 
-    Blender adds up shape keys, so earlier keys of this extension get the value 0.
-    """
+
+def add_key(obj: bpy.types.Object) -> bpy.types.ShapeKey:
+    """Add a shape key with the value 1 to an object, a basis if it has none, and switch off earlier keys."""
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
-    for earlier in obj.data.shape_keys.key_blocks:
-        if earlier.name.partition(".")[0] == KEY:
-            earlier.value = 0.0
+    switch_off(obj)
     key = obj.shape_key_add(name=KEY, from_mix=False)
     key.value = 1.0
     return key
@@ -191,9 +195,10 @@ def write_key(obj: bpy.types.Object, key: bpy.types.ShapeKey, V: np.ndarray) -> 
 def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
     """Give a mesh the rest positions V (n, 3) float32, and its handles their present places as rest places.
 
-    Shape keys keep their differences to the rest.
+    Shape keys keep their differences to the rest, and those of this extension are switched off.
     """
     mesh = obj.data
+    switch_off(obj)
     if mesh.shape_keys is not None:
         change = V - rest_positions(mesh)
         for key in mesh.shape_keys.key_blocks:

@@ -20,6 +20,7 @@ from .data import (
     read_motions,
     read_rig,
     rest_positions,
+    switch_off,
     write_in_place,
     write_key,
 )
@@ -54,17 +55,15 @@ class Live:
 
     def __init__(self, obj: bpy.types.Object) -> None:
         self.rig = read_rig(obj)
-        self._motions: list[Motion] = []
         motions = read_motions(obj, self.rig)
         self._corners = corners(obj.data)
         self._drag = Drag(self.rig)
-        self._uid, self._shape, self._left = obj.session_uid, self.rig.V, 0
-        self._key = add_key(obj).name
-        try:
-            self._step(obj, motions)
-        except FAILURES:
-            obj.shape_key_remove(obj.data.shape_keys.key_blocks[self._key])
-            raise
+        self._uid, self._left = obj.session_uid, 0
+        self._shape, self._motions = self._drag.step(motions), motions
+        self._had_keys, self._earlier = obj.data.shape_keys is not None, switch_off(obj)
+        key = add_key(obj)
+        self._key = key.name
+        write_key(obj, key, self._shape)
 
     @property
     def object(self) -> bpy.types.Object | None:
@@ -137,9 +136,12 @@ class Live:
             write_in_place(obj, V)
 
     def cancel(self, obj: bpy.types.Object) -> None:
-        """Remove the shape key."""
+        """Remove the shape key, and switch earlier keys of this extension on again."""
         obj.shape_key_remove(self.key(obj))
-        drop_lone_basis(obj)
+        if not self._had_keys:
+            drop_lone_basis(obj)
+        for key in obj.data.shape_keys.key_blocks if obj.data.shape_keys else ():
+            key.value = self._earlier.get(key.name, key.value)
 
     def require_unchanged(self, obj: bpy.types.Object) -> None:
         """Raise InputError if the mesh is not the one that was bound."""

@@ -252,6 +252,22 @@ def scene_cancel():
     }
 
 
+def scene_earlier_keys():
+    """A live mode that is cancelled restores earlier keys, and a change in place switches them off."""
+    obj, V, F = fresh()
+    with_handles(obj, V)
+    obj.shape_key_add(name="Basis")
+    facts = {}
+    for begin in ("basis", "deformed"):
+        bpy.ops.sshade.live_start()
+        bpy.ops.sshade.live_cancel()
+        facts[begin] = {key.name: key.value for key in obj.data.shape_keys.key_blocks}
+        bpy.ops.sshade.deform()
+    obj.sshade.output = "MESH"
+    bpy.ops.sshade.deform()
+    return facts | {"in place": [key.value for key in obj.data.shape_keys.key_blocks]}
+
+
 def scene_scaled_in_live_mode():
     """Scale an empty in the live mode: a message, and the mode goes on when the scale is back."""
     obj, V, F = fresh()

@@ -84,6 +84,12 @@ def test_cancel_restores_the_object(report):
     assert facts["twice"] == [False, False]  # no second live mode, and no operator meanwhile
 
 
+def test_cancel_restores_earlier_keys_and_a_change_in_place_switches_them_off(report):
+    facts = report["earlier_keys"]
+    assert facts["basis"] == {"Basis": 1} and facts["deformed"] == {"Basis": 1, "SShaDe": 1}
+    assert facts["in place"] == [1, 0, 0]
+
+
 def test_undo_and_redo(report):
     facts = report["undo"]
     assert (facts["done"], facts["undone"], facts["redone"]) == (2, True, 2)
