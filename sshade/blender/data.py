@@ -152,8 +152,10 @@ def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
 def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion:
     matrix = Matrix()
     if handle.kind == "EMPTY":
-        if handle.empty is None:
-            raise InputError(f"handle {handle.name!r} follows an empty, but has none; choose or add one")
+        if handle.empty is None or not handle.empty.users_scene:  # a deleted one stays in the file
+            raise InputError(
+                f"handle {handle.name!r} follows an empty, but has none in a scene; choose or add one"
+            )
         matrix = relative(obj, handle.empty) @ handle.rest
     elif handle.kind == "OWN":
         pivot = Matrix.Translation(rig.centroid(number))

@@ -359,6 +359,7 @@ def scene_refusals():
         "unequal": lambda obj: setattr(obj, "scale", (1, 2, 1)),
         "no group": lambda obj: obj.vertex_groups.remove(obj.vertex_groups["moving"]),
         "no empty": lambda obj: setattr(obj.sshade.handles["moving"], "empty", None),
+        "deleted": lambda obj: bpy.context.collection.objects.unlink(obj.sshade.handles["moving"].empty),
         "no handles": lambda obj: obj.sshade.handles.clear(),
         "twice": lambda obj: setattr(obj.sshade.handles[0], "name", "moving"),
     }
