@@ -141,7 +141,7 @@ def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
     InputError
         When the object has unequal scales, a handle has no empty, or its motion is not rigid.
     """
-    scale = obj.matrix_world.to_scale()
+    scale = [abs(factor) for factor in obj.matrix_world.to_scale()]  # all negative if the object is mirrored
     if max(scale) == 0 or max(scale) - min(scale) > RIGID * max(scale):
         raise InputError(
             f"object {obj.name!r} has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"

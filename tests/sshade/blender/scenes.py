@@ -136,8 +136,10 @@ def scene_operator():
 
 
 def scene_soft():
-    """A weight of 0.5 in the group is a soft handle of weight 1."""
+    """A weight of 0.5 in the group is a soft handle of weight 1, of a mirrored object, too."""
     obj, V, F = fresh()
+    obj.scale = (-2, 2, 2)
+    bpy.context.view_layer.update()
     fixed, moving = with_handles(obj, V, weight=0.5)
     bpy.ops.sshade.deform()
     U = points(obj.data.shape_keys.key_blocks[-1])
