@@ -91,9 +91,9 @@ class Live:
         obj = self.object
         if obj is None:
             raise InputError("the live mode ended, because its object is gone")
-        if obj.mode != "OBJECT":  # the mesh has its new positions when the mode ends
+        if edited(obj):  # the mesh has its new positions when the mode ends
             return False
-        if len(obj.sshade.handles) != len(self.rig.groups):
+        if not self._same_handles(obj):
             raise InputError("the live mode ended, because the list of handles changed; start it again")
         try:
             motions = read_motions(obj, self.rig)
@@ -110,7 +110,7 @@ class Live:
     def settle(self) -> float | None:
         """Take a further step to the last motions; return the seconds to the next one, None at the end."""
         obj, before = self.object, self._shape
-        if obj is None or obj.mode != "OBJECT" or not self._left:
+        if obj is None or edited(obj) or not self._left:
             return None
         self._left -= 1
         self._step(obj, self._motions)
@@ -120,7 +120,8 @@ class Live:
     def undone(self) -> None:
         """Take the handles as they are after an undo, which has restored the shape key, too."""
         obj = self.object
-        if obj is not None and len(obj.sshade.handles) == len(self.rig.groups):
+        if obj is not None and not edited(obj) and self._same_handles(obj):
+            self.require_unchanged(obj)
             self._left = 0
             self._motions = read_motions(obj, self.rig)
             self._drag.forget()
@@ -128,7 +129,8 @@ class Live:
 
     def finish(self, obj: bpy.types.Object, method: str, output: str) -> None:
         """Write the converged shape of the present handles, as the operator Deform computes it."""
-        V = self.rig.deform(read_motions(obj, self.rig), method=method)
+        rig = read_rig(obj)  # weights may be others than at the start
+        V = rig.deform(read_motions(obj, rig), method=method)
         if output == "KEY":
             write_key(obj, self.key(obj), V)
         else:
@@ -159,6 +161,9 @@ class Live:
             "the live mode can start again"
         )
 
+    def _same_handles(self, obj: bpy.types.Object) -> bool:
+        return obj.sshade.handles.keys() == [group.name for group in self.rig.groups]
+
     def _same(self, motions: list[Motion]) -> bool:
         same = map(np.array_equal, chain(*motions), chain(*self._motions))
         return len(motions) == len(self._motions) and all(same)
@@ -168,6 +173,11 @@ class Live:
         key = self.key(obj)
         self._shape, self._motions = self._drag.step(motions), motions
         write_key(obj, key, self._shape)
+
+
+def edited(obj: bpy.types.Object) -> bool:
+    """Whether an object is not in object mode, or its mesh is edited through another object."""
+    return obj.mode != "OBJECT" or obj.data.is_editmode
 
 
 def drop_lone_basis(obj: bpy.types.Object) -> None:

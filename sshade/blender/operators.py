@@ -25,7 +25,7 @@ class _OfMesh:
         found = None
         if obj is None or obj.type != "MESH":
             found = "Select a mesh"
-        elif obj.mode != "OBJECT":
+        elif live.edited(obj):
             found = "Switch to Object Mode"
         elif obj.library or obj.data.library:
             found = "The mesh belongs to another file; make it local"

@@ -343,6 +343,36 @@ def scene_edited():
     return facts
 
 
+def scene_changes_in_live_mode():
+    """Other weights count at the end; a redone edit ends the mode; a mesh in edit mode waits."""
+    obj, V, F = fresh()
+    fixed, moving = with_handles(obj, V)
+    bpy.ops.sshade.live_start()
+    obj.vertex_groups["moving"].add(moving.tolist(), 0.5, "REPLACE")
+    bpy.ops.sshade.live_finish()
+    same = points(obj.data.shape_keys.key_blocks[-1]) == expected(obj, V, F, fixed, moving, weight=1.0)
+    facts = {"weights": bool(same.all())}
+
+    other = bpy.data.objects.new("Other", obj.data)
+    bpy.context.collection.objects.link(other)
+    bpy.ops.sshade.live_start()
+    bpy.ops.ed.undo_push(message="live")
+    bpy.context.view_layer.objects.active = other
+    bpy.ops.object.mode_set(mode="EDIT")
+    obj.sshade.handles["moving"].empty.location.x += 0.1
+    bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = obj
+    facts["edit mode"] = bpy.ops.sshade.live_finish.poll(), len(live_module().RUNNING)
+    bpy.context.view_layer.objects.active = other
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.subdivide()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.ed.undo_push(message="edit")
+    bpy.ops.ed.undo()
+    bpy.ops.ed.redo()
+    return facts | {"redo": bpy.data.objects["Body"].sshade.message}
+
+
 def scene_finish_of_an_edited_mesh():
     """Finish after an edit is refused, and the shape key stays."""
     obj, V, F = fresh()

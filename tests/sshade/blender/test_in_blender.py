@@ -112,6 +112,12 @@ def test_an_edit_ends_the_live_mode_and_nothing_is_lost(report, edit, said):
     assert again == ("the shape keys of mesh 'Body' have 642 points, not 643" if edit == "more" else "")
 
 
+def test_weights_and_edits_in_the_live_mode(report):
+    facts = report["changes_in_live_mode"]
+    assert facts["weights"] and facts["edit mode"] == [False, 1]
+    assert "was edited: it has 2562 vertices, not 642" in facts["redo"]
+
+
 def test_the_end_of_a_live_mode_after_an_edit_is_refused(report):
     message, stays = report["finish_of_an_edited_mesh"]
     assert "was edited" in message and stays
