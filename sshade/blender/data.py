@@ -164,7 +164,8 @@ def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion
     motion = rigid(np.array(matrix))
     if motion is None:
         raise InputError(
-            f"empty {handle.empty.name!r} was scaled; a handle only moves and turns, so set its scale back"
+            f"empty {handle.empty.name!r} was scaled, or the object's scale was applied; set the scale back, "
+            "or clear the empty and choose it again"
         )
     return motion
 

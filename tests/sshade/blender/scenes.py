@@ -411,6 +411,22 @@ def scene_refusals():
     return facts
 
 
+def scene_applied_scale():
+    """Apply unequal scales, as the message asks, and choose the empty again."""
+    obj, V, F = fresh()
+    obj.scale = (1, 3, 2)
+    bpy.context.view_layer.update()
+    with_handles(obj, V)
+    said = [refused(bpy.ops.sshade.deform)]
+    obj.select_set(True)
+    bpy.ops.object.transform_apply()
+    said.append(refused(bpy.ops.sshade.deform))
+    handle = obj.sshade.handles["moving"]
+    empty, handle.empty = handle.empty, None
+    handle.empty = empty
+    return [*said, refused(bpy.ops.sshade.deform)]
+
+
 def scene_page():
     """Run the script of the page, and read its file."""
     bpy.ops.wm.read_homefile(use_empty=True)

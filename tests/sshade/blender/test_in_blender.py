@@ -16,6 +16,11 @@ from tests.sshade.blender.wheels import small_wheel
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.skipif(find_spec("bpy") is None, reason="needs bpy: pip install '.[blender-test]'")
 
+SCALED = (
+    "empty 'moving' was scaled, or the object's scale was applied; set the scale back, or clear the empty "
+    "and choose it again"
+)
+
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
@@ -125,14 +130,14 @@ def test_the_end_of_a_live_mode_after_an_edit_is_refused(report):
 
 def test_a_scaled_empty_pauses_the_live_mode(report):
     (message, moved), (none, later) = report["scaled_in_live_mode"]
-    assert message == "empty 'moving' was scaled; a handle only moves and turns, so set its scale back"
+    assert message == SCALED
     assert moved == 0 and none == "" and later > 0.1
 
 
 @pytest.mark.parametrize(
     ("mistake", "said"),
     {
-        "scaled": "empty 'moving' was scaled; a handle only moves and turns, so set its scale back",
+        "scaled": SCALED,
         "unequal": "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
         "no group": "object 'Body' has no vertex group 'moving'",
         "no empty": "handle 'moving' follows an empty, but has none in a scene; choose or add one",
@@ -143,6 +148,14 @@ def test_a_scaled_empty_pauses_the_live_mode(report):
 )
 def test_a_mistake_is_one_sentence_and_changes_nothing(report, mistake, said):
     assert report["refusals"][mistake] == [said, said, True]
+
+
+def test_an_applied_scale_is_refused_until_the_empty_is_chosen_again(report):
+    assert report["applied_scale"] == [
+        "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
+        SCALED,
+        "",
+    ]
 
 
 def test_mistakes_in_the_list_of_handles(report):
