@@ -163,7 +163,8 @@ def _of_nodes(path: Path, animation: Path, raw: bool, fps: float) -> Poses:
         maps = {number[name]: M[frame] for name, M in motions.maps.items()}
         entries = [_moved_by(entry, maps.get(entry.number)) for entry in file.entries]
         poses.append(Pose(f"{animation}, {time:.3f} s", file._replace(entries=entries)))
-    notes, still = [], [name for name in number if name not in motions.maps]
+    rest = np.eye(4)
+    notes, still = [], [name for name in number if np.allclose(motions.maps.get(name, rest), rest)]
     if motions.others:
         notes.append(
             f"{animation}: the animation {motions.animation!r} is used, and {motions.others} are not"

@@ -368,8 +368,10 @@ def test_frames_move_groups_rigidly_too(folder):
     np.testing.assert_allclose(second, turned, atol=1e-12)
 
 
-def rig_with(*, names=("root", "high"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)) -> None:
-    """Write a root that turns about y and a child that rises; at rest, the child is at (0, 0, 1)."""
+def rig_with(
+    *, names=("root", "high", "low"), interpolation="LINEAR", channels=True, times=(0.0, 1.0)
+) -> None:
+    """Write a root that turns about y and a child that rises from (0, 0, 1); further nodes rest."""
     angles = np.linspace(0, 0.4, len(times))
     turns = Rotation.from_rotvec(angles[:, None] * [0, 1, 0]).as_quat()
     shifts = [0, 0, 1] + 0.2 * angles[:, None] * [0, 0, 1]
@@ -379,7 +381,11 @@ def rig_with(*, names=("root", "high"), interpolation="LINEAR", channels=True, t
         )
     moved = [("rotation", 0), ("translation", 1)] if channels else []
     tree = {
-        "nodes": [{"name": names[0], "children": [1]}, {"name": names[1], "translation": [0, 0, 1]}],
+        "nodes": [
+            {"name": names[0], "children": [1]},
+            {"name": names[1], "translation": [0, 0, 1]},
+            *({"name": name} for name in names[2:]),
+        ],
         "scenes": [{"nodes": [0]}],
         "animations": [
             {
