@@ -167,5 +167,5 @@ CASES = [
         says=("names subject 0, pose 9, which balls does not have",),
     ),
     Case("sound: remeasure tiny", "sshade-eval remeasure tiny", runs, leaves=(RUNS,)),
-    Case("run: what is there already", SWEEP, runs),
+    Case("run: what is there already", SWEEP, runs, leaves=(f"{RUNS}/tiny/.plan",)),  # with a new time
 ]
