@@ -30,6 +30,15 @@ def check_input(path: Path, suffixes: Collection[str]) -> None:
         )
 
 
+def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
+    """Return positions (n, 3) as float32, and raise InputError where a position is too large for it."""
+    with np.errstate(over="ignore", under="ignore"):
+        floats = V.astype(np.float32)
+    if (np.isinf(floats) & np.isfinite(V)).any():
+        raise InputError(f"{path}: a position is too large for the single precision of this format")
+    return floats
+
+
 def unchanged(V: np.ndarray) -> np.ndarray:
     """Return positions (n, 3) as decimals or float64 hold them."""
     return V

@@ -20,7 +20,7 @@ from urllib.parse import quote, unquote, unquote_to_bytes, urlsplit
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile, moved_reference, present
+from sshade.io.document import MeshFile, as_floats, moved_reference, present
 from sshade.io.gltf_materials import gltf_colours, gltf_skin
 from sshade.io.gltf_own import with_own_numbers
 from sshade.io.gltf_scene import (
@@ -37,7 +37,6 @@ from sshade.io.gltf_scene import (
 )
 from sshade.io.keys import decoded
 from sshade.io.normals import vertex_turns
-from sshade.io.point_cache import as_floats
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
 

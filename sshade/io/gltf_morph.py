@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import MeshFile
+from sshade.io.document import MeshFile, as_floats
 from sshade.io.files import replacing
 from sshade.io.gltf import gltf_bytes, parsed_gltf, plain_gltf
 from sshade.io.gltf_scene import CHANGED, Gltf, NewAccessors, bounds, mesh_matrices
-from sshade.io.point_cache import as_floats
 
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
 LARGEST = 2**32 - 2**26

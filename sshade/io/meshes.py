@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, MeshFile, check_input
+from sshade.io.document import SUFFIXES, MeshFile, as_floats, check_input
 from sshade.io.files import check_output, expecting, naming, replacing
 from sshade.io.gltf import plain_gltf, read_gltf
 from sshade.io.obj import read_obj
 from sshade.io.off import read_off
 from sshade.io.ply import read_ply, write_ply
-from sshade.io.point_cache import as_floats
 from sshade.io.stl import read_stl, write_stl
 from sshade.io.words import rows_of
 from sshade.mesh.mesh import Mesh

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.io.document import as_floats
 from sshade.io.files import replacing
 
 
@@ -46,12 +46,3 @@ def write_point_cache(path: Path, poses: Iterable[np.ndarray], *, vertices: int,
             file.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, vertices, 0.0, 1.0, len(times)))
         for V in poses:
             file.write(as_floats(V, path).astype(">f4" if mdd else "<f4").tobytes())
-
-
-def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
-    """Return positions (n, 3) as float32, and raise InputError where a position is too large for it."""
-    with np.errstate(over="ignore", under="ignore"):
-        floats = V.astype(np.float32)
-    if (np.isinf(floats) & np.isfinite(V)).any():
-        raise InputError(f"{path}: a position is too large for the single precision of this format")
-    return floats

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.io.document import MeshFile, present, unchanged
+from sshade.io.document import MeshFile, as_floats, present, unchanged
 from sshade.io.normals import turned, turns
-from sshade.io.point_cache import as_floats
 from sshade.io.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import as_single
