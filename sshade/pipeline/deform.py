@@ -97,30 +97,28 @@ def deform_task(
         seconds = {"warp": perf_counter() - begin}
         if warp.portion == 1.0 and warp.exact:
             facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
-            facts |= _components_that_follow(task, warp.vertices, announced=False)
+            facts |= _components_that_follow(task, warp.vertices)
             return DeformationResult(warp.vertices, 0, True, seconds, facts)
         area, ratios = True, {**ratios, **warp.constraints(task.mesh, whole)}
-    result = by_components(task, deform_component, whole, progress=progress)
+    blend = warp.blend if warp is not None else None
+    result = by_components(task, deform_component, whole, blend=blend, progress=progress)
     if warp is not None:
         name = "warped" if warp.exact else "released"
         seconds, facts = {**result.seconds, **seconds}, {**result.extra, name: warp.portion}
-        V = warp.blend(result.vertices, task)
-        facts |= _components_that_follow(task, V, announced=True)
-        result = replace(result, vertices=V, seconds=seconds, extra=facts)
+        result = replace(result, seconds=seconds, extra=facts)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
 
 
-def _components_that_follow(task: DeformationTask, V: np.ndarray, *, announced: bool) -> dict[str, Any]:
-    """Return the facts of components without handles in a warp; warn of those that touch others, once."""
+def _components_that_follow(task: DeformationTask, V: np.ndarray) -> dict[str, Any]:
+    """Return the facts of components without handles in a warp, and warn of those that touch others."""
     if not task.carry_unconstrained:
         return {}
     unconstrained = without_handles(task.mesh, task.handles.index)
     contact = contacts(task.mesh, unconstrained)
-    if not announced:
-        contact.warn()
+    contact.warn()
     opening = contact.opening(V) / task.mesh.diagonal
     return {"unconstrained": len(unconstrained), "touching": contact.components, "opening": opening}
 

@@ -98,17 +98,9 @@ class Warp(NamedTuple):
             found |= {"volume_goal": ratio} if ratio > 0 else {"volume": 0.0}
         return found
 
-    def blend(self, V: np.ndarray, task: DeformationTask) -> np.ndarray:
-        """Return the weighted mean of the interpolation and elastically deformed positions V (n, 3).
-
-        The mean of two rigid motions is not rigid, so components without handles follow the mean.
-        """
-        if not self.exact:
-            return V
-        V = V + self.weight[:, None] * (self.vertices - V)
-        if task.carry_unconstrained:
-            move_rigidly(task.mesh, V, without_handles(task.mesh, task.handles.index))
-        return V
+    def blend(self, V: np.ndarray) -> np.ndarray:
+        """Return the weighted mean of the interpolation and elastically deformed positions V (n, 3)."""
+        return V + self.weight[:, None] * (self.vertices - V) if self.exact else V
 
 
 def find_warp(task: DeformationTask, mode: str, *, progress: Progress = silent) -> Warp | None:
