@@ -70,10 +70,6 @@ def __getattr__(name: str) -> Any:
     elif name in _HOME:
         value = getattr(import_module(f"sshade.{_HOME[name]}"), name)
     else:
-        from sshade.options import OLD_METHODS
-
-        if name in OLD_METHODS:
-            raise AttributeError(f'sshade.{name} is now sshade.deform(task, method="{OLD_METHODS[name]}")')
         raise AttributeError(f"module 'sshade' has no attribute {name!r}")
     globals()[name] = value
     return value

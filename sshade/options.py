@@ -279,16 +279,6 @@ REGIONS: Mapping[str, Mapping[str, Any]] = {
     "fine_free": {**_REGIONS, "area": 0.0, "proxy_bending": 0.003},
 }
 
-#: Names of options and methods before they were renamed.
-OLD_NAMES = {"parts": "attachment", "proxy_parts": "proxy_attachment", "limit": "strain_limit"}
-OLD_METHODS = {
-    "sshade": "paper",
-    "sshade_paper": "paper_plain",
-    "sshade_fast": "fast",
-    "sshade_fine": "fine",
-    "sshade_fine_free": "fine_free",
-}
-
 
 class Option(NamedTuple):
     """The meaning of an option, its valid values, and the methods that take it.
@@ -366,8 +356,6 @@ def require_method(name: str, methods: Collection[str] = tuple(PRESETS)) -> str:
     """Return the name of a method, and raise InputError on a name outside `methods`."""
     if name in methods:
         return name
-    if new := OLD_METHODS.get(name):
-        raise InputError(f"the method {name!r} is now called {new!r}")
     hint = _meant(name, methods) or f"; use {', '.join(map(repr, methods))}"
     raise InputError(f"there is no method {name!r} here{hint}")
 
@@ -404,8 +392,6 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
     for name, value in values.items():
         if name in names or (name in about and value is None):
             continue
-        if OLD_NAMES.get(name) in names:
-            raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")
         if name in about:
             raise InputError(f"{subject} has no use for the option {name!r}; leave it out")
         hint = _meant(name, names) or f"; the options are {', '.join(names)}"

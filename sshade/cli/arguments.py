@@ -16,7 +16,7 @@ from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile, listed
 from sshade.io.files import check_output, naming
 from sshade.io.keys import require_known
-from sshade.options import NEAR, OLD_NAMES, check_weld, described, help_text, require_method
+from sshade.options import NEAR, check_weld, described, help_text, require_method
 
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
@@ -156,8 +156,6 @@ def with_option_file(
 
     given = read_option_file(path, options.names_in_file)
     with naming(path):
-        for name in set(given) & set(OLD_NAMES):
-            raise InputError(f"the option {name!r} is now called {OLD_NAMES[name]!r}")
         require_known(given, options.names_in_file)
         known = {name: given[name] for name in options.names_in_file if given.get(name) is not None}
         values = {name: _checked(name, value) for name, value in known.items()}

@@ -8,7 +8,6 @@ from sshade import InputError
 from sshade.options import (
     FINE,
     GROUPS,
-    OLD_METHODS,
     PRESETS,
     REGIONS,
     Options,
@@ -53,9 +52,6 @@ def test_a_value_out_of_range_is_refused_with_the_range(name, value):
     [
         ("fast", "volum", "did you mean 'volume'"),
         ("fast", "zzz", "the options are vertices, "),
-        ("fast", "parts", "is now called 'attachment'"),
-        ("fine", "proxy_parts", "is now called 'proxy_attachment'"),
-        ("fine", "limit", "is now called 'strain_limit'"),
         ("fine", "samplings", "'fine' has no use for the option 'samplings'"),
         ("fast", "coarse", "'fast' has no use for"),
         ("paper", "polish", "'paper' has no use for"),
@@ -66,10 +62,7 @@ def test_a_name_that_a_method_does_not_take_is_refused_with_the_right_one(method
         resolve(method, {name: 2})
 
 
-def test_old_and_mistyped_methods_are_refused_with_the_right_name():
-    for old, new in OLD_METHODS.items():
-        with pytest.raises(InputError, match=f"{old!r} is now called {new!r}"):
-            require_method(old)
+def test_mistyped_methods_are_refused_with_the_right_name():
     with pytest.raises(InputError, match="did you mean 'fine'"):
         require_method("fin")
     with pytest.raises(InputError, match="use 'paper', 'paper_plain', 'fast'"):

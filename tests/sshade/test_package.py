@@ -40,14 +40,6 @@ def test_names_of_the_package_are_found_when_they_are_asked_for():
         sshade.shade  # noqa: B018
 
 
-@pytest.mark.parametrize(
-    ("old", "new"), [("sshade", "paper"), ("sshade_fast", "fast"), ("sshade_fine", "fine")]
-)
-def test_old_names_of_methods_give_the_new_call(old, new):
-    with pytest.raises(AttributeError, match=f'is now sshade.deform.task, method="{new}"'):
-        getattr(sshade, old)
-
-
 @pytest.mark.parametrize("name", [name for name in MODULES if not re.search(r"__main__$|blender\.", name)])
 def test_examples_in_docstrings_do_what_they_show(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0

@@ -207,7 +207,7 @@ def test_a_browser_returns_the_handles_to_a_process_of_python(browser):
         (BODY.V, {}, "not an object of type ndarray; of arrays make sshade.Mesh"),
         (BODY, {"handles": [1, 2]}, "handles are an sshade.Handles, not an object of type list"),
         (BODY, {"handles": Handles([10_000], [[0, 0, 0]])}, "handle id 10000 is out of range"),
-        (BODY, {"method": "sshade_fast"}, "is now called 'fast'"),
+        (BODY, {"method": "fats"}, "did you mean 'fast'"),
         (BODY, {"up": "x"}, 'up is "y" or "z"'),
         (BODY, {"port": 70_000}, "a port is a number from 0 to 65535"),
         (BODY, {"port": "taken"}, "cannot be used"),
