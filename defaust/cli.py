@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sshade.cli.console import CommandParser, progress_bar, run_command
-from sshade.cli.limits import require_memory
 from sshade.cli.programs import add_completion, version_of
 from sshade.errors import InputError
 
@@ -56,8 +55,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         args = make_parser().parse_args(argv)
         logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
-        if args.command != "info":
-            require_memory()
         command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
         return command(args)
 

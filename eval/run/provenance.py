@@ -21,7 +21,6 @@ from eval.run.code import digest, imported_libraries
 from eval.run.targets import code_of, flat, settings
 from sshade.cli.configuration import PACKAGES
 from sshade.errors import InputError
-from sshade.memory import give_back
 from sshade.task import DeformationTask, TransferTask
 from sshade.threads import available_cpus
 
@@ -115,8 +114,7 @@ def process_memory(key: str) -> int | None:
 
 
 def reset_peak_memory() -> None:
-    """Return freed memory, and let the peak ``VmHWM`` start again at the memory in use; only on Linux."""
-    give_back()
+    """Let the peak ``VmHWM`` start again at the memory in use; only on Linux."""
     Path("/proc/self/clear_refs").write_text("5")
 
 

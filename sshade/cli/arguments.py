@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sshade.cli.console import say
-from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, MeshFile, listed
 from sshade.io.files import check_output, naming
@@ -207,7 +206,6 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     from sshade.io.meshes import read_file
 
     file = read_file(path)
-    require_memory(vertices=len(file.V))
     for note in file.notes:
         say(f"note: {path}: {note}")
     if output is not None and (lost := file.lost(output)):

@@ -38,9 +38,6 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasatt
 #: Seconds that threads get to end after a signal.
 PATIENCE = 0.5
 
-#: Text of the RuntimeError of Python where the system starts no more threads.
-NO_THREAD = "can't start new thread"
-
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
 
@@ -208,10 +205,6 @@ def _run(main: Callable[[], int]) -> int:
         if (missing := missing_library(error)) is None:
             raise
         mistake = missing
-    except RuntimeError as error:
-        if str(error) != NO_THREAD:
-            raise
-        mistake = f"there is not enough memory, or there are too many processes ({error})"
     except (KeyboardInterrupt, SystemError) as error:
         if not isinstance(arrived_in(error), KeyboardInterrupt):
             raise

@@ -92,7 +92,6 @@ from sshade.cli.sequence import (
     add_fps,
     deform_poses,
     is_sequence,
-    require_memory_to_deform,
     require_no_fps,
     softened,
 )
@@ -183,7 +182,6 @@ def _deform(
     file, whole = read_surface(options, options.output)
     V = file.V
     mesh = whole.mesh
-    require_memory_to_deform(len(V), resolved)
     with naming(options.handles):
         handles = on_surface(given, whole)
         volumes = volumes_on_surface(given.volumes, whole, file.F)

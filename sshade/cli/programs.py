@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sshade.cli.limits import require_memory
-
 
 def version_of(program: str) -> str:
     """Return the text of ``--version``; all programs have the version of the package."""
@@ -134,15 +132,12 @@ class Program(NamedTuple):
         ------
         InputError
             On a mistake in the arguments or in a named file.
-        MemoryError
-            See :func:`sshade.cli.limits.require_memory`.
         """
         if name not in self.commands:
             from sshade.errors import InputError
 
             found = f"{name!r} is no command" if name else "a command is missing"
             raise InputError(f"{found}; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`")
-        require_memory()
         module = import_module(self.commands[name][0])
         if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]

@@ -14,14 +14,12 @@ import numpy as np
 
 from sshade.cli.arguments import read_surface
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.io.document import CACHES, MORPHS, SUFFIXES, MeshFile
 from sshade.io.files import check_output, identity, naming
 from sshade.io.numbered import NumberedFiles, chained_keys, has_number, input_checksum
 from sshade.io.poses import Poses, is_animation, read_poses
 from sshade.options import Options
-from sshade.threads import available_cpus
 
 if TYPE_CHECKING:
     from sshade.handles import Handles
@@ -186,7 +184,6 @@ def _deform(
 
     file, whole = read_surface(options, output_of_contents(options.output))
     mesh, files = whole.mesh, [pose.file for pose in given.poses]
-    require_memory_to_deform(len(file.V), resolved)
     poses = given.on(whole)
     if options.weight is not None:
         poses = [softened(handles, options.weight) for handles in poses]
@@ -267,13 +264,6 @@ def _deform(
 def output_of_contents(output: Path) -> Path | None:
     """Return the output whose format decides which contents are lost; None for a point cache."""
     return None if output.suffix.lower() in CACHES else output
-
-
-def require_memory_to_deform(vertices: int, options: Options) -> None:
-    """Raise MemoryError if a limit leaves too little memory; see :func:`sshade.cli.limits.require_memory`."""
-    at_once = min(options.samplings, options.workers or 2 * available_cpus())
-    samples = min(options.vertices, int(vertices / options.coarser))
-    require_memory(vertices=vertices, proxy_vertices=at_once * samples)
 
 
 def softened(handles: Handles, weight: float) -> Handles:

@@ -28,7 +28,6 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import say
-from sshade.cli.limits import require_memory
 from sshade.errors import InputError
 from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
 from sshade.io.document import SUFFIXES, check_input
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
 
-#: Bytes of address space that VTK and its drivers need.
-VTK = 900_000_000
 
 #: Width of a panel, and its greatest height, in pixels.
 PANEL = 900
@@ -72,7 +69,6 @@ def command(options: argparse.Namespace) -> int:
     if path is None and not has_display():
         raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
     check_outputs(options, output=PICTURES)
-    require_memory(further=VTK)
     check_input(options.mesh, SUFFIXES)
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)

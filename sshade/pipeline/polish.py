@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from sshade.memory import give_back
 from sshade.mesh.adjacency import vertex_graph
 from sshade.options import ENERGY, Options
 from sshade.pipeline.regions import HandleRegions
@@ -62,7 +61,6 @@ def polished(
         facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
     """
     begin = perf_counter()
-    give_back()  # frees memory of earlier work before the stage that needs most
     with ThreadPoolExecutor(max_workers=1) as pool:
         bind = partial(bind_task, factorised=False, exact_steps=0, hold_slides=True)
         solver_ready = pool.submit(bind, task, options)
@@ -78,7 +76,6 @@ def polished(
     energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
-    give_back()
     solution = solver.solve(
         targets,
         start=start.pop(),  # so that the solver can free it

@@ -19,7 +19,6 @@ from scipy.sparse import coo_array, csr_array
 
 from sshade.errors import InputError
 from sshade.handle_checks import checked_index
-from sshade.memory import give_back
 from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
@@ -317,7 +316,6 @@ class System:
             multigrid = Multigrid(self.metric(weighted), fixed, degree=degree, team=team)
         except FloatingPointError as error:
             raise not_positive_definite() from error
-        give_back()
         if self.exact_steps:
             return ConjugateGradients(multigrid, self.fixed, steps=self.exact_steps)
         return VCycle(multigrid, self.fixed)
