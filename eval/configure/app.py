@@ -31,7 +31,6 @@ from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, 
 from eval.configure.typed import allow_programs, listed
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
-from eval.rows.old_names import refuse_old_names
 from eval.rows.splits import require_split
 from eval.run.allowed import OVERRIDE, allow_functions, check_folders
 from eval.run.attempt import WROTE
@@ -135,8 +134,8 @@ def _checked(arguments: list[str]) -> list[str]:
     Raises
     ------
     InputError
-        On a flag that replaces the configuration, an old name of a method or option, a deleted setting that
-        every run needs, or a folder of configurations that names a function without permission.
+        On a flag that replaces the configuration, a deleted setting that every run needs, or a folder of
+        configurations that names a function without permission.
     """
     known, _ = get_args_parser().parse_known_intermixed_args(arguments)
     for flag in ("config_path", "experimental_rerun"):
@@ -148,7 +147,6 @@ def _checked(arguments: list[str]) -> list[str]:
     check_folders([known.config_dir, *listed(known.overrides, "hydra.searchpath")])
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
-        refuse_old_names(key, re.split(r"[=,]", text)[1:])
         if text.startswith("~") and (key in ("method", "dataset", "seed") or key.startswith("run.")):
             raise InputError(f"{text} deletes a setting that every run needs")
     settings = [text for text in known.overrides if keys[text] not in (OVERRIDE, ALLOWING)]

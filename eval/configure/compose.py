@@ -13,7 +13,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure.sweep import CASE
 from eval.configure.typed import allow_programs
-from eval.rows.old_names import refuse_old_names
 from eval.run.allowed import require_allowed, require_programs
 from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 from sshade.errors import InputError
@@ -61,12 +60,9 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
     Raises
     ------
     InputError
-        On an unknown name or setting, an old name, or a function that is not allowed.
+        On an unknown name or setting, or a function that is not allowed.
     """
     own = [word if {".", "@"} & set(word.split("=")[0]) else f"{group}.{word}" for word in choice.settings]
-    refuse_old_names(group, [choice.name])
-    for setting in own:
-        refuse_old_names(setting.partition("=")[0])
     try:
         allow_programs(own)
         with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):

@@ -11,11 +11,10 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from time import sleep
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from sshade.errors import InputError
-from sshade.io.files import reason, remove_temporaries
+from sshade.io.files import reason
 from sshade.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -31,12 +30,6 @@ EXTRAS = {
 
 #: Number of stages that are shown after their end, so that a screen has room for the stages that run.
 ENDED = 5
-
-#: Signals by which systems end a program: at a shutdown, at a time limit, or when a terminal is closed.
-ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-
-#: Seconds that threads get to end after a signal.
-PATIENCE = 0.5
 
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
@@ -156,24 +149,17 @@ def how_to_install(extra: str) -> str:
     return f"install the extra {extra}, for example with pip install '.[{extra}]' in a clone"
 
 
-def run_command(main: Callable[[], int], *, hurries: bool = False) -> int:
+def run_command(main: Callable[[], int]) -> int:
     """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
     zero-area triangles; an OSError; a lack of memory; and a library of :data:`EXTRAS` that is not installed.
-    If the reader of standard output has ended, as after ``| head``, the command ends silently. Meanwhile,
-    SIGTERM and SIGHUP end the program with exit code 143 and 129, and leave no temporary file. If it
-    `hurries`, SIGINT does so too, with exit code 130, where `main` goes on.
+    If the reader of standard output has ended, as after ``| head``, the command ends silently. SIGINT and
+    SIGTERM end it with exit code 130 and 143, and leave no temporary file.
     """
     _prepare_output()
-    received: list[int] = []
-    with _signals_into(received, hurries=hurries):
-        try:
-            code = _run(main)
-        except BaseException:  # SystemExit, or the error of code that the exception interrupted
-            if not received:
-                raise
-    return 128 + received[0] if received else code
+    with _ended_by_sigterm():
+        return _run(main)
 
 
 def _prepare_output() -> None:
@@ -205,8 +191,11 @@ def _run(main: Callable[[], int]) -> int:
         if (missing := missing_library(error)) is None:
             raise
         mistake = missing
-    except (KeyboardInterrupt, SystemError) as error:
-        if not isinstance(arrived_in(error), KeyboardInterrupt):
+    except (KeyboardInterrupt, Ended, SystemError) as error:
+        arrived = arrived_in(error)
+        if isinstance(arrived, Ended):
+            return 128 + signal.SIGTERM
+        if not isinstance(arrived, KeyboardInterrupt):
             raise
         say("interrupted")
         return 130
@@ -225,57 +214,27 @@ def arrived_in(error: BaseException) -> BaseException:
 
 
 class Ended(SystemExit):
-    """A signal that ends the program, where a plain SystemExit may come from the code of a method."""
+    """SIGTERM, which ends the program, where a plain SystemExit may come from the code of a method."""
 
 
 @contextmanager
-def _signals_into(received: list[int], *, hurries: bool) -> Iterator[None]:
-    """Have :data:`ENDING` end a ``with`` block by :class:`Ended`, unless they are ignored, as by ``nohup``.
-
-    The number of the signal is appended to `received`. A compiled function delays the exception, and threads
-    that compute delay the end of the block. A thread therefore ends the process after :data:`PATIENCE`, and
-    removes its temporary files. If it `hurries`, the thread does so at SIGINT, too, unless the block ends
-    before.
-    """
-    # Windows ends programs without a signal, and only the main thread may set handlers.
-    if os.name == "nt" or threading.current_thread() is not threading.main_thread():
+def _ended_by_sigterm() -> Iterator[None]:
+    """Have SIGTERM raise :class:`Ended` in a ``with`` block, so that temporary files are removed."""
+    handled = signal.getsignal(signal.SIGTERM) == signal.SIG_DFL  # it may be ignored
+    # Only the main thread may set handlers.
+    if not handled or threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = [number for number in ENDING if signal.getsignal(number) == signal.SIG_DFL]
 
     def end(number: int, _: object) -> None:
-        if not received:
-            received.append(number)
-            raise Ended(128 + number)
+        signal.signal(number, signal.SIG_IGN)  # a second signal does not disturb the end
+        raise Ended(128 + number)
 
-    def watch() -> None:
-        while byte := os.read(reading, 1):
-            if byte[0] in numbers:
-                sleep(PATIENCE)
-            elif hurries and byte[0] == signal.SIGINT and not ended.wait(PATIENCE):
-                # Progress bars hide the cursor.
-                say("\x1b[?25h\rinterrupted" if sys.stderr.isatty() else "interrupted")
-            else:
-                continue
-            remove_temporaries()
-            os._exit(128 + byte[0])
-        os.close(reading)
-
-    ended = threading.Event()
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    earlier = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    threading.Thread(target=watch, daemon=True).start()
-    for number in numbers:
-        signal.signal(number, end)
+    signal.signal(signal.SIGTERM, end)
     try:
         yield
     finally:
-        ended.set()
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
-        signal.set_wakeup_fd(earlier)
-        os.close(writing)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _drop_output() -> None:

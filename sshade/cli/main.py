@@ -9,7 +9,7 @@
 
 `sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that
 completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the
-arguments or the files, reported in one sentence; 130, 143 and 129 if SIGINT, SIGTERM or SIGHUP ended it.
+arguments or the files, reported in one sentence; 130 after Ctrl-C, and 143 after SIGTERM.
 """
 
 from __future__ import annotations
@@ -26,10 +26,5 @@ COMMANDS = {
     "blender": ("sshade.cli.blender", "build an extension for Blender"),
     "transfer-pose": ("sshade.cli.transfer_pose", "put an edited shape into a known pose"),
 }
-PROGRAM = Program(
-    name="sshade",
-    commands=COMMANDS,
-    text=__doc__ or "",
-    hurried=COMMANDS.keys() - {"edit"},  # the editor says what is not saved
-)
+PROGRAM = Program(name="sshade", commands=COMMANDS, text=__doc__ or "")
 main = PROGRAM.main

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,14 +61,11 @@ class Program(NamedTuple):
         Module and one-line summary of each sub-command.
     text : str
         Help text, with ``{commands}`` for the list of sub-commands.
-    hurried : collection of str
-        Sub-commands that end soon after Ctrl-C, see :func:`sshade.cli.console.run_command`.
     """
 
     name: str
     commands: Mapping[str, tuple[str, str]]
     text: str
-    hurried: Collection[str] = ()
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
@@ -80,7 +77,7 @@ class Program(NamedTuple):
                 return run_command(lambda: self.tell(name))
             if name == "--print-completion":
                 return run_command(lambda: self.complete(arguments))
-            return run_command(lambda: self.call(name, arguments), hurries=name in self.hurried)
+            return run_command(lambda: self.call(name, arguments))
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

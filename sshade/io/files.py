@@ -16,8 +16,6 @@ from sshade.errors import InputError
 
 #: Numbers the writes of this process, so that two threads never share a temporary name.
 _WRITES = count()
-#: Temporary files of this process, for :func:`remove_temporaries`.
-_TEMPORARIES: set[Path] = set()
 
 
 @contextmanager
@@ -46,7 +44,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         _remove_leftovers(path, name.suffix)
         beginning, end = _temporary_affixes(path, name.suffix)
         temporary = path.with_name(f"{beginning}{os.getpid()}-{next(_WRITES)}{end}")
-        _TEMPORARIES.add(temporary)
         if old is not None:  # nobody who may not read the old file may read the new one, from the beginning
             os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         yield temporary
@@ -60,15 +57,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         if isinstance(error, OSError):
             raise InputError(f"{name}: cannot be written ({reason(error)})") from error
         raise
-    finally:
-        _TEMPORARIES.discard(temporary)  # type: ignore[arg-type]
-
-
-def remove_temporaries() -> None:
-    """Remove the temporary files of all writes of this process, before the process is ended at once."""
-    for temporary in tuple(_TEMPORARIES):
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _target(path: Path) -> tuple[Path, os.stat_result | None]:

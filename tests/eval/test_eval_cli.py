@@ -158,8 +158,6 @@ def test_a_row_out_of_its_band_is_exit_code_1(tmp_path):
     ("arguments", "message"),
     [
         (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
-        (["-m", "dataset=bumpy", "method=arap,sshade"], "the method sshade is now named paper; write paper"),
-        (["dataset=bumpy", "method=fine", "method.limit=1"], "now named method.strain_limit; write"),
         (["dataset=bumpy", "method=arap", "label='\udcff'"], "a name that is not UTF-8"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),

@@ -2,6 +2,7 @@
 
 import csv
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 from eval_rows import frame, row
@@ -14,6 +15,14 @@ from eval.rows.csv_rows import COUNT
 from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.errors import InputError
+
+RESULTS = Path(__file__).parents[3] / "results"
+
+
+@pytest.mark.parametrize("path", sorted(RESULTS.glob("rows/*.csv")) + sorted(RESULTS.glob("timing/*.csv")))
+def test_committed_rows_are_written_again_as_they_are(path, tmp_path):
+    write_csv(tmp_path / "again.csv", read_csv(path))
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
 
 
 @pytest.mark.parametrize("cut", [lambda text: text[: text[:-1].rindex("\n")], lambda text: text[:-2]])

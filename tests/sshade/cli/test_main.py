@@ -188,7 +188,7 @@ def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(ca
         run_command(command)
 
 
-#: Writes a file, says so, and works until it is ended; a stubborn program catches all exceptions.
+#: Writes a file, says so, and works until it is ended.
 ENDLESS = """\
 import sys, time
 from sshade.cli.console import run_command
@@ -198,22 +198,16 @@ def work():
     with replacing("a.txt") as temporary:
         temporary.write_text("half")
         print("writing", flush=True)
-        while True:
-            try:
-                time.sleep(20)
-            except BaseException:
-                if sys.argv[1] != "stubborn":
-                    raise
-sys.exit(run_command(work, hurries=True))
+        time.sleep(20)
+sys.exit(run_command(work))
 """
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
-@pytest.mark.parametrize("manner", ["polite", "stubborn"])
-@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
-def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, manner, name, code):
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_signal_ends_a_command_soon_and_leaves_no_file(here, name, code):
     Path("a.txt").write_text("old")
-    line = [sys.executable, "-c", ENDLESS, manner]
+    line = [sys.executable, "-c", ENDLESS]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 
     def begin_with_default() -> None:  # nohup and others ignore signals, and children inherit this
