@@ -137,9 +137,6 @@ class Options:
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.
-    warp : str
-        Whether the result interpolates between handles instead of solving for an elastic shape: where handles
-        determine the deformation, everywhere, or nowhere. With `never`, dense handles may fight the volume.
     accelerate, coarser_start, polish : bool
         Fixed for each method: quasi-Newton steps instead of plain iterations, a proxy solve initialised on a
         coarser proxy, and a second solve at full resolution.
@@ -173,7 +170,6 @@ class Options:
     proxy_stiffness: float = _option(1.0, "(0, 1]", FINE)
     polish_iterations: int = _option(0, "[0, inf)", FINE)
     polish_seconds: float | None = _option(None, "[0, inf]", FINE)
-    warp: Any = _option("auto", "auto always never", FAST)
     accelerate: bool = _option(True, "", ())
     coarser_start: bool = _option(False, "", ())
     polish: bool = _option(False, "", ())
@@ -197,7 +193,6 @@ ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness"),
-    "Warp": ("warp",),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start"),
     "Polish": (
@@ -267,6 +262,7 @@ PRESETS: Mapping[str, Options] = {
     "fast": _FAST,
     "fine": _FINE,
     "fine_free": replace(_FINE, volume=0.0, area=0.0),
+    "interpolate": Options(),  # takes no option
 }
 # Strain and folds gather at the edges of handle regions. A region that moves away stretches the surface
 # between regions; with an exact area the rest of the surface would pay for it. More attachment on the proxy

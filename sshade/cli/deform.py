@@ -55,6 +55,7 @@ methods:
   fine_free    fine without constraints
   paper        the published method, the mean of five proxies
   paper_plain  paper with the published iterations
+  interpolate  a smooth map through dense handles, without an elastic surface; takes no options
 
 examples:
   sshade deform body.ply pose.json -o posed.ply
@@ -115,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     handles = f"{HANDLES}; several for a sequence"
     add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
-    method = "fast (default), fine, fine_free, paper or paper_plain, see above"
+    method = "fast (default), fine, fine_free, paper, paper_plain or interpolate, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     further = ("method", "weight", "raw", "carry_unconstrained")
     add_options(parser, OPTIONS, further=further)
@@ -177,6 +178,7 @@ def _deform(
     from sshade.io.meshes import write_file
     from sshade.io.volumes import volumes_on_surface
     from sshade.pipeline.deform import deform
+    from sshade.pipeline.dense_handles import are_dense
     from sshade.task import DeformationTask
 
     file, whole = read_surface(options, options.output)
@@ -216,6 +218,7 @@ def _deform(
     rounded = rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal)
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = float(handles.snap_distance.max())
+    facts["dense"] = options.method != "interpolate" and are_dense(task)
     for note in [
         *rounded,
         *unused_options(options, options.handles, given),

@@ -49,28 +49,21 @@ def notes(facts: Mapping[str, Any]) -> list[str]:
     unused, flat = facts.get("unused", 0), facts["faces_without_area"]
     dropped = facts.get("duplicates", 0) + facts.get("collapsed", 0)
     turned, copies, one_sided = (facts.get(name, 0) for name in ("turned", "copies", "one_sided"))
-    warped = facts.get("warped", 0.0)
     rigid, unconstrained = facts.get("rigid", 0), facts.get("unconstrained", 0)
     bent = facts.get("components", 1) - rigid
     percent = {
         name: f"{100 * facts.get(name, 0):.2g} % of the diagonal" for name in ("gap", "side_gap", "opening")
     }
-    asked_to_warp = facts["options"].get("warp") == "always"
-    on_samples = _on_samples(facts, components=bent) if warped < 1 else {}
     found = {
         f"{doubled} vertices share their place with another vertex, and move with it": doubled,
         f"{near} vertices lie near another vertex, and move with it (at most "
         f"{facts.get('tolerance', 0):.2g} of the diagonal from their common place)": near,
         f"handles given by position were snapped by at most {facts['snap']:.3g}, "
         f"{100 * facts['snap'] / facts['diagonal']:.2g} % of the diagonal": facts["snap"] > 0,
-        "the handles determine the shape, which interpolates between them: --warp never deforms it "
-        "elastically instead": warped == 1 and not asked_to_warp,
-        f"the handles determine {100 * warped:.0f} % of the surface, which interpolates between them: --warp "
-        "never deforms all of it elastically": 0 < warped < 1,
-        "the handles determine volume and area, which change with them: --warp never keeps both as at rest": (
-            facts.get("released", 0.0) > 0
+        "the handles are dense: --method interpolate follows them without an elastic surface in between": (
+            facts.get("dense", False)
         ),
-        **on_samples,
+        **(_on_samples(facts, components=bent) if "samples" in facts else {}),
         f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged": flat,
         f"{counted(dropped, 'face that repeats', 'faces that repeat')} a vertex or another face "
         f"{'was' if dropped == 1 else 'were'} ignored": dropped,

@@ -179,6 +179,7 @@ def _deform(
     from sshade.io.handles import handle_notes
     from sshade.io.volumes import volumes_on_surface
     from sshade.options import PAPER
+    from sshade.pipeline.dense_handles import are_dense
     from sshade.pipeline.sequence import Sequence
     from sshade.task import DeformationResult, DeformationTask
 
@@ -243,6 +244,7 @@ def _deform(
         say(f"warning: {warning}")
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
+    facts["dense"] = options.method != "interpolate" and are_dense(tasks)
     for name in ("gap", "side_gap", "opening"):
         facts[name] = max(result.extra.get(name, 0.0) for result in results)
     for note in [

@@ -51,7 +51,6 @@ def by_components(
     deform: DeformComponent,
     options: Options,
     *,
-    blend: Callable[[np.ndarray], np.ndarray] | None = None,
     progress: Progress,
 ) -> DeformationResult:
     """Extend a method for connected, oriented manifolds to all meshes.
@@ -70,8 +69,6 @@ def by_components(
         vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
         :func:`sshade.pipeline.proxies.proxy_vertices`. The other components get the rest of its portion. Both
         sides of a one-sided surface count.
-    blend : callable, optional
-        Maps the deformed positions (n, 3) of the mesh to the result, which unconstrained components follow.
     progress : Progress
 
     Returns
@@ -94,7 +91,7 @@ def by_components(
     if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:
         result = deform(task, progress=progress)
         _warn_of_volume([result.extra])
-        return replace(result, vertices=blend(result.vertices)) if blend else result
+        return result
     handles, mesh = task.handles, without_duplicates(whole)
     unconstrained = without_handles(mesh, handles.index)
     contact = contacts(mesh, unconstrained)
@@ -114,14 +111,13 @@ def by_components(
         goals = restricted(task.volumes, whole.F, mesh.F, strict=True)
         result = deform(replace(task, mesh=mesh, volumes=goals), progress=progress)
         _warn_of_volume([result.extra])
-        V = blend(result.vertices) if blend else result.vertices
-        return replace(result, vertices=V, extra={**result.extra, **facts})
+        return replace(result, extra={**result.extra, **facts})
     components = ComponentSet(mesh, cut, task, deform, options)
     all_components = components.order()
     order = [component for component in all_components if not components.move_with_handles(component)]
     components.place_junctions(order, progress)
     results = _deformed_in_turn(components, order, options, progress)
-    V = blend(components.positions) if blend else components.positions
+    V = components.positions
     move_rigidly(mesh, V, unconstrained)
     facts |= {"components": len(all_components), "rigid": len(all_components) - len(order)}
     facts["one_sided"] = int(components.one_sided.sum())

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
-from time import perf_counter
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -16,14 +15,13 @@ from sshade.errors import InputError
 from sshade.handle_checks import extent_of
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
-from sshade.mesh.unconstrained import contacts, without_handles
 from sshade.options import accepted, as_row, require_method, resolve, takes_options
-from sshade.pipeline.components import NO_PROXY, by_components
+from sshade.pipeline.components import by_components
+from sshade.pipeline.dense_handles import interpolate_handles
 from sshade.pipeline.engine import deform_once
 from sshade.pipeline.goals import Goals, on_component, warn_of_missed, with_ratios
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import all_on_targets, has_regions
-from sshade.pipeline.warp import find_warp
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles, result_of
 from sshade.volume_goals import VolumeGoal, check_goals
@@ -78,49 +76,23 @@ def deform_task(
         if parts or options.volume_goal is not None:
             errors = Goals(task.mesh, options.volume_goal, parts).errors(result.vertices)
             extra["volume_goal_error"] = max(abs(error) for _, error in errors)
-            if options.volume == inf and warp is None:
+            if options.volume == inf:
                 warn_of_missed(errors)
         return replace(result, extra=extra)
 
+    if method == "interpolate":
+        resolve(method, values)
+        return interpolate_handles(task, progress=progress)
     area = values.get("area") is not None
     task, ratios = with_ratios(task, method, values)
     whole, handles = resolve(method, ratios), task.handles
     if (handles.free & ~handles.has_rotation).any():
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
-    warp, begin = None, perf_counter()
-    has_goals = bool(task.volumes) or whole.volume_goal is not None
-    if has_goals and whole.warp == "always":
-        raise InputError("handles determine the volume of a warp; leave volume goals out")
-    if "warp" in accepted(method) and not has_goals:
-        warp = find_warp(task, whole.warp, progress=progress)
-    if warp is not None:
-        seconds = {"warp": perf_counter() - begin}
-        if warp.portion == 1.0 and warp.exact:
-            facts = {**NO_PROXY, "warped": 1.0, "hard_handle_error": 0.0, "options": as_row(whole, method)}
-            facts |= _components_that_follow(task, warp.vertices)
-            return DeformationResult(warp.vertices, 0, True, seconds, facts)
-        area, ratios = True, {**ratios, **warp.constraints(task.mesh, whole)}
-    blend = warp.blend if warp is not None else None
-    result = by_components(task, deform_component, whole, blend=blend, progress=progress)
-    if warp is not None:
-        name = "warped" if warp.exact else "released"
-        seconds, facts = {**result.seconds, **seconds}, {**result.extra, name: warp.portion}
-        result = replace(result, seconds=seconds, extra=facts)
+    result = by_components(task, deform_component, whole, progress=progress)
     if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
         result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
-
-
-def _components_that_follow(task: DeformationTask, V: np.ndarray) -> dict[str, Any]:
-    """Return the facts of components without handles in a warp, and warn of those that touch others."""
-    if not task.carry_unconstrained:
-        return {}
-    unconstrained = without_handles(task.mesh, task.handles.index)
-    contact = contacts(task.mesh, unconstrained)
-    contact.warn()
-    opening = contact.opening(V) / task.mesh.diagonal
-    return {"unconstrained": len(unconstrained), "touching": contact.components, "opening": opening}
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:
@@ -178,10 +150,11 @@ def deform(
         Handle vertices.
     bc : (k, 3) float64
         Their targets.
-    method : {"fast", "fine", "fine_free", "paper", "paper_plain"} or callable
+    method : {"fast", "fine", "fine_free", "paper", "paper_plain", "interpolate"} or callable
         "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 35 times as
         long, and changes edges and angles less; "fine_free" does so without constraints. "paper" is the
-        published method with an accelerated solver, "paper_plain" with the published iterations. Any other
+        published method with an accelerated solver, "paper_plain" with the published iterations.
+        "interpolate" is for dense handles: it solves for no elastic shape, and takes no options. Any other
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
         Weight of soft handles, which are pulled to their targets; inf, the default, is a hard handle. 1 is
@@ -215,10 +188,9 @@ def deform(
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
         diagonal (``hard_handle_error``), the largest relative error of a volume goal
-        (``volume_goal_error``), the number of ``degenerate_frames``, the fraction of the area that
-        interpolates between dense handles (``warped``; ``released`` if soft handles change the volume
-        instead), and facts of the proxies: ``proxy_energy``, ``proxy_volume_error`` and others. Facts of
-        several components: see :func:`sshade.pipeline.components.by_components`.
+        (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
+        ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
+        :func:`sshade.pipeline.components.by_components`.
 
     Raises
     ------

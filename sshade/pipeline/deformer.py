@@ -35,9 +35,9 @@ class Deformer:
     """A mesh bound to its proxies, with all data that do not depend on the targets.
 
     Sampling, projection, frames and factorisation are made once. The first call deforms as
-    :func:`sshade.deform` does with ``warp="never"``. Each later call starts where the last one ended, so that
-    small moves of the handles take a few iterations. :meth:`settle` then converges to the minimum. After a
-    drag, the local minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
+    :func:`sshade.deform` does. Each later call starts where the last one ended, so that small moves of the
+    handles take a few iterations. :meth:`settle` then converges to the minimum. After a drag, the local
+    minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Deformer:
         **options: Any,
     ) -> None:
         require_method(method, ("fast", "paper"))
-        names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "warp")]
+        names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
         self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight, slide=slide)

@@ -14,9 +14,7 @@ whose error is of third order in the size of the cell. Rigid motions are exact. 
 the points of each spline span space.
 
 Sources: J. Duchon, "Splines minimizing rotation-invariant semi-norms in Sobolev spaces", 1977 (|x|^3);
-H. Wendland, "Fast evaluation of radial basis functions: methods based on partition of unity", 2002;
-S. Rippa, "An algorithm for selecting a good value for the parameter c in radial basis function
-interpolation", 1999 (the error at a point that is left out, without solving again).
+H. Wendland, "Fast evaluation of radial basis functions: methods based on partition of unity", 2002.
 """
 
 from __future__ import annotations
@@ -31,8 +29,6 @@ from sshade.threads import CHUNK, ThreadTeam, available_cpus
 
 #: Number of points of a spline: the nearest ones, and in equal number the nearest ones of a thinned set.
 POINTS = 50
-#: Number of nearest points among which points of other clusters are sought.
-ELSEWHERE = 300
 #: Number of splines that are blended at a node.
 BLENDED = 6
 #: Cells of the grid along the diagonal of the bounding box.
@@ -63,8 +59,6 @@ class Splines:
     weights : (c, p, 3) float64
     scale : (c,) float64
         Length by which distances are divided.
-    left_out : (c,) float64
-        Distance of each centre's value from the value that its spline has without it.
     """
 
     tree: cKDTree
@@ -74,7 +68,6 @@ class Splines:
     offset: np.ndarray
     weights: np.ndarray
     scale: np.ndarray
-    left_out: np.ndarray
 
 
 def fit_splines(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Splines:
@@ -85,11 +78,11 @@ def fit_splines(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Splines:
     x, y : (k, 3) float64
         Points at rest, all different, and their images.
     points : (c, p) int
-        Points of each spline, its centre first, see :func:`neighbours` and :func:`points_elsewhere`.
+        Points of each spline, its centre first, see :func:`neighbours`.
     """
     c, p = points.shape
     linear, offset, scale = np.empty((c, 3, 3)), np.empty((c, 3)), np.empty(c)
-    weights, left_out = np.empty((c, p, 3)), np.empty(c)
+    weights = np.empty((c, p, 3))
     for begin in range(0, c, BATCH):
         part = slice(begin, begin + BATCH)
         X, Y = x[points[part]], y[points[part]]
@@ -98,12 +91,11 @@ def fit_splines(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Splines:
         X = (X - origin) / size[:, None, None]
         R = _best_rotations(X, Y)
         Z = Y - image - size[:, None, None] * (X @ R.transpose(0, 2, 1))
-        W, P, missed = _solved(X, Z)
+        W, P = _solved(X, Z)
         weights[part], scale[part] = W, size
         linear[part] = R + P[:, 1:].transpose(0, 2, 1) / size[:, None, None]
         offset[part] = image[:, 0] + P[:, 0]
-        left_out[part] = np.linalg.norm(missed, axis=1)
-    return Splines(cKDTree(x[points[:, 0]]), points, x, linear, offset, weights, scale, left_out)
+    return Splines(cKDTree(x[points[:, 0]]), points, x, linear, offset, weights, scale)
 
 
 def neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -136,28 +128,6 @@ def neighbours(x: np.ndarray, thinned: np.ndarray, centres: np.ndarray) -> np.nd
     return points
 
 
-def points_elsewhere(
-    x: np.ndarray, thinned: np.ndarray, centres: np.ndarray, cluster: np.ndarray, hole: float
-) -> np.ndarray:
-    """Return centres and the nearest thinned points (c, p) that are in another cluster or beyond a distance.
-
-    Parameters
-    ----------
-    x, thinned, centres
-        As in :func:`neighbours`.
-    cluster : (k,) int
-        Cluster of each point.
-    hole : float
-        Distance from which points of the centre's cluster are allowed.
-    """
-    distance, near = cKDTree(x[thinned]).query(x[centres], k=min(ELSEWHERE, len(thinned)))
-    near = thinned[near]
-    here = (cluster[near] == cluster[centres][:, None]) & (distance < hole)
-    p = min(POINTS - 1, int((~here).sum(axis=1).min()))
-    first = np.argsort(here, axis=1, kind="stable")[:, :p]
-    return np.column_stack([centres, np.take_along_axis(near, first, axis=1)])
-
-
 def _best_rotations(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     """Return the rotations R (c, 3, 3) for which R x is nearest to y, up to translations."""
     X, Y = X - X.mean(axis=1, keepdims=True), Y - Y.mean(axis=1, keepdims=True)
@@ -166,8 +136,8 @@ def _best_rotations(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     return U @ Vt
 
 
-def _solved(X: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return weights (c, p, 3), polynomials (c, 4, 3), and errors (c, 3) at points 0 if left out."""
+def _solved(X: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights (c, p, 3) and polynomials (c, 4, 3) of splines with points X and values Z."""
     c, p, _ = X.shape
     distance = np.linalg.norm(X[:, :, None] - X[:, None], axis=3)
     _, size, axes = np.linalg.svd(X - X.mean(axis=1, keepdims=True), full_matrices=False)
@@ -180,31 +150,16 @@ def _solved(X: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     A[:, :p, p + 1 :], A[:, p + 1 :, :p] = along, along.transpose(0, 2, 1)
     for axis in range(3):
         A[:, p + 1 + axis, p + 1 + axis] = flat[:, axis]
-    right = np.zeros((c, p + 4, 4))
-    right[:, :p, :3], right[:, 0, 3] = Z, 1.0
+    right = np.zeros((c, p + 4, 3))
+    right[:, :p] = Z
     found = np.linalg.solve(A, right)
-    P = found[:, p:, :3].copy()
+    P = found[:, p:].copy()
     P[:, 1:] = axes.transpose(0, 2, 1) @ P[:, 1:]
-    return found[:, :p, :3], P, found[:, 0, :3] / found[:, 0, 3:]
+    return found[:, :p], P
 
 
-def interpolate(splines: Splines, V: np.ndarray, reliable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Map points.
-
-    Parameters
-    ----------
-    splines : Splines
-    V : (n, 3) float64
-    reliable : (c,) float64
-        A value of each centre.
-
-    Returns
-    -------
-    (n, 3) float64
-        Images of the points.
-    (n,) float64
-        Interpolated values of the centres.
-    """
+def interpolate(splines: Splines, V: np.ndarray) -> np.ndarray:
+    """Return the images (n, 3) of points V (n, 3)."""
     low = V.min(axis=0)
     cell = float(np.linalg.norm(V.max(axis=0) - low)) / CELLS
     size = ((V.max(axis=0) - low) / cell).astype(np.int64) + 2
@@ -218,14 +173,14 @@ def interpolate(splines: Splines, V: np.ndarray, reliable: np.ndarray) -> tuple[
     share = np.maximum(1.0 - distance[:, :m] / np.maximum(distance[:, -1:], 1e-300), 0.0) ** 2
     share[share.sum(axis=1) == 0, 0] = 1.0
     share /= share.sum(axis=1, keepdims=True)
-    values = np.empty((len(nodes), 13))
+    values = np.empty((len(nodes), 12))
     blended = np.ascontiguousarray(centre[:, :m]), share, splines.points, splines.x, splines.linear
-    fitted = splines.offset, splines.weights, splines.scale, reliable, values
-    out, weight = np.empty_like(V), np.empty(len(V))
+    fitted = splines.offset, splines.weights, splines.scale, values
+    out = np.empty_like(V)
     with ThreadTeam(available_cpus() if len(nodes) > NODES else 1) as team:
         team.ranges(_evaluate, len(nodes), nodes, *blended, *fitted, rows=NODES)
-        team.ranges(_place, len(V), V, low, cell, size, number, values, out, weight, rows=CHUNK)
-    return out, weight
+        team.ranges(_place, len(V), V, low, cell, size, number, values, out, rows=CHUNK)
+    return out
 
 
 @kernel
@@ -246,8 +201,8 @@ def _number_nodes(V, low, cell, size):
 
 
 @kernel
-def _evaluate(first, end, nodes, centre, share, points, x, linear, offset, weights, scale, reliable, values):
-    """Write value (3), linear map (9) and reliability of nodes `first` to `end` to their rows of `values`."""
+def _evaluate(first, end, nodes, centre, share, points, x, linear, offset, weights, scale, values):
+    """Write the value (3) and the linear map (9) of nodes `first` to `end` to their rows of `values`."""
     f, G = np.empty(3), np.empty((3, 3))
     for n in range(first, end):
         values[n, :] = 0.0
@@ -260,7 +215,6 @@ def _evaluate(first, end, nodes, centre, share, points, x, linear, offset, weigh
                 values[n, r] += w * f[r]
                 for t in range(3):
                     values[n, 3 + 3 * r + t] += w * G[r, t]
-            values[n, 12] += w * reliable[centre[n, s]]
 
 
 @subroutine
@@ -288,7 +242,7 @@ def _spline(at, c, points, x, linear, offset, weights, scale, f, G):
 
 
 @kernel
-def _place(first, end, V, low, cell, size, number, values, out, weight):
+def _place(first, end, V, low, cell, size, number, values, out):
     mean, w8 = np.empty(9), np.empty(8)
     row = np.empty(8, np.int64)
     for v in range(first, end):
@@ -296,16 +250,13 @@ def _place(first, end, V, low, cell, size, number, values, out, weight):
         i, j, k = int(x), int(y), int(z)
         x, y, z = x - i, y - j, z - k
         mean[:] = 0.0
-        total = 0.0
         for corner in range(8):
             a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
             w = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z)
             n = number[((i + a) * size[1] + j + b) * size[2] + k + c]
             w8[corner], row[corner] = w, n
-            total += w * values[n, 12]
             for q in range(9):
                 mean[q] += w * values[n, 3 + q]
-        weight[v] = total
         out[v, 0] = out[v, 1] = out[v, 2] = 0.0
         for corner in range(8):
             a, b, c = corner & 1, corner >> 1 & 1, corner >> 2

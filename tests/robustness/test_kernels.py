@@ -79,9 +79,11 @@ def _carried() -> np.ndarray:
     return np.concatenate([found.positions, found.maps.reshape(-1, 9), shapes, colours], axis=1)
 
 
-def _warped() -> np.ndarray:
+def _interpolated() -> np.ndarray:
     index = np.arange(0, BODY.n, 8)
-    return deform(DeformationTask("warp", BODY, Handles(index, bent(BODY.V)[index])), warp="always").vertices
+    return deform(
+        DeformationTask("dense", BODY, Handles(index, bent(BODY.V)[index])), method="interpolate"
+    ).vertices
 
 
 def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
@@ -165,7 +167,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "regions": _with_regions,
     "dragging": _dragged,
-    "warp": _warped,
+    "interpolate": _interpolated,
     "carried": _carried,
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "sampling from coarse to fine": _sampled_coarsely,
