@@ -161,7 +161,6 @@ isometric          := pose=all method.frames=triangle,blended_affine method.samp
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'
 	$(BIN)/python -m mkdocs build
-	$(BIN)/sshade-eval site -o out/site/leaderboard
 	@echo "the site is in out/site"
 
 release: docs

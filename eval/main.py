@@ -23,8 +23,6 @@ COMMANDS = {
     "front": ("eval.publish.front", "draw measures against each other for values of a setting"),
     "report": ("eval.publish.report.page", "write one HTML page with tables, charts and a 3D view"),
     "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
-    "site": ("eval.site.pages", "write the leaderboard: static pages of all tracks and methods"),
-    "submit": ("eval.site.submission", "check submitted results and add them to the leaderboard"),
     "remeasure": ("eval.run.remeasure", "measure finished runs again from their stored vertices"),
     "compare": ("eval.rows.compare", "compare two sets of rows"),
     "check": ("eval.rows.bands", "check rows against committed bands of quality"),

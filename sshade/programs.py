@@ -1,6 +1,6 @@
 """Programs of other people: how a configuration names one, and which ones may run.
 
-A configuration, a row or a submission may come from a stranger, and a program can do anything. A program
+A configuration or a row may come from a stranger, and a program can do anything. A program
 therefore runs only if the user has named its whole command: as ``method.command=[...]`` or in
 ``run.allow_programs=[...]`` on the command line of ``sshade-eval``, or in the environment variable
 ``EVAL_ALLOW_PROGRAMS``, one command a line. The name of an interpreter alone allows no script.

@@ -13,7 +13,6 @@ from eval.configure.compose import read_choice, resolved
 from eval.main import main
 from eval.rows.store import read_row, run_folders
 from eval.run.allowed import VARIABLE
-from eval.site.submission import read_facts
 from sshade.io.handles import read_handles
 from sshade.programs import ALLOWED
 from tests.shapes import bumpy
@@ -82,16 +81,13 @@ def test_the_sweep_and_the_bench_of_the_page_name_the_same_program(clone, capsys
     assert [plain[f"{name}_format"] for name in ("mesh", "handles", "output")] == ["off", "txt", "npy"]
 
 
-def test_the_page_builds_the_data_of_the_track():
+def test_the_page_builds_the_data_of_the_experiment():
     (words,) = commands("defaust build")
     built = resolved("dataset", read_choice("defaust_25k root=data/defaust_25k"))["build"]
     assert words == [*built.split(), "subjects=[5,6,7,8,9]"]
 
 
-def test_the_submission_and_the_handles_of_the_page_are_read(tmp_path):
-    (text,) = re.findall(r"submission\.yaml <<END\n(.*?)END\n", PAGE, re.S)
-    (tmp_path / "submission.yaml").write_text(text)
-    assert read_facts(tmp_path)["track"] == "bodies_25k"
+def test_the_handles_of_the_page_are_read(tmp_path):
     (tmp_path / "handles.json").write_text(block("json"))
     handles = read_handles(tmp_path / "handles.json", bumpy(2))
     assert handles.index.tolist() == [3, 8, 17] and handles.dynamic.tolist() == [False, False, True]

@@ -46,7 +46,7 @@ class Column(NamedTuple):
     further : bool
         Print in the second table, if a row has a value.
     main : bool
-        Show differences to the reference, and let the leaderboard rank by the column.
+        Show differences to the reference.
     """
 
     heading: str

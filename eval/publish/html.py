@@ -45,9 +45,9 @@ def render(template: str, **names: Any) -> str:
     return pages.get_template(template).render(**names)
 
 
-def texts(row: Row, columns: Sequence[Column], *, missing: str) -> list[str]:
+def texts(row: Row, columns: Sequence[Column]) -> list[str]:
     """Return the printed numbers of a row."""
-    return [missing if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
+    return ["n/a" if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
 
 
 def charts(figures: dict[str, Any]) -> dict[str, str]:

@@ -60,7 +60,7 @@ def joined(name: str, *, replace: bool) -> pd.DataFrame:
         raise InputError(
             f"{len(users)} of {len(runs)} rows of {path} are of methods that are no part of this project "
             f"({_methods(users)}), so the commit does not hold their code: "
-            "hand them in with `sshade-eval submit`"
+            "propose the methods as CONTRIBUTING.md describes"
         )
     metrics = {version_of(row)[1] for row in runs}
     versions = {row["method.name"]: version_of(row) for row in runs}

@@ -131,7 +131,7 @@ def difference_cells(
     return body
 
 
-def difference_text(column: Column, found: pd.Series, tie: str = "{}") -> str:
+def difference_text(column: Column, found: pd.Series, tie: str) -> str:
     """Return a difference with its interval, in the format `tie` if the interval contains zero."""
     if found.isna().any():
         return "-"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from eval.metrics import Task
@@ -43,11 +43,7 @@ def load_task(row: Row) -> Task:
 
 
 def measured_again(
-    runs: Iterable[tuple[Row, Path]],
-    *,
-    stage: str,
-    progress: Progress,
-    load: Callable[[Row], Task] = load_task,
+    runs: Iterable[tuple[Row, Path]], *, stage: str, progress: Progress
 ) -> Iterator[tuple[Row, Path, dict[str, float | None]]]:
     """Yield each row with its run folder and the measures of its stored vertices. Each task is loaded once.
 
@@ -63,5 +59,5 @@ def measured_again(
         progress(stage, done, len(runs), name)
         if last != (name, row["task.checksum"]):
             with naming(folder):
-                last, task = (name, row["task.checksum"]), load(row)
+                last, task = (name, row["task.checksum"]), load_task(row)
         yield row, folder, measures_of(task, read_vertices(folder, n=row["task.vertices"]))

@@ -63,7 +63,7 @@ class Case:
 
     def numbers(self, columns: Sequence[Column]) -> list[list[str]]:
         """Return a line for each method: its name, and the printed numbers of columns."""
-        return [[row["method.name"], *texts(row, columns, missing="n/a")] for row in self.rows]
+        return [[row["method.name"], *texts(row, columns)] for row in self.rows]
 
 
 def show_case(

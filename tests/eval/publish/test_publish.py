@@ -129,7 +129,7 @@ def test_rows_of_other_methods_keep_their_version(project):
         ),
         (
             [clean("a", method__target="baselines.arap.arap"), clean("b", method__target="mine.method")],
-            r"1 of 2 rows .* no part of this project \(b: 1\).*hand them in with `sshade-eval submit`",
+            r"1 of 2 rows .* no part of this project \(b: 1\).*propose the methods as CONTRIBUTING",
         ),
         (
             [clean("b", **{"method.target": "sshade.sshade", "method.coarse.target": "mine.method"})],

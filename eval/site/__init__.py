@@ -1,1 +1,0 @@
-"""The leaderboard: static pages from published rows, and submissions of others."""
