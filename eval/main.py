@@ -29,7 +29,6 @@ COMMANDS = {
     "claims": ("eval.publish.claims", "check claims of the pages on rows of FAUST or TOSCA"),
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
-    "benchopt": ("eval.export.benchopt", "write a benchmark for benchopt: cases, methods and metrics"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "carried": ("eval.timing.carried", "measure points and splats that go with a mesh"),
     "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),

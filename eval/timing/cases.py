@@ -121,15 +121,15 @@ def read_methods(texts: Iterable[str], *, blocks: Mapping[str, int]) -> list[Tim
     return list(methods.values())
 
 
-def read_cases(texts: Iterable[str], *, sizes: Sequence[int] = ()) -> list[TimedCase]:
+def read_cases(texts: Iterable[str], *, sizes: Sequence[int]) -> list[TimedCase]:
     """Resolve the choices of datasets to cases.
 
     Parameters
     ----------
     texts : iterable of str
     sizes : sequence of int
-        Numbers of vertices. If given, the cases are replaced by their subdivisions with the nearest numbers
-        of vertices.
+        Numbers of vertices. If there are any, the cases are replaced by their subdivisions with the nearest
+        numbers of vertices.
 
     Raises
     ------
