@@ -14,7 +14,6 @@ from baselines.accelerated import accelerated_elastic
 from defaust.sources.generated.motions import Bend
 from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
-from eval.studies.goals import lathe
 from sshade import DeformationTask, Handles, Mesh
 from sshade.figures import View, edge_error, picture
 
@@ -37,8 +36,20 @@ class Example(NamedTuple):
 
 def revolved(radius: np.ndarray, height: np.ndarray, *, around: int = 24) -> Mesh:
     """Return a closed surface of revolution about the z axis, with radii (k,) at heights (k,)."""
-    ends = np.pad(radius, 1), np.pad(height, 1, mode="edge")
-    return lathe(np.stack(ends, axis=1), around=around)
+    angle = 2 * np.pi * np.arange(around) / around
+    x, y = np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))
+    V = np.stack([x, y, np.repeat(height[:, None], around, axis=1)], axis=-1).reshape(-1, 3)
+    low, i = np.arange(len(radius) - 1)[:, None] * around, np.arange(around)
+    j = (i + 1) % around
+    a, b, c, d = low + i, low + j, low + around + j, low + around + i
+    sides = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))]
+    bottom, top, last = len(V), len(V) + 1, len(V) - around
+    caps = [
+        np.stack([np.full(around, bottom), j, i], axis=1),
+        np.stack([np.full(around, top), last + i, last + j], axis=1),
+    ]
+    poles = [[0.0, 0.0, height[0]], [0.0, 0.0, height[-1]]]
+    return Mesh(np.append(V, poles, axis=0), np.concatenate([*sides, *caps]))
 
 
 def tube(length: float) -> Mesh:

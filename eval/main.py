@@ -31,8 +31,6 @@ COMMANDS = {
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
     "carried": ("eval.timing.carried", "measure points and splats that go with a mesh"),
-    "goals": ("eval.studies.goals", "compare volumes that were asked for and reached, and measure thickness"),
-    "sequences": ("eval.studies.sequences", "compare sequences with single runs, and measure retargeting"),
 }
 
 HELP = """\

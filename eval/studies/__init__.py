@@ -1,1 +1,0 @@
-"""Studies of the method; each module is a command."""
