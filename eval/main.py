@@ -26,7 +26,7 @@ COMMANDS = {
     "remeasure": ("eval.run.remeasure", "measure finished runs again from their stored vertices"),
     "compare": ("eval.rows.compare", "compare two sets of rows"),
     "check": ("eval.rows.bands", "check rows against committed bands of quality"),
-    "claims": ("eval.publish.claims", "check claims of the pages on rows of FAUST or TOSCA"),
+    "verify": ("eval.publish.verify", "print the paper's numbers beside yours on FAUST or TOSCA"),
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
     "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),

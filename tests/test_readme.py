@@ -15,7 +15,8 @@ import pytest
 
 import sshade
 from docs.pages import BLOCK
-from eval.rows.splits import read_splits
+from eval.rows.frame import numbers, read_csv
+from eval.rows.splits import HELD_OUT, read_splits, split_of
 from sshade.cli.configuration import CONFIGURATION
 
 ROOT = Path(__file__).parents[1]
@@ -41,6 +42,18 @@ def test_the_page_lists_every_experiment_with_its_split():
     }
     assert listed == {name: match[1] for name, match in split.items()}
     assert set(listed.values()) <= {*read_splits(), "both"}
+
+
+def test_the_numbers_of_the_readme_are_those_of_the_rows():
+    words = " ".join(README.split())
+    times, rows = (read_csv(ROOT / "results" / name) for name in ("timing/speed.csv", "rows/bodies_170k.csv"))
+    seconds = numbers(times, "seconds.total").groupby(times["method.name"]).median()
+    assert "takes less than a four-hundredth of the time" in words
+    assert 400 < seconds["elastic"] / seconds["fast"] < 600
+    rows = rows[rows["task.name"].map(split_of) == HELD_OUT]
+    edges = numbers(rows, "metric.edge").groupby(rows["method.name"]).mean()
+    assert "changes edges a third less than `fast`" in words
+    assert 0.3 < 1 - edges["fine"] / edges["fast"] < 0.4
 
 
 @pytest.fixture(scope="module")
