@@ -29,8 +29,6 @@ COMMANDS = {
     "verify": ("eval.publish.verify", "print the paper's numbers beside yours on FAUST or TOSCA"),
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
     "timings": ("eval.timing.table", "write tables of the times from bench"),
-    "warps": ("eval.timing.warps", "compare methods on smooth maps with 10 to 5000 handles"),
-    "carried": ("eval.timing.carried", "measure points and splats that go with a mesh"),
 }
 
 HELP = """\

@@ -12,8 +12,6 @@ kinds:
   scaling  subdivided meshes, each in a new process, with the peak of its memory
   whole    `sshade deform --method METHOD` from start to end, with files and imports; without cases on a
            tiny mesh
-  versions fast, fine, paper, "drag fast" and "drag paper" with this version of the project and with the
-           commit of --against, which is written to out/versions
 
 With --sizes, the cases are replaced by their midpoint subdivisions with the nearest numbers of vertices.
 A method or a case is [LABEL=]NAME [KEY=VALUE ...], with NAME in conf/method or conf/dataset. A KEY with a dot
@@ -24,7 +22,6 @@ examples:
     --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
   sshade-eval bench drag --methods "paper-1=paper samplings=1 solver.start=rest" \\
     --cases "defaust root=data/defaust_170k subject=0 pose=1,2"
-  sshade-eval bench versions --against HEAD~20 --methods fast "drag fast" --cases "mesh ..." --rounds 7
   sshade-eval timings speed drag
 """
 
@@ -42,8 +39,7 @@ from eval.timing.drag import time_drags
 from eval.timing.scaling import SIZES, time_scaling
 from eval.timing.speed import time_methods
 from eval.timing.table import require_free
-from eval.timing.turns import DRAG, SCALING, SPEED, VERSIONS, WHOLE
-from eval.timing.versions import time_versions
+from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
 from eval.timing.whole import time_commands
 from sshade.errors import InputError
 
@@ -53,10 +49,7 @@ KINDS: dict[str, Callable[..., list[Row]]] = {
     DRAG: time_drags,
     SCALING: time_scaling,
     WHOLE: time_commands,
-    VERSIONS: time_versions,
 }
-#: Kinds that take the texts of methods.
-TEXTS = (WHOLE, VERSIONS)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help=text)
     text = "iterations that methods of --extrapolate run (default: 10)"
     parser.add_argument("--block", type=int, default=10, metavar="I", help=text)
-    parser.add_argument("--against", metavar="COMMIT", help="older version to time too, for versions")
     text = "numbers of vertices to which the cases are subdivided"
     parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help=text)
 
@@ -80,10 +72,9 @@ def command(options: argparse.Namespace) -> int:
     kind, name, methods = options.kind, options.name or options.kind, options.methods
     _check(options, name)
     cases = read_cases(options.cases, sizes=options.sizes or (SIZES if kind == SCALING else ()))
-    if kind not in TEXTS:
+    if kind != WHOLE:  # takes the texts of methods
         methods = read_methods(methods, blocks=dict.fromkeys(options.extrapolate, options.block))
-    older = {"against": options.against} if kind == VERSIONS else {}
-    rows = KINDS[kind](methods, cases, rounds=options.rounds, **older)
+    rows = KINDS[kind](methods, cases, rounds=options.rounds)
     path = TIMING / f"{name}.csv"
     write_csv(path, to_frame(row | {"kind": kind} for row in rows))
     lost = sum(not row["kept"] for row in rows)
@@ -101,6 +92,4 @@ def _check(options: argparse.Namespace, name: str) -> None:
         raise InputError(f"{options.kind} needs --cases; see `sshade-eval bench --help`")
     if options.extrapolate and options.kind != SPEED:
         raise InputError(f"{options.kind} takes no --extrapolate, which is for {SPEED}")
-    if (options.kind == VERSIONS) != (options.against is not None):
-        raise InputError(f"{VERSIONS} needs --against, and no other kind takes it")
     require_free(name)

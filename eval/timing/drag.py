@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -13,7 +13,6 @@ from eval.run.provenance import method_facts, task_facts
 from eval.run.targets import locate
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
-from eval.timing.worker import timed_steps
 from sshade.errors import InputError
 from sshade.options import accepted
 from sshade.pipeline.deform import deform
@@ -109,7 +108,7 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
 
     def follow(numbers: range) -> np.ndarray:
         path = (rest + number / STEPS * (target - rest) for number in numbers)
-        return timed_steps(deformer, path, TOLERANCE, out)
+        return _timed_steps(deformer, path, out)
 
     forth = follow(range(1, STEPS + 1))
     last = out.copy()
@@ -138,6 +137,16 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
         **distances,
         "drag.return": apart(out, before),
     }
+
+
+def _timed_steps(deformer: Deformer, path: Iterable[np.ndarray], out: np.ndarray) -> np.ndarray:
+    """Follow targets (h, 3); return the seconds (k, 3) of each step, of its solve and of its prolongation."""
+    seconds = []
+    for targets in path:
+        begin = perf_counter()
+        parts = deformer(targets, tolerance=TOLERANCE, out=out).seconds
+        seconds.append((perf_counter() - begin, parts["solve"], parts["carry"]))
+    return np.array(seconds)
 
 
 def _rebinding(deformer: Deformer, task: DeformationTask) -> float:

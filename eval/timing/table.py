@@ -18,8 +18,7 @@ from eval.rows.files import PUBLISHED, TIMING, copy_file, rows_file, write_text
 from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, slopes
-from eval.timing.turns import DRAG, LONG, SCALING, VERSIONS, WHOLE
-from eval.timing.versions import NOW
+from eval.timing.turns import DRAG, LONG, SCALING, WHOLE
 from sshade.errors import InputError
 from sshade.pipeline.deformer import SETTLED
 
@@ -112,8 +111,6 @@ def make_time_table(rows: pd.DataFrame, *, title: str, reference: str | None = N
     # Each line is compared with the line of the same work in this table.
     work = lines["checksum"] + lines["case"]  # two cases may have equal arrays
     base = lines["method"] == (reference or REFERENCE)
-    if rows["kind"].eq(VERSIONS).all():
-        work, base = work + lines["base"], lines["version"] != NOW
     if base.any() and "seconds.total" in lines:
         times = lines.assign(work=work)[base].set_index("work")["seconds.total"]
         lines["speed_up"] = work.map(times) / lines["seconds.total"]
@@ -146,8 +143,6 @@ def _line(repeats: pd.DataFrame) -> dict[str, Any]:
     line = {
         "kind": first["kind"],
         "method": first["method.name"],
-        "base": first.get("method.base"),
-        "version": first.get("method.version"),
         "case": first["task.name"],
         "checksum": first["task.checksum"],
         "vertices": first["task.vertices"],
@@ -189,10 +184,9 @@ def _notes(rows: pd.DataFrame, lines: pd.DataFrame, reference: str) -> list[str]
     if (numbers(once, "seconds.repeat") > LONG).any():
         notes.append(f"A call of more than {LONG:g} s ran once, before the turns and without a warm-up.")
     if "speed_up" in lines:
-        of = "the older version" if lines["kind"].eq(VERSIONS).all() else reference
-        notes.append(f"Times faster: median time of {of} on the same case / median time of the method.")
-        if of != reference:
-            notes.append("A drag's time is the median of its steps.")
+        notes.append(
+            f"Times faster: median time of {reference} on the same case / median time of the method."
+        )
     if lines["extrapolated"].notna().any():
         notes.append("Extrapolated: time before the iterations + iterations x time of an iteration.")
     if "seconds.step" in lines:

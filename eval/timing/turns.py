@@ -18,7 +18,7 @@ from sshade.cli.console import say
 from sshade.errors import InputError
 
 #: What is timed, the column ``kind`` of rows.
-SPEED, DRAG, SCALING, WHOLE, VERSIONS = "speed", "drag", "scaling", "whole", "versions"
+SPEED, DRAG, SCALING, WHOLE = "speed", "drag", "scaling", "whole"
 #: Shortest repeat in seconds; a shorter call runs several times. CPU times of shorter spans are too coarse.
 SHORTEST = 1.0
 #: A job whose warm-up takes more seconds has the warm-up as its only repeat.

@@ -2,21 +2,17 @@
 
 import os
 import shlex
-import subprocess
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
 from eval.run.warmup import tiny_task
-from eval.timing import versions
 from eval.timing.scaling import _in_new_process
-from eval.timing.worker import load
 from sshade.errors import InputError
-from sshade.io.meshes import read_mesh, write_mesh
+from sshade.io.meshes import read_mesh
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 
@@ -95,41 +91,6 @@ def test_the_command_line(machine, case):
     assert main(["bench", "whole", "--methods", "sshod"]) == 2
 
 
-def test_a_commit_is_written_to_a_folder(here):
-    commit, folder = versions._checkout("HEAD")
-    assert versions._checkout(commit[:9]) == (commit, folder)
-    assert folder.name == commit and (folder / "sshade/pipeline/deform.py").is_file()
-    assert [path.name for path in Path("out/versions").iterdir()] == [commit]
-
-
-def test_two_versions(machine, case):
-    """A link to this checkout stands for the older version, because its kernels are compiled already."""
-    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=versions.HERE, capture_output=True, text=True)
-    older = versions.OLDER / head.stdout.strip()
-    older.parent.mkdir(parents=True)
-    older.symlink_to(versions.HERE)
-    given = ["--against", "HEAD", "--methods", "fast", "drag fast", "--cases", case, "--rounds", "2"]
-    rows = bench("versions", *given)
-    assert rows["method.version"].nunique() == 2 and rows["method.base"].nunique() == 2
-    assert rows.groupby("method.name").size().tolist() == [2, 2, 2, 2]
-    assert call("timings", ["versions"]) == 0
-    table = pd.read_csv("out/tables/versions.csv")
-    older = table["version"] != "now"
-    assert (table[older]["speed_up"] == 1.0).all()
-    times = table.set_index(["base", "version"])["seconds.total"].unstack()
-    expected = times.drop(columns="now").iloc[:, 0] / times["now"]
-    found = table[~older].set_index("base")["speed_up"]
-    assert np.allclose(found, expected[found.index], rtol=1e-4)
-
-
-def test_a_version_gets_the_groups_of_the_handles(tmp_path):
-    mesh, path = tiny_task().mesh, str(tmp_path / "m.ply")
-    write_mesh(path, mesh.V, mesh.F)
-    handles = {"index": [1, 5, 7], "target": mesh.V[:3].tolist(), "group": [0, 0, 2]}
-    found = load({"load": path, "name": "m", **handles}).handles
-    assert found.group.tolist() == handles["group"] and found.dynamic.all()
-
-
 CASE = "'mesh mesh=rest.ply handles=pose.json'"
 ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --methods"
 
@@ -151,9 +112,6 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
         (f"{ARAP} --extrapolate arap --block 1000", "a block of 1000 iterations does not fit"),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
         (f"{DRAG} '{ONE} method@method.coarse=arap solver.max_iterations=3'", "sshade.Deformer differ by"),
-        (f"versions --methods fast --cases {CASE}", "versions needs --against"),
-        (f"versions --methods fast --cases {CASE} --against no-such", "'no-such' is no commit"),
-        (f"versions --methods arap --cases {CASE} --against HEAD", "not 'arap'"),
         (f"{ARAP} --rounds 0", "take numbers from 1"),
         (f"{ARAP} --name ../x", "no name of a file"),
         (f"{ARAP} --name quick", "quick is the name of an experiment"),
