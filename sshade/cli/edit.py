@@ -36,7 +36,6 @@ from sshade.cli.console import announced_compilation, say
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import read_handle_file
-from sshade.io.poses import is_animation
 from sshade.options import require_method
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
                 f"{options.options}: the editor keeps the {name} or not; {name} is 0 or left out"
             )
     check_input(options.mesh, SUFFIXES)
-    if options.handles is not None and not is_animation(options.handles):
+    if options.handles is not None:
         read_handle_file(options.handles)
     check_outputs(options, output=SUFFIXES, handles_out=(".json",))
     return _edit(options)

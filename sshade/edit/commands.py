@@ -30,8 +30,6 @@ PLAIN = ("undo", "redo", "recover", "discard")
 OF_GROUPS = ("remove", "restore", "unlink")
 #: Commands that take the number of a group and a distance.
 WITHIN = ("limit", "fade")
-#: Commands that take a time.
-AT = ("key", "unkey", "pose")
 
 
 class Commands:
@@ -78,7 +76,7 @@ class Commands:
             See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
-        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN, *AT):
+        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN):
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
@@ -86,7 +84,6 @@ class Commands:
             return command(arguments)
         given: list[Any] = [_given(arguments, "group", int)] if name in (*OF_GROUPS, *WITHIN) else []
         given += [_numbers(arguments, "distance", ())] if name in WITHIN else []
-        given += [_numbers(arguments, "time", ())] if name in AT else []
         getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
@@ -206,11 +203,6 @@ class Commands:
         few = self._preview(arguments)
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
-    def do_seek(self, arguments: Mapping[str, Any]) -> bytes:
-        V = self._session.seek(_numbers(arguments, "time", ()))
-        few = self._preview(arguments)
-        return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
-
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.release(_given(arguments, "group", int), self._motion(arguments))
         return self._answer() if self._preview(arguments) is None else self._answer("positions")
@@ -222,8 +214,7 @@ class Commands:
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
         content, name = _given(arguments, "what", str), _given(arguments, "name", str)
         over = arguments.get("over") is True
-        rate = _numbers(arguments, "rate", ()) if "rate" in arguments else 0.0
-        path, lost = self._session.save(content, name, over=over, rate=rate, progress=self._progress)
+        path, lost = self._session.save(content, name, over=over, progress=self._progress)
         return self._answer("positions", "change", saved=str(path), lost=list(lost))
 
     def _preview(self, arguments: Mapping[str, Any]) -> Clusters | None:
@@ -322,8 +313,6 @@ class Commands:
             "redo": session.history.can_redo,
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
-            "animation_command": session.document.animation_command,
-            "keys": [key.time for key in state.keys],
             "trouble": session.trouble,
             "changed": session.document.is_changed,
             "recovery": [

@@ -14,25 +14,23 @@ import numpy as np
 
 from sshade.edit.following import linked, recorded
 from sshade.edit.groups import Group, groups_of
-from sshade.edit.keys import MOST, Key, frames_of, unique
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.errors import InputError
 from sshade.handle_checks import extent_of
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.entries import FRAMES, KEY_TIMES, LINKS, HandleFile, handle_file_of, read_handle_file
+from sshade.io.entries import LINKS, HandleFile, handle_file_of, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.gltf import buffer_files
 from sshade.io.handles import on_surface, write_handles
 from sshade.io.keys import parsed_list
 from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
-from sshade.io.poses import is_animation, poses_of
 from sshade.options import NEAR
 from sshade.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
-FORMATS = {"handles": (".json",), "mesh": SUFFIXES, "animation": (".json",)}
+FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
 #: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
 #: Greatest number of files that a page lists.
@@ -49,14 +47,11 @@ class Given(NamedTuple):
     Attributes
     ----------
     groups : tuple of Group
-    keys : tuple of Key
-        Keys of an animation.
     unconstrained : tuple of str
         Those of "volume" and "area" that the file was saved without.
     """
 
     groups: tuple[Group, ...]
-    keys: tuple[Key, ...]
     unconstrained: tuple[str, ...]
 
 
@@ -86,8 +81,7 @@ class Document:
         The surface. Unused vertices of the file are missing, and vertices at one place along a seam are one.
     name : str
     outputs : dict
-        Path of the file that is proposed for the next save, by content: "handles", "mesh" and
-        "animation".
+        Path of the file that is proposed for the next save, by content: "handles" and "mesh".
     notes : tuple of str
         Oddities of the mesh file.
     is_in_memory : bool
@@ -116,7 +110,6 @@ class Document:
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
             "handles": path.with_name(f"{path.stem}_handles.json"),
-            "animation": path.with_name(f"{path.stem}_animation.json"),
         }
         for content, given in (("mesh", output), ("handles", handles)):
             if given is not None:
@@ -147,21 +140,13 @@ class Document:
         return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry)
 
     def read_groups(self, path: Path, *, first: int) -> Given:
-        """Read a handle file or an animation.
-
-        Parameters
-        ----------
-        path : path
-        first : int
-            Number of the first group.
+        """Read a handle file; `first` is the number of the first group.
 
         Raises
         ------
         InputError
-            See :func:`sshade.io.handles.read_handles` and :func:`sshade.io.poses.poses_of`.
+            See :func:`sshade.io.handles.read_handles`.
         """
-        if is_animation(path):
-            return self.received_groups(path.read_bytes(), str(path), first=first, folder=path.parent)
         file = read_handle_file(path)
         with naming(path):
             return self._given(file, first)
@@ -192,29 +177,14 @@ class Document:
         index = index[np.argsort(row[vertex[index]], kind="stable")]
         return handles.sampled(row[vertex[index]], index, self.mesh.V)
 
-    def received_groups(self, content: bytes, name: str, *, first: int, folder: Path | None = None) -> Given:
-        """Read this project's JSON; messages call it `name`.
+    def received_groups(self, content: bytes, name: str, *, first: int) -> Given:
+        """Read a handle file in this project's JSON; messages call it `name`.
 
-        The paths of surfaces in it are relative to `folder`, by default the folder of the saved handles.
+        The paths of surfaces in it are relative to the folder of the saved handles.
         """
-        folder = self.outputs["handles"].parent if folder is None else folder
         with naming(name):
             data = parsed_list(content, "handles")
-            still = {key: value for key, value in data.items() if key != FRAMES}
-            file = handle_file_of(still, raw=False, folder=folder)
-            given = self._given(file, first)
-        if FRAMES not in data:
-            return given
-        poses = poses_of(data, folder / Path(name).name)
-        recorded_times = data.get(KEY_TIMES)
-        chosen = np.ones(len(poses.times), dtype=bool)
-        if isinstance(recorded_times, list):  # other frames lie between keys
-            chosen = np.isin(poses.times, [t for t in recorded_times if isinstance(t, int | float)])
-        keys = []
-        for k in np.flatnonzero(chosen if chosen.any() else ~chosen).tolist():
-            handles = poses.poses[k].on(self._surface)
-            keys.append(Key(float(poses.times[k]), groups_of(handles, {}, first=first)))
-        return given._replace(keys=tuple(keys))
+            return self._given(handle_file_of(data, raw=False, folder=self.outputs["handles"].parent), first)
 
     def _given(self, file: HandleFile, first: int) -> Given:
         if file.volumes:
@@ -222,14 +192,14 @@ class Document:
         handles = on_surface(file, self._surface)
         names = {entry.number: entry.name for entry in file.entries}
         groups = linked(self.mesh, groups_of(handles, names, first=first), file.links)
-        return Given(groups, (), tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
+        return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.
 
         Parameters
         ----------
-        content : {"handles", "mesh", "animation"}
+        content : {"handles", "mesh"}
         name : str
             Name of a file, without a folder.
         over : bool
@@ -270,44 +240,12 @@ class Document:
     def write_handles(self, state: State, path: Path) -> None:
         """Write the groups and all options as a handle file; raise InputError when there are no groups."""
         names = {number: group.name for number, group in enumerate(state.groups)}
-        self._write(state, path, names, {})
-        self._propose("handles", path)
-
-    def write_animation(self, state: State, path: Path, rate: float) -> int:
-        """Write the groups and the poses of all keys as an animation of handles; return the number of frames.
-
-        Parameters
-        ----------
-        state : State
-        path : path
-        rate : float
-            Frames per second between keys; 0 writes the keys alone.
-
-        Raises
-        ------
-        InputError
-            When there are no groups or keys, or too many frames.
-        """
-        if not state.keys:
-            raise InputError("there is no key; store a pose first")
-        if rate < 0:
-            raise InputError("the frames a second are a number from 0")
-        if not rate * (state.keys[-1].time - state.keys[0].time) < MOST - len(state.keys):
-            raise InputError(f"an animation has at most {MOST:,} frames; lower the frames a second")
-        names = unique([group.name for group in state.groups])
-        frames = frames_of(self.mesh, state.groups, state.keys, names=names, rate=rate)
-        about = {KEY_TIMES: [key.time for key in state.keys], FRAMES: frames}
-        self._write(state, path, dict(enumerate(names)), about)
-        self._propose("animation", path)
-        return len(frames)
-
-    def _write(self, state: State, path: Path, names: dict[int, str], about: dict[str, Any]) -> None:
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
         made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
         links = {LINKS: recorded(state.groups)} if any(group.link for group in state.groups) else {}
-        about = {"made": made, **links, **about}
-        write_handles(path, handles, names=names, about=about, static_at_rest=True)
+        write_handles(path, handles, names=names, about={"made": made, **links}, static_at_rest=True)
+        self._propose("handles", path)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""
@@ -389,16 +327,8 @@ class Document:
         if self.is_in_memory:
             handles = str(self.outputs["handles"])
             return f"from sshade.io.handles import read_handles; handles = read_handles({handles!r}, mesh)"
-        return self._command(self.outputs["handles"], self.outputs["mesh"])
-
-    @property
-    def animation_command(self) -> str:
-        """Command line that computes the poses of the saved animation, as a .glb with morph targets."""
-        output = self.outputs["mesh"].with_name(f"{self._path.stem}_animated.glb")
-        return self._command(self.outputs["animation"], output)
-
-    def _command(self, handles: Path, output: Path) -> str:
-        words = [str(self._path), str(handles), "--options", str(handles), "-o", str(output)]
+        handles = str(self.outputs["handles"])
+        words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])
 
 

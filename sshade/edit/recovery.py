@@ -8,7 +8,6 @@ import platform
 import secrets
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from glob import escape
 from math import inf, isfinite
@@ -19,7 +18,6 @@ import numpy as np
 
 from sshade.edit.following import recorded
 from sshade.edit.groups import Group
-from sshade.edit.keys import Key, posed
 from sshade.edit.links import Link
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
@@ -113,11 +111,6 @@ class Recovery:
             for group, link in zip(state.groups, recorded(state.groups), strict=True)
         ]
         facts = {"mesh": self._digest, "process": _process(), "settings": state.settings, "groups": groups}
-        facts["keys"] = [key.time for key in state.keys]
-        for k, key in enumerate(state.keys):
-            for i, group in enumerate(posed(self._mesh, state.groups, [key], key.time)):
-                arrays[f"target_{i}_key_{k}"] = group.target
-                arrays |= {} if group.turn is None else {f"turn_{i}_key_{k}": group.turn}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
@@ -150,13 +143,7 @@ class Recovery:
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )
             settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
-            keys = []
-            for k, time in enumerate(facts.get("keys", [])):
-                targets = [arrays[f"target_{i}_key_{k}"] for i in range(len(groups))]
-                turns = [arrays.get(f"turn_{i}_key_{k}") for i in range(len(groups))]
-                places = zip(groups, targets, turns, strict=True)
-                keys.append(Key(time, tuple(replace(g, target=a, turn=b) for g, a, b in places)))
-            return State(arrays["selection"], tuple(groups), settings, keys=tuple(keys))
+            return State(arrays["selection"], tuple(groups), settings)
 
     def end(self, *, keep: bool) -> None:
         """End the session; later sessions offer its file if it is kept."""

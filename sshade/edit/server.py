@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 #: Files of the page and their types, by the last part of the address.
 PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
-SCRIPTS = ("view", "picking", "look", "guides", "panel", "strip", "page")
+SCRIPTS = ("view", "picking", "look", "guides", "panel", "page")
 PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Methods of :class:`Commands` that answer to a request alone, and to a request with a query.
 ANSWERS, ANSWERS_TO_QUERIES = ("now", "rest", "colours", "skin"), ("whole", "image", "surface")

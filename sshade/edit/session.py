@@ -10,16 +10,11 @@ import numpy as np
 
 from sshade.edit.document import Document, Given
 from sshade.edit.grouping import Grouping
-from sshade.edit.groups import Group
-from sshade.edit.keys import LONGEST, Key, posed
 from sshade.edit.selection import TAKING, near, require_vertices, selected
 from sshade.edit.state import History, Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.progress import Progress, silent
-
-#: Seconds between two shown poses from which the second does not continue the first.
-JUMP = 0.5
 
 
 class Session(Grouping):
@@ -60,11 +55,9 @@ class Session(Grouping):
     ) -> None:
         options["carry"] = carry_unconstrained
         super().__init__(Document(path, output=output, handles=handles_output, **options), settings)
-        #: Time of the pose that was shown last.
-        self._sought = 0.0
         if handles is not None:
             if isinstance(handles, Handles):
-                self._take(Given(self.document.groups_of(handles), (), ()))
+                self._take(Given(self.document.groups_of(handles), ()))
             else:
                 self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
@@ -164,82 +157,18 @@ class Session(Grouping):
             raise InputError("there is nothing to recover")
         return self.recovery.offers[0].path
 
-    # Animation: keys, and the poses between them.
-
-    def key(self, time: float) -> None:
-        """Store the current pose at a time, and replace a key that is there.
-
-        Raises
-        ------
-        InputError
-            When there are no groups, or the time is negative or too late.
-        """
-        if not 0 <= time <= LONGEST:
-            raise InputError(f"a time is a number of seconds from 0 to {LONGEST:g}, not {time:g}")
-        with self._lock:
-            self._require_groups()
-            others = [key for key in self.state.keys if key.time != time]
-            keys = sorted([*others, Key(time, self.state.groups)], key=lambda key: key.time)
-            self._push(replace(self.state, keys=tuple(keys)))
-
-    def unkey(self, time: float) -> None:
-        """Remove the key at a time; raise InputError when there is none."""
-        with self._lock:
-            keys = tuple(key for key in self.state.keys if key.time != time)
-            if len(keys) == len(self.state.keys):
-                raise InputError(f"there is no key at {time:g} s")
-            self._push(replace(self.state, keys=keys))
-
-    def seek(self, time: float) -> np.ndarray:
-        """Show the mesh in the pose of a time, as a drag does, and return its positions (n, 3).
-
-        Raises
-        ------
-        InputError
-            When there are no groups or keys, or the mesh cannot be bound.
-        """
-        self._require_groups()
-        moving = [group.number for group in self.state.groups if not group.link]
-        self._jumped |= abs(time - self._sought) > JUMP
-        self._sought = time
-        return self._follow(lambda: replace(self.state, groups=self._posed(time)), moving)
-
-    def pose(self, time: float) -> None:
-        """Move the groups to the pose of a time; raise InputError when there are no groups or keys."""
-        with self._lock:
-            self._require_groups()
-            self._push(replace(self.state, groups=self._posed(time)))
-            self._jumped = True
-
-    def _posed(self, time: float) -> tuple[Group, ...]:
-        if not self.state.keys:
-            raise InputError("there is no key; store a pose first")
-        return posed(self.mesh, self.state.groups, self.state.keys, time)
-
-    def _require_groups(self) -> None:
-        if not self.state.groups:
-            raise InputError("there are no groups to animate; pick vertices and make them movable")
-
     # Files.
 
     def save(
-        self,
-        content: str,
-        name: str,
-        *,
-        over: bool = False,
-        rate: float = 0.0,
-        progress: Progress = silent,
+        self, content: str, name: str, *, over: bool = False, progress: Progress = silent
     ) -> tuple[Path, tuple[str, ...]]:
-        """Write the groups as a handle file, the deformed mesh, or the keys as an animation of handles.
+        """Write the groups as a handle file, or the deformed mesh.
 
         Parameters
         ----------
-        content : {"handles", "mesh", "animation"}
+        content : {"handles", "mesh"}
         name, over
             See :meth:`sshade.edit.document.Document.choose`.
-        rate : float
-            Frames per second of an animation between keys; 0 writes the keys alone.
         progress : Progress
 
         Returns
@@ -251,8 +180,8 @@ class Session(Grouping):
         Raises
         ------
         InputError
-            See :meth:`sshade.edit.document.Document.choose`; also when there are no groups or keys to write,
-            or the method refuses the groups.
+            See :meth:`sshade.edit.document.Document.choose`; also when there are no groups to write, or the
+            method refuses the groups.
         Superseded
             When the handles changed during the computation.
         """
@@ -261,12 +190,8 @@ class Session(Grouping):
             self.settle(progress)
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
-            if content == "animation":
-                self.document.write_animation(self.state, path, rate)
-                self._count_as_saved(self.state.keys)
-            else:
-                self.document.write_handles(self.state, path)
-                self._count_as_saved(self._saved.keys)
+            self.document.write_handles(self.state, path)
+            self._count_as_saved()
         return path, ()
 
     def hand_over(self) -> Handles:
@@ -279,23 +204,23 @@ class Session(Grouping):
         """
         with self._lock:
             handles = self.document.all_handles(self.state)
-            self._count_as_saved(self._saved.keys)
+            self._count_as_saved()
         return handles
 
     # Helpers.
 
-    def _count_as_saved(self, keys: tuple[Key, ...]) -> None:
-        """Count the groups, the settings and the keys as saved."""
-        self._saved = replace(self.state, keys=keys, shape=None)
+    def _count_as_saved(self) -> None:
+        """Count the groups and the settings as saved."""
+        self._saved = replace(self.state, shape=None)
         self._keep()
 
     def _take(self, given: Given) -> None:
-        """Replace all groups and keys by those of a file. Constraints that it left out are left out."""
-        groups, keys, unconstrained = given
+        """Replace all groups by those of a file. Constraints that it left out are left out."""
+        groups, unconstrained = given
         method, volume, area = self.state.settings
         kept = volume and "volume" not in unconstrained, area and "area" not in unconstrained
         settings = Settings(method, *kept)
-        state = replace(self.state, groups=groups, keys=keys, settings=settings)
+        state = replace(self.state, groups=groups, settings=settings)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
         self._saved, self._jumped = replace(state, selection=self._saved.selection, shape=None), True

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.edit.groups import Group, Motion
-from sshade.edit.keys import Key
 from sshade.errors import InputError
 from sshade.handle_checks import NO_HANDLES
 from sshade.handles import Handles
@@ -54,8 +53,6 @@ class State:
     settings : Settings
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
-    keys : tuple of Key
-        Poses of an animation, by ascending time.
     unfaded : Settings, optional
         Settings before the first falloff, which come back without the last one. A choice of the user since
         then stands.
@@ -65,7 +62,6 @@ class State:
     groups: tuple[Group, ...] = ()
     settings: Settings = Settings()
     shape: np.ndarray | None = None
-    keys: tuple[Key, ...] = ()
     unfaded: Settings | None = None
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import RLock
 
@@ -59,7 +58,7 @@ class Work:
         self.shown = self.mesh.V
         self.history = History(State(settings=settings, shape=self.mesh.V))
         self._revision = 0
-        #: State whose groups, settings, keys and selection count as saved.
+        #: State whose groups, settings and selection count as saved.
         self._saved = self.state
         self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(self.mesh)
@@ -80,9 +79,9 @@ class Work:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved, or not with the current settings and keys."""
+        """Whether there are groups that were not saved, or not with the current settings."""
         state, saved = self.state, self._saved
-        same = state.groups is saved.groups and state.keys is saved.keys and state.settings == saved.settings
+        same = state.groups is saved.groups and state.settings == saved.settings
         return bool(state.groups) and not same
 
     def undo(self) -> None:
@@ -112,13 +111,9 @@ class Work:
         InputError
             When no group has the number, the group is static, or the mesh cannot be bound with these handles.
         """
-        return self._follow(lambda: self._moved(number, motion), [number])
-
-    def _follow(self, change: Callable[[], State], moved: Sequence[int]) -> np.ndarray:
-        """Show the mesh with groups elsewhere, but in the same order; `moved` are the numbers of some."""
         with self._following:
             with self._lock:
-                groups, state = self.state.groups, change()
+                groups, state = self.state.groups, self._moved(number, motion)
                 self._revision += 1
                 revision, shape = self._revision, self.shown
             if self._dragged is None or self._dragged[0] is not groups:
@@ -128,9 +123,7 @@ class Work:
                 self._follower.forget()
                 self._jumped = False
             shape = np.array(shape, order="C")
-            on = [int(state.group(number).vertices[0]) for number in moved]
-            for vertex in {int(self.mesh.component[vertex]): vertex for vertex in on}.values():
-                self._follower.follow(handles, vertex, state.settings, shape)
+            self._follower.follow(handles, int(state.group(number).vertices[0]), state.settings, shape)
             shape.setflags(write=False)
             with self._lock:
                 if self._revision == revision:

@@ -37,8 +37,8 @@ FRAMES = "frames"
 #: Stands for the rest shape as the surface of a slide, until the mesh is known.
 REST = "rest"
 #: Keys that this project writes into entries and files, and that readers of handles ignore.
-LINKS, KEY_TIMES = "links", "keys"
-RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", LINKS, KEY_TIMES)
+LINKS = "links"
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", LINKS)
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Value for handles without a prescribed rotation.

@@ -4,7 +4,6 @@ import { Guides } from "./guides.js";
 import { Look } from "./look.js";
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
-import { Strip } from "./strip.js";
 import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
@@ -43,23 +42,6 @@ try {
 const look = new Look(view, arrays, () => facts);
 const guides = new Guides(view, request);
 const panel = new Panel(ask, choose, shift);
-const strip = new Strip(ask, {
-  seek: (time) => request("seek", JSON.stringify({ time, drawn: view.drawn })),
-  draw: async ({ sent }) => {
-    view.setStep(sent.positions);
-    await new Promise(requestAnimationFrame);
-  },
-  begin: () => {
-    say(null);
-    order += 1;
-    byId("busy").hidden = true;
-    view.detach();
-    resting = false;
-    byId("rest").setAttribute("aria-pressed", false);
-    stage.dataset.state = "playing";
-  },
-  complain,
-});
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
   how: () => checked("how"),
@@ -149,7 +131,6 @@ function refresh() {
   else if (!view.gizmo.dragging) attach(group);
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
-  strip.show(facts);
   guides.show(facts.groups);
   look.draw();
   stage.dataset.state = facts.converged ? "converged" : "computing";
@@ -216,7 +197,7 @@ async function catchUp() {
     await solving;
   }
   catching = false;
-  if (view.gizmo.dragging || strip.moves || (heard <= facts.version && !behind)) return;
+  if (view.gizmo.dragging || (heard <= facts.version && !behind)) return;
   behind = false;
   await send("now");
 }
@@ -368,14 +349,14 @@ byId("reach").addEventListener("submit", (event) => {
 byId("errors").addEventListener("change", () => arrays.change || settle());
 
 let saving = Promise.resolve(); // the save that runs
-for (const what of ["handles", "mesh", "animation"]) {
-  const form = byId(`save-${what}`), { name, rate } = form.elements;
+for (const what of ["handles", "mesh"]) {
+  const form = byId(`save-${what}`), { name } = form.elements;
   name.addEventListener("input", () => {
     name.dataset.edited = "yes";
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    saving = store({ what, name: name.value, ...(rate && { rate: Number(rate.value) }) });
+    saving = store({ what, name: name.value });
   });
   async function store(given) {
     say(null);
@@ -388,7 +369,7 @@ for (const what of ["handles", "mesh", "animation"]) {
       take(said);
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
       byId("saved").textContent = `Saved ${said.saved}${lost}.`;
-      byId("command").textContent = rate ? said.animation_command : said.command;
+      byId("command").textContent = said.command;
       byId("command").hidden = !facts.groups.length || (what === "mesh" && facts.unsaved);
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
@@ -423,7 +404,7 @@ byId("open").addEventListener("change", async ({ target }) => {
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
   g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving", b: "#rest", l: "#local",
-  n: "#snap", p: "#pivot", k: "#play",
+  n: "#snap", p: "#pivot",
 };
 window.addEventListener("keydown", (event) => {
   if (event.target.matches("input[type=text], input[type=number]")) return;

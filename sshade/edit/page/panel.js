@@ -82,7 +82,7 @@ export class Panel {
       ? `${mesh.name} changed on disk. The groups belong to the version that was opened, which Save mesh writes. Start the editor again to use the new version.` : "";
     byId("trouble").hidden = !facts.trouble;
     byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
-    for (const what of ["handles", "mesh", "animation"]) {
+    for (const what of ["handles", "mesh"]) {
       const { name } = byId(`save-${what}`).elements;
       if (document.activeElement !== name && !name.dataset.edited) name.value = facts.outputs[what];
     }

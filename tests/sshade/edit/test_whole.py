@@ -1,4 +1,4 @@
-"""A whole task in a browser: pick, fix, drag, undo, animate, save, a killed program, recover, export."""
+"""A whole task in a browser: pick, fix, drag, undo, save, a killed program, recover, export."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,11 +9,10 @@ import pytest
 from sshade.cli.main import main
 from sshade.edit.session import Session
 from sshade.io.meshes import read_arrays
-from tests.browser import changed, opened, pixels
-from tests.full import few
+from tests.browser import opened
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked
-from tests.sshade.edit.sessions import BODY, added, begun, marked, upright
+from tests.sshade.edit.sessions import BODY, added, begun, upright
 from tests.sshade.edit.test_page import asked, drag, mark, release, where
 
 #: Window sizes of a laptop and of a telephone, in pixels.
@@ -40,13 +39,6 @@ def press(page, name: str, answer: str) -> None:
     page.wait_for_selector("#stage[data-state=converged]")
 
 
-def set_time(page, time: float) -> None:
-    page.get_by_label("time in seconds").fill(str(time))
-    page.get_by_label("time in seconds").press("Enter")
-    page.wait_for_timeout(200)
-    page.wait_for_selector("#stage[data-state=converged]")
-
-
 def in_sight(page, locator) -> bool:
     """Return whether an element lies in the window and nothing covers its middle."""
     locator.scroll_into_view_if_needed()
@@ -64,8 +56,6 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
     editor = "body.ply", "--no-browser"
     with running(*editor) as (process, address), shown(browser, address, size) as page:
         mark(page, session, where(page, V, V))
-        press(page, "Store key", "key")
-        set_time(page, 1)
         place = page.locator("#stage").get_attribute("data-gizmo")
         box = page.locator("#stage").bounding_box()
         drag(page, np.array([float(x) for x in place.split(",")]) + [box["x"], box["y"]], (50, 30))
@@ -76,7 +66,6 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
         assert np.abs(resting - posed["positions"]).max() > 0.05
         press(page, "Redo", "redo")
         assert np.array_equal(unpacked(get(f"{address}now"))["positions"], posed["positions"])
-        press(page, "Store key", "key")
         process.kill()
         page.wait_for_selector("body.ended", timeout=20_000)
         assert "offers work that was not saved" in page.locator("#message").inner_text()
@@ -88,77 +77,23 @@ def test_the_work_survives_a_killed_program_and_is_exported(browser, session, si
         again = unpacked(get(f"{address}now"))
         for name in "labels", "positions":
             assert np.array_equal(again[name], posed[name])
-        assert again["groups"] == posed["groups"] and again["keys"] == [0, 1]
-        for name in "Save handles", "Save mesh", "Save animation", "Undo", "End":
+        assert again["groups"] == posed["groups"]
+        for name in "Save handles", "Save mesh", "Undo", "End":
             assert in_sight(page, page.get_by_role("button", name=name)), name
         press(page, "Save mesh", "save")
-        press(page, "Save animation", "save")
-        page.wait_for_selector("#saved:has-text('animation')")
-        run = page.locator("#command").inner_text().split()
         press(page, "Save handles", "save")
         page.wait_for_selector("#saved:has-text('body_handles')")
-        still = page.locator("#command").inner_text().split()
+        run = page.locator("#command").inner_text().split()
         page.get_by_role("button", name="End").click()
         assert process.wait(20) == 0
     assert list(Path().glob("*.npz")) == []
-    assert main([*still[1:-1], "again.ply"]) == 0 and main([*run[1:-1], "out_%04d.ply"]) == 0
+    assert main([*run[1:-1], "again.ply"]) == 0
     final = read_arrays("body_deformed.ply")[0]
     assert np.abs(read_arrays("again.ply")[0] - final).max() < 1e-9
-    frames = [read_arrays(path)[0] for path in sorted(Path().glob("out_*.ply"))]
-    assert len(frames) == 13 and np.abs(frames[0] - V).max() < 1e-6
-    assert np.linalg.norm(frames[-1] - final, axis=1).mean() < 0.01 * session.mesh.diagonal
-
-
-@pytest.mark.parametrize("size", few(SIZES, SIZES[1]))
-def test_the_strip_plays_and_shows_the_pose_of_each_time(browser, session, size):
-    marked(session)
-    with lent(session) as server, shown(browser, server.address, size) as page:
-        stage = page.locator("#stage")
-        assert page.get_by_role("button", name="Play").is_disabled() and page.locator("#slider").is_disabled()
-        press(page, "Store key", "key")
-        set_time(page, 2)
-        page.get_by_role("button", name="choose group 2").click()
-        page.get_by_label("move x", exact=True).fill("0.8")
-        press(page, "apply", "release")
-        press(page, "Store key", "key")
-        page.get_by_role("button", name="choose group 2").click()  # without arrows
-        group = session.state.groups[1]
-        rest = session.mesh.V[group.vertices]
-        page.wait_for_timeout(200)
-        last = pixels(stage)[100:]
-        with page.expect_response("**/pose"):
-            page.get_by_role("button", name="go to the key at 0 s").click()
-        page.wait_for_selector("#stage[data-state=converged]")
-        page.wait_for_timeout(200)
-        first = pixels(stage)[100:]
-        assert changed(first, last) > 0.01 and np.array_equal(session.state.groups[1].target, rest)
-        before = session.state
-        page.get_by_role("button", name="Play").click()
-        seen = []
-        for _ in range(6):
-            page.wait_for_timeout(300)
-            seen.append((float(page.get_by_label("time in seconds").input_value()), pixels(stage)[100:]))
-        assert len({time for time, _ in seen}) > 3 and session.state is before
-        assert any(changed(first, image) > 0.005 and changed(last, image) > 0.005 for _, image in seen)
-        with page.expect_response("**/pose"):
-            page.get_by_role("button", name="Stop").click()
-        page.wait_for_selector("#stage[data-state=converged]")
-        time = float(page.get_by_label("time in seconds").input_value())
-        shift = (session.state.groups[1].target - rest).mean(axis=0)
-        assert np.allclose(shift, [0.4 * time, 0, 0], atol=1e-6) and 0 < time < 2
-        with page.expect_response("**/pose"):
-            page.get_by_label("time", exact=True).focus()
-            page.keyboard.press("End")  # the slider ends one second after the last key
-        page.wait_for_selector("#stage[data-state=converged]")
-        assert np.allclose(session.state.groups[1].target - rest, [0.8, 0, 0], atol=1e-6)
-        set_time(page, 2)
-        press(page, "Delete key", "unkey")
-        assert [key.time for key in session.state.keys] == [0]
 
 
 def test_all_controls_have_names_and_messages_are_announced(browser, session):
     added(session, np.arange(9), "moving")
-    session.key(0.0)
     with lent(session) as server, shown(browser, server.address, SIZES[0]) as page:
         page.get_by_role("button", name="choose group 1").click()
         unnamed = page.evaluate(
@@ -179,10 +114,10 @@ def test_all_controls_have_names_and_messages_are_announced(browser, session):
         while len(order) < 90 and "open" not in order:
             page.keyboard.press("Tab")
             order.append(page.evaluate(focused))
-        wanted = ("tool", "rest", "undo", "how", "symmetry", "method", "key", "open")
+        wanted = ("tool", "rest", "undo", "how", "symmetry", "method", "open")
         reached = [order.index(name) for name in wanted]
         assert reached == sorted(reached), order
-        page.get_by_role("button", name="Delete key").focus()
-        with page.expect_response("**/unkey"):
+        page.get_by_role("button", name="Delete").focus()
+        with page.expect_response("**/remove"):
             page.keyboard.press("Enter")
-        assert session.state.keys == ()
+        assert session.state.groups == ()
