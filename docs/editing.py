@@ -1,6 +1,6 @@
 """Measure the editor in a browser and write the table of edit.md: ``python -m docs.editing``.
 
-``python -m docs.editing --picture`` only makes the pictures of the page, from a body of ``make tables``. Run
+``python -m docs.editing --picture`` only makes the picture of the page, from a body of ``make tables``. Run
 ``make bench`` before measuring, which builds the bodies. The script drags a group of a body in Chromium as a
 person would. The processor also draws, because Chromium has no graphics card here. The machine must do
 nothing else.
@@ -36,7 +36,6 @@ from sshade.io.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
 PICTURE = Path(__file__).parent / "figures" / "edit.png"
-FALLOFF = PICTURE.with_name("edit_falloff.png")
 #: Body of the picture, and how its hand moves: by lengths in metres and degrees along x, y and z.
 SHOWN, MOVE, TURN = "data/defaust_20k", (0.12, 0.55, 0.1), (0, 0, 80)
 #: Folders of bodies, and how often their triangles are split in four.
@@ -93,11 +92,9 @@ def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
 
 
 @contextmanager
-def opened(
-    browser: Browser, folder: Path, height: int, *more: str, group: str = "hand"
-) -> Iterator[tuple[Page, float]]:
-    """Yield a page of the editor with a group chosen, and the seconds until the mesh appeared."""
-    command = [sys.executable, "-m", "sshade", "edit", "body.ply", "handles.json", "--no-browser", *more]
+def opened(browser: Browser, folder: Path, height: int) -> Iterator[tuple[Page, float]]:
+    """Yield a page of the editor with the hand chosen, and the seconds until the mesh appeared."""
+    command = [sys.executable, "-m", "sshade", "edit", "body.ply", "handles.json", "--no-browser"]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as running:
         try:
             assert running.stdout is not None
@@ -106,8 +103,7 @@ def opened(
             page.goto(address, timeout=PATIENCE)
             page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
             loaded = perf_counter() - begin
-            if group:
-                page.get_by_role("button", name=f"choose {group}").click()
+            page.get_by_role("button", name="choose hand").click()
             yield page, loaded
             page.close()
         finally:
@@ -144,39 +140,8 @@ def picture(browser: Browser) -> None:
             page.wait_for_selector("#legend:visible")
             page.locator("#panels").evaluate("panels => panels.scrollTo(0, 280)")
             sleep(2)
-            save(Image.open(BytesIO(page.screenshot())), PICTURE)
-
-
-def save(image: Image.Image, path: Path) -> None:
-    """Save a picture with few colours."""
-    image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
-
-
-def falloff_picture(browser: Browser) -> None:
-    """Take the picture of two hips with a falloff, beside the rest shape."""
-    with TemporaryDirectory() as folder:
-        write_task(SHOWN, 0, Path(folder))
-        session = Session(Path(folder, "body.ply"))
-        V = session.mesh.V
-        at_hip = np.flatnonzero(np.abs((V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1]) - 0.5) < 0.01)
-        central = at_hip[np.abs(V[at_hip, 0] - np.median(V[:, 0])) < 0.3]  # without hands
-        session.mirror_picks(0)
-        session.select(central[[np.argmax(V[central, 0])]], "replace")
-        session.reach(0.05)
-        hip = session.mark("moving")
-        session.fade(hip, 0.3)
-        images = []
-        for move in 0.0, 0.14:
-            session.release(hip, Motion(np.eye(3), np.array([move, 0, 0])))
-            session.save("handles", "handles.json", over=True)
-            with opened(browser, Path(folder), 800, "--options", "handles.json", group="") as (page, _):
-                sleep(1)
-                shot = Image.open(BytesIO(page.locator("#canvas").screenshot()))
-                images.append(shot.crop((200, 60, 760, 740)))
-        wide = Image.new("RGB", (2 * images[0].width, images[0].height))
-        for k, image in enumerate(images):
-            wide.paste(image, (k * image.width, 0))
-        save(wide, FALLOFF)
+            image = Image.open(BytesIO(page.screenshot())).convert("RGB")
+            image.quantize(256, dither=Image.Dither.NONE).save(PICTURE, optimize=True)
 
 
 def main() -> int:
@@ -186,7 +151,6 @@ def main() -> int:
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         picture(browser)
-        falloff_picture(browser)
         if "--picture" in sys.argv[1:]:
             return 0
         for root, level in BODIES.items():

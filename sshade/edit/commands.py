@@ -28,8 +28,6 @@ CHANGED = ("positions", "labels", "selection")
 #: Commands that are methods of the session, without an argument and with the number of a group.
 PLAIN = ("undo", "redo", "recover", "discard")
 OF_GROUPS = ("remove", "restore", "unlink")
-#: Commands that take the number of a group and a distance.
-WITHIN = ("limit", "fade")
 
 
 class Commands:
@@ -76,14 +74,13 @@ class Commands:
             See :meth:`sshade.edit.work.Work.settle`.
         """
         command = getattr(self, f"do_{name}", None)
-        if command is None and name not in (*PLAIN, *OF_GROUPS, *WITHIN):
+        if command is None and name not in (*PLAIN, *OF_GROUPS):
             raise InputError(f"{name!r} is no command of the editor")
         if not isinstance(arguments, Mapping):
             raise InputError(f"the command {name} takes a JSON object")
         if command is not None:
             return command(arguments)
-        given: list[Any] = [_given(arguments, "group", int)] if name in (*OF_GROUPS, *WITHIN) else []
-        given += [_numbers(arguments, "distance", ())] if name in WITHIN else []
+        given = [_given(arguments, "group", int)] if name in OF_GROUPS else []
         getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
@@ -178,6 +175,10 @@ class Commands:
         self._session.reach(_numbers(arguments, "distance", ()))
         return self._answer("selection")
 
+    def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
+        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+        return self._answer(*CHANGED)
+
     def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.mirror(_given(arguments, "group", int), _axis(arguments))
         return self._answer(*CHANGED)
@@ -271,12 +272,8 @@ class Commands:
                 arrays[name] = mesh.F.astype(np.uint32)
             elif name == "labels":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint32)
-                parts = np.full(mesh.n, 255, dtype=np.uint8)
                 for number, group in enumerate(state.groups, start=1):
                     arrays[name][group.vertices] = number
-                    if group.link and group.link.influence is not None:
-                        parts[group.vertices] = 255 * group.link.influence
-                arrays |= {"parts": parts} if (parts < 255).any() else {}
             elif name == "selection":
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint8)
                 arrays[name][state.selection] = 1
@@ -293,7 +290,6 @@ class Commands:
                 "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
                 "follows": group.link and group.link.leader,
-                "fades": group.link.distance if group.link and group.fades else None,
                 "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups

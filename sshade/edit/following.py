@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from sshade.edit.groups import Group
-from sshade.edit.links import Link, falloff, middle, mirrored_slide, reflection
-from sshade.edit.selection import distances
+from sshade.edit.links import Link, middle, mirrored_slide, reflection
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 
@@ -22,9 +21,9 @@ FOLLOWS = 1e-6
 
 
 def recorded(groups: Sequence[Group]) -> list[Any]:
-    """Return the links of groups for a file: null, or the place of the leader, the axis and the distance."""
+    """Return the links of groups for a file: null, or the place of the leader and the axis."""
     place = {group.number: i for i, group in enumerate(groups)}
-    return [one.link and [place[one.link.leader], one.link.axis, one.link.distance] for one in groups]
+    return [one.link and [place[one.link.leader], one.link.axis] for one in groups]
 
 
 def linked(mesh: Mesh, groups: tuple[Group, ...], record: Any) -> tuple[Group, ...]:
@@ -45,11 +44,8 @@ def linked(mesh: Mesh, groups: tuple[Group, ...], record: Any) -> tuple[Group, .
     for group, entry in zip(groups, record, strict=True):
         link = None
         match entry:
-            case [int(place), 0 | 1 | 2 as axis, _] if 0 <= place < len(made):
+            case [int(place), 0 | 1 | 2 as axis, *_] if 0 <= place < len(made):
                 link = Link(made[place].number, axis, slide=made[place].slide)
-            case [int(place), None, int() | float() as distance] if 0 <= place < len(made) and distance > 0:
-                away = distances(mesh, made[place].vertices, distance)[group.vertices]
-                link = Link(made[place].number, None, distance, falloff(away, distance))
         if link is not None:
             # The rotations of a file are prescribed; these come from the motion of the leader.
             place = entry[0]
@@ -90,9 +86,6 @@ def _follow(mesh: Mesh, group: Group, link: Link, leader: Group) -> Group:
     rest, centre = mesh.V[group.vertices], mesh.V[leader.vertices].mean(axis=0)
     still, R = np.array_equal(leader.target, mesh.V[leader.vertices]), rotation_of(mesh, leader)
     move = leader.target.mean(axis=0) - centre
-    if link.axis is None:
-        target = rest if still else _partly(rest, link.influence, R, centre, move)
-        return group if _same(target, group.target, mesh.diagonal) else replace(group, target=target)
     S = reflection(link.axis)
     if leader.slide is not link.slide:
         slide = mirrored_slide(leader.slide, link.axis, leader.name)
@@ -113,17 +106,3 @@ def _follow(mesh: Mesh, group: Group, link: Link, leader: Group) -> Group:
 def _same(a: np.ndarray, b: np.ndarray, size: float) -> bool:
     """Whether arrays are equal up to rounding."""
     return a.shape == b.shape and bool(np.abs(a - b).max() <= SAME * size)
-
-
-def _partly(
-    rest: np.ndarray, influence: np.ndarray | None, R: np.ndarray, centre: np.ndarray, move: np.ndarray
-) -> np.ndarray:
-    """Return the positions after parts of a rotation about a centre and of a move, influence (k,)."""
-    from scipy.spatial.transform import Rotation
-
-    assert influence is not None
-    part = influence[:, None]
-    if np.array_equal(R, np.eye(3)):
-        return rest + part * move
-    turns = Rotation.from_rotvec(part * Rotation.from_matrix(R).as_rotvec())
-    return turns.apply(rest - centre) + centre + part * move

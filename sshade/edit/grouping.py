@@ -12,9 +12,9 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind, frame, normal
-from sshade.edit.links import OVERLAP, SOFT, Link, falloff, mirrored_slide, mirrored_vertices, sides
-from sshade.edit.selection import distances, near
-from sshade.edit.state import Settings, State
+from sshade.edit.links import OVERLAP, Link, mirrored_slide, mirrored_vertices, sides
+from sshade.edit.selection import near
+from sshade.edit.state import Settings
 from sshade.edit.work import Work
 from sshade.errors import InputError
 
@@ -107,11 +107,11 @@ class Grouping(Work):
         Raises
         ------
         InputError
-            See :func:`sshade.edit.selection.near`; also when no vertex is so far away, or the group surrounds
-            another group.
+            See :func:`sshade.edit.selection.near`; also when no vertex is so far away.
         """
         with self._lock:
-            group, *images = self._cores(number)
+            group, _ = self.state.led(number)
+            images = [one for one in self.state.groups if one.link and one.link.leader == group.number]
             far = np.ones(self.mesh.n, dtype=bool)
             for one in (group, *images):
                 far &= ~near(self.mesh, one.vertices, distance)
@@ -120,52 +120,6 @@ class Grouping(Work):
             if not far.any():
                 raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
             return self._mark("static", np.flatnonzero(far), f"beyond {group.name}")
-
-    def _cores(self, number: int) -> list[Group]:
-        """Return the leader of a group and its mirror images; refuse a group that surrounds another."""
-        leader, _ = self.state.led(number)
-        linked = [one for one in self.state.groups if one.link and one.link.leader == leader.number]
-        return [leader, *(one for one in linked if not one.fades)]
-
-    def fade(self, number: int, distance: float) -> int:
-        """Let the surroundings of a group make its motion in part; return the number of the new group.
-
-        The surroundings are a soft group of all free vertices within a distance along the edges. The part
-        falls from 1 at the group to 0 at the distance. They replace earlier surroundings of the group. A
-        mirror image of the group gets surroundings, too. Volume and area are no longer kept, because
-        everything else would give way for them.
-
-        Raises
-        ------
-        InputError
-            See :func:`sshade.edit.selection.distances`; also when no vertex is near, or the group surrounds
-            another group.
-        """
-        with self._lock:
-            cores = self._cores(number)
-            state = replace(
-                self.state, groups=tuple(g for g in self.state.groups if not _surrounds(g, cores))
-            )
-            free = np.ones(self.mesh.n, dtype=bool)
-            for other in state.groups:
-                free[other.vertices] = False
-            far = np.stack([distances(self.mesh, core.vertices, distance) for core in cores])
-            nearest, made = np.argmin(far, axis=0), self._number
-            for k, core in enumerate(cores):
-                inside = np.flatnonzero(free & (nearest == k) & (far[k] < distance))
-                if len(inside) == 0:
-                    raise InputError(f"no free vertex is nearer than {distance:g} to {core.name}")
-                link = Link(core.number, distance=distance, influence=falloff(far[k, inside], distance))
-                new = self._group("moving", inside, f"around {core.name}", weight=SOFT, link=link)
-                state = state.marked(new)
-            settings, unfaded = self.state.settings, self.state.unfaded
-            if unfaded is None or not any(group.fades for group in self.state.groups):
-                unfaded = settings
-            settings = settings._replace(volume=False, area=False)
-            state = replace(state, selection=self.state.selection)
-            self._push(replace(state, settings=settings, unfaded=unfaded))
-            self._jumped = True
-        return made
 
     def mirror(self, number: int, axis: int) -> int:
         """Create the mirror image of a group, which moves when the group moves; return its number.
@@ -204,7 +158,7 @@ class Grouping(Work):
     def unlink(self, number: int) -> None:
         """Let a group stay where it is, and follow no longer."""
         with self._lock:
-            self._change(self.state.changed(number, link=None))
+            self._push(self.state.changed(number, link=None))
 
     def mirror_picks(self, axis: int | None) -> None:
         """Mirror picking and new movable groups across a coordinate, or not."""
@@ -213,20 +167,10 @@ class Grouping(Work):
             self.version += 1
 
     def remove(self, number: int) -> None:
-        """Remove a group and its surroundings; their vertices become unconstrained.
-
-        Without the last surroundings, volume and area are kept as before the first.
-        """
+        """Remove a group; its vertices become unconstrained."""
         with self._lock:
             group = self.state.group(number)
-            kept = tuple(g for g in self.state.groups if g is not group and not _surrounds(g, [group]))
-            self._change(replace(self.state, groups=kept))
-
-    def _change(self, state: State) -> None:
-        """Push a state with other groups; without the last falloff, with the settings before the first."""
-        settings = self.state.settings
-        self._push(state.with_own_settings)
-        self._jumped |= self.state.settings != settings
+            self._push(replace(self.state, groups=tuple(g for g in self.state.groups if g is not group)))
 
     def restore(self, number: int) -> None:
         """Move a group and its followers back to their rest positions."""
@@ -249,7 +193,7 @@ class Grouping(Work):
         """
         with self._lock:
             group = self.state.group(number)
-            if fields.keys() - {"name"} and group.link is not None and group.link.axis is not None:
+            if fields.keys() - {"name"} and group.link is not None:
                 if "slide" in fields:
                     fields["slide"] = mirrored_slide(fields["slide"], group.link.axis, group.name)
                 group = self.state.group(group.link.leader)
@@ -268,8 +212,3 @@ class Grouping(Work):
     def frame(self, number: int) -> np.ndarray:
         """Return the local axes (3, 3) of a group; see :func:`sshade.edit.groups.frame`."""
         return frame(self.mesh, self.state.group(number))
-
-
-def _surrounds(group: Group, cores: list[Group]) -> bool:
-    """Whether a group surrounds one of some groups."""
-    return group.link is not None and group.fades and group.link.leader in [core.number for core in cores]

@@ -115,15 +115,9 @@ class Group:
         if self.is_free and self.weight < inf:
             raise InputError("a group with a rotation only has no weight; leave it empty")
 
-    @property
-    def fades(self) -> bool:
-        """Whether the group surrounds another group, whose motion it makes in part."""
-        return self.link is not None and self.link.influence is not None
-
     def kept(self, keep: np.ndarray) -> Group:
         """Return the group with some of its vertices, keep (k,) bool."""
-        link = self.link and self.link.kept(keep)
-        return replace(self, vertices=self.vertices[keep], target=self.target[keep], link=link)
+        return replace(self, vertices=self.vertices[keep], target=self.target[keep])
 
     @property
     def is_free(self) -> bool:

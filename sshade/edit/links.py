@@ -1,8 +1,8 @@
-"""How groups follow other groups: as mirror images, or as surroundings that follow less with the distance."""
+"""How groups follow other groups, as mirror images."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,6 @@ from sshade.slides import Slide
 
 #: Greatest portion of a group whose mirror image may lie in the group itself.
 OVERLAP = 0.25
-#: Weight of surroundings. Smaller weights smooth the edges of a falloff more, and let everything beyond move.
-SOFT = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,25 +25,15 @@ class Link:
     ----------
     leader : int
         Number of the leader.
-    axis : int, optional
+    axis : int
         The group makes the motion of the leader, mirrored across this coordinate in the middle of the mesh.
-    distance : float
-        The group makes a part of the motion of the leader, which falls to 0 within this distance.
-    influence : (k,) float64, optional
-        The part that each vertex makes, from 0 to 1.
     slide : Slide, optional
         The slide of the leader whose mirror image the group has.
     """
 
     leader: int
-    axis: int | None = None
-    distance: float = 0.0
-    influence: np.ndarray | None = None
+    axis: int
     slide: Slide | None = None
-
-    def kept(self, keep: np.ndarray) -> Link:
-        """Return the link of some vertices of the group, keep (k,) bool."""
-        return self if self.influence is None else replace(self, influence=self.influence[keep])
 
 
 def reflection(axis: int) -> np.ndarray:
@@ -97,9 +85,3 @@ def sides(mesh: Mesh, vertices: np.ndarray, axis: int) -> tuple[np.ndarray, np.n
     above = mesh.V[vertices, axis] > middle(mesh)[axis]
     portion = np.bincount(piece, above) / np.bincount(piece)
     return vertices[portion[piece] == 1], vertices[portion[piece] == 0], vertices[portion[piece] % 1 > 0]
-
-
-def falloff(distance: np.ndarray, reach: float) -> np.ndarray:
-    """Return a smooth step from 1 at distance 0 to 0 at `reach`."""
-    t = np.clip(1 - distance / reach, 0, 1)
-    return t * t * (3 - 2 * t)

@@ -99,8 +99,6 @@ class Recovery:
         for i, group in enumerate(state.groups):
             arrays |= {f"vertices_{i}": group.vertices, f"target_{i}": group.target}
             arrays |= {} if group.turn is None else {f"turn_{i}": group.turn}
-            if group.link and group.link.influence is not None:
-                arrays[f"influence_{i}"] = group.link.influence
         groups = [
             {
                 **{name: getattr(group, name) for name in FIELDS},
@@ -134,11 +132,9 @@ class Recovery:
                 fields["weight"] = inf if entry["weight"] is None else entry["weight"]
                 fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
-                if (link := entry["link"]) is not None:
-                    leader, (_, axis, distance) = groups[link[0]], link
-                    slide = None if axis is None else leader.slide
-                    influence = arrays.get(f"influence_{i}")
-                    fields["link"] = Link(leader.number, axis, distance, influence, slide)
+                match entry["link"]:
+                    case [place, int(axis), *_]:
+                        fields["link"] = Link(groups[place].number, axis, groups[place].slide)
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )

@@ -62,30 +62,29 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     return np.flatnonzero(chosen)
 
 
-def distances(mesh: Mesh, vertices: np.ndarray, limit: float) -> np.ndarray:
-    """Return the distances (n,) from the nearest of some vertices, along the edges of the rest shape.
+def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
+    """Find the vertices within a distance of other vertices, measured along the edges of the rest shape.
 
     Parameters
     ----------
     mesh : Mesh
     vertices : (k,) int64
-    limit : float
-        In the unit of the mesh; distances above are inf.
+    distance : float
+        In the unit of the mesh.
+
+    Returns
+    -------
+    (n,) bool
 
     Raises
     ------
     InputError
-        When there are no vertices, or the limit is not above 0.
+        When there are no vertices, or the distance is not above 0.
     """
     from scipy.sparse.csgraph import dijkstra
 
     if len(vertices) == 0:
         raise InputError("no vertex is picked from which a distance could be measured")
-    if not limit > 0:
-        raise InputError(f"a distance is a number above 0, not {limit:g}")
-    return dijkstra(edge_graph(mesh).matrix, indices=vertices, min_only=True, limit=limit)
-
-
-def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
-    """Return (n,) bool: the vertices within a distance of some vertices; see :func:`distances`."""
-    return np.isfinite(distances(mesh, vertices, distance))
+    if not distance > 0:
+        raise InputError(f"a distance is a number above 0, not {distance:g}")
+    return np.isfinite(dijkstra(edge_graph(mesh).matrix, indices=vertices, min_only=True, limit=distance))

@@ -105,7 +105,7 @@ class Session(Grouping):
         """Change the method or the constraints."""
         with self._lock:
             if settings != self.state.settings:
-                self._push(replace(self.state, settings=settings, unfaded=None))
+                self._push(replace(self.state, settings=settings))
                 self._jumped = True
 
     def open(self, content: bytes, name: str) -> None:

@@ -53,23 +53,12 @@ class State:
     settings : Settings
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
-    unfaded : Settings, optional
-        Settings before the first falloff, which come back without the last one. A choice of the user since
-        then stands.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     groups: tuple[Group, ...] = ()
     settings: Settings = Settings()
     shape: np.ndarray | None = None
-    unfaded: Settings | None = None
-
-    @property
-    def with_own_settings(self) -> State:
-        """The state with the settings before the first falloff, if the last falloff is gone."""
-        if self.unfaded is None or any(group.fades for group in self.groups):
-            return self
-        return replace(self, settings=self.unfaded, unfaded=None)
 
     def same_shape(self, other: State) -> bool:
         """Whether both states have the same settings and groups, except for names and links of groups."""
@@ -112,15 +101,12 @@ class State:
         Raises
         ------
         InputError
-            When there is no such group, or it only makes a part of the motion of its leader.
+            When there is no such group.
         """
         group = self.group(number)
         if group.link is None:
             return group, None
-        leader = self.group(group.link.leader)
-        if group.fades:
-            raise InputError(f"{group.name} follows {leader.name}; move {leader.name}")
-        return leader, group.link.axis
+        return self.group(group.link.leader), group.link.axis
 
     def moved(self, number: int, motion: Motion) -> State:
         """Return a state with a group moved from its current place. Its followers stay.

@@ -4,7 +4,7 @@ import { byId } from "./panel.js";
 
 // three.js computes with linear colours.
 const linear = (css) => new THREE.Color(css).toArray();
-const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850"), WHITE = [1, 1, 1];
+const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
 export const COLOURS = { static: "#2166ac", moving: "#f2c200" };
 const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
 // Linear values of the bytes of colours in files.
@@ -39,7 +39,7 @@ export class Look {
 
   colour() {
     const { view, arrays } = this, facts = this.known();
-    const { labels, selection, change, parts } = arrays, { found, how } = this.painted ?? {};
+    const { labels, selection, change } = arrays, { found, how } = this.painted ?? {};
     const shows = byId("errors").checked && change;
     const base = byId("colours").checked && arrays.colours, skinned = byId("colours").checked && view.skin && !shows;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
@@ -55,11 +55,6 @@ export class Look {
           colours[i] = LINEAR[base[i]];
           colours[i + 1] = LINEAR[base[i + 1]];
           colours[i + 2] = LINEAR[base[i + 2]];
-          continue;
-        }
-        if (!picked && parts && parts[v] < 255) {
-          const part = parts[v] / 255, rest = shows ? RAMP[change[v]] : skinned ? WHITE : BODY;
-          for (let c = 0; c < 3; c += 1) colours[i + c] = part * kinds[labels[v]][c] + (1 - part) * rest[c];
           continue;
         }
         const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];

@@ -105,7 +105,6 @@ function take(said) {
   facts = { ...facts, ...said };
   const { sent } = said;
   Object.assign(arrays, sent);
-  if (sent.labels) arrays.parts = sent.parts ?? null; // how far groups follow others
   if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
   if (sent.positions && !view.gizmo.dragging) placed();
   if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
@@ -125,7 +124,7 @@ function placed() {
 const chosen = () => facts.groups.find(({ number }) => number === active);
 
 function refresh() {
-  const group = chosen(), moves = group?.kind === "moving" && group.fades === null && !resting;
+  const group = chosen(), moves = group?.kind === "moving" && !resting;
   if (!group) active = null;
   if (!moves) view.detach();
   else if (!view.gizmo.dragging) attach(group);

@@ -67,11 +67,7 @@ export class Panel {
     byId("volume").checked = settings.volume;
     byId("area").checked = settings.area;
     byId("no-groups").hidden = facts.groups.length > 0;
-    byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind, fades }) => kind === "static" || fades !== null);
-    byId("faded").hidden = settings.method === "paper" || facts.groups.every(({ fades }) => fades === null);
-    byId("faded").textContent = settings.volume || settings.area
-      ? "Volume or area is kept, so everything beyond the falloff gives way."
-      : "Volume and area are not kept, because a falloff changes them.";
+    byId("loose").hidden = facts.groups.length === 0 || facts.groups.some(({ kind }) => kind === "static");
     byId("recovery").hidden = facts.recovery.length === 0;
     for (const { name, time, groups } of facts.recovery.slice(0, 1)) {
       const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
@@ -130,7 +126,6 @@ export class Panel {
     }));
     kinds.setAttribute("role", "radiogroup");
     kinds.setAttribute("aria-label", `${group.name} is`);
-    kinds.hidden = group.fades !== null; // surroundings move with their group
     const remove = button("", "delete the group; its vertices become unconstrained", () => this.ask("remove", { group: number }));
     remove.className = "delete";
     remove.append(icon("delete"), " Delete");
@@ -138,9 +133,8 @@ export class Panel {
       element("span", { className: "small", textContent: whole(group.vertices) }));
     const made = element("li", { className: `${kind}${active ? " active" : ""}` }, head, element("div", { className: "row small" }, kinds, remove));
     if (group.follows !== null) {
-      const how = group.fades === null ? "mirrors" : "follows";
       const stop = button("unlink", "let the group stay where it is, and follow no longer", () => this.ask("unlink", { group: number }));
-      made.append(element("div", { className: "row small" }, `${how} ${around.names.get(group.follows)} `, stop));
+      made.append(element("div", { className: "row small" }, `mirrors ${around.names.get(group.follows)} `, stop));
     }
     if (active) made.append(...this.details(group, around, button));
     return made;
@@ -159,11 +153,10 @@ export class Panel {
     weight.onchange = () => {
       this.ask("alter", { group: number, weight: weight.value === "" ? null : Number(weight.value) });
     };
-    const far = input("distance of the falloff", { min: "0", value: this.far ?? Number((0.2 * scale).toPrecision(1)) });
+    const far = input("distance of the limit", { min: "0", value: this.far ?? Number((0.2 * scale).toPrecision(1)) });
     far.onchange = () => {
       this.far = far.value; // also for the next group
     };
-    const within = (command) => this.ask(command, { group: number, distance: Number(far.value) });
     const axis = element("select", { className: "axis" }, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
     axis.setAttribute("aria-label", "axis of the mirror");
     const rows = [
@@ -172,7 +165,7 @@ export class Panel {
         button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
         button("to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
     ];
-    if (kind !== "moving" || group.fades !== null) return rows;
+    if (kind !== "moving") return rows;
     const three = (word, unit) => ["x", "y", "z"].map((c) => input(`${word} ${c}`, { placeholder: `${c} ${unit}`.trim() }));
     const move = three("move", ""), turn = three("turn", "°");
     const numbers = (inputs) => inputs.map(({ value }) => Number(value));
@@ -185,8 +178,7 @@ export class Panel {
       this.shift(number, numbers(move), numbers(turn));
     };
     rows.push(form, element("div", { className: "row small" },
-      button("fall off", "the surroundings make a part of the motion, which falls to nothing at this distance along the edges", () => within("fade")),
-      button("limit to", "fix everything farther away than this distance along the edges", () => within("limit")), far));
+      button("limit to", "fix everything farther away than this distance along the edges", () => this.ask("limit", { group: number, distance: Number(far.value) })), far));
     if (group.follows !== null) return rows;
     rows.push(element("div", { className: "row small" },
       button("mirror in", "the opposite side moves whenever this group moves, mirrored in the middle of the mesh", () => this.ask("mirror", { group: number, axis: axis.value })), axis));

@@ -1,22 +1,19 @@
-"""Groups that follow other groups: mirror images and surroundings."""
+"""Groups that follow other groups as mirror images."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from sshade import InputError, Slide
 from sshade.cli.main import main
 from sshade.edit import recovery
 from sshade.edit.groups import Motion
-from sshade.edit.links import SOFT
 from sshade.edit.session import Session
-from sshade.edit.state import Settings
 from sshade.io.meshes import read_arrays
-from tests.shapes import beside, bumpy, icosphere, shifted
-from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, tip, turned
+from tests.shapes import beside, icosphere, shifted
+from tests.sshade.edit.sessions import BODY, added, along_edges, begun, settled, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -120,75 +117,14 @@ def test_an_image_has_the_kind_weight_and_slide_of_its_leader_until_it_is_unlink
     assert left.link is None and left.vertices is before.vertices
 
 
-@pytest.mark.parametrize("turns", [False, True])
-def test_surroundings_make_a_part_of_the_motion_that_falls_off_with_the_distance(turns):
-    session = begun(bumpy(4))
-    V = session.mesh.V
-    number = tip(session)
-    ring = session.fade(number, 1.2)
-    core, around = (session.state.group(which) for which in (number, ring))
-    away = along_edges(session.mesh, core.vertices)
-    assert around.vertices.tolist() == np.flatnonzero((away > 0) & (away < 1.2)).tolist()
-    assert session.state.settings == ("fast", False, False) and around.weight == SOFT
-    turn = Rotation.from_rotvec([0, 0, 0.8] if turns else [0, 0, 0])
-    centre = V[core.vertices].mean(axis=0)
-    move = np.array([0.1, 0.05, 0.3])
-    session.release(number, Motion.about(centre, turn.as_quat(), move))
-    around = session.state.group(ring)
-    t = 1 - away[around.vertices] / 1.2
-    part = 3 * t**2 - 2 * t**3
-    for vertex, target, f in zip(around.vertices, around.target, part, strict=True):
-        partly = Rotation.from_rotvec(f * turn.as_rotvec()).apply(V[vertex] - centre) + centre + f * move
-        assert np.allclose(target, partly, atol=1e-9)
-    session.settle()
-    moved = np.linalg.norm(session.shown - V, axis=1)
-    gap = np.linalg.norm(session.shown[around.vertices] - around.target, axis=1)
-    assert gap.mean() < 0.1 * np.linalg.norm(move)  # 0.03 with four times the vertices
-    assert moved[away > 1.2].mean() < 0.05 * np.linalg.norm(move)
-    with pytest.raises(InputError, match=f"follows {core.name}; move {core.name}"):
-        session.release(ring, Motion(np.eye(3), move))
-    again = session.fade(number, 0.8)  # replaces the surroundings
-    assert len(session.state.groups) == 2 and len(session.state.group(again).vertices) < len(around.vertices)
-    session.restore(number)
-    beyond = session.limit(number, 0.8)
-    settled(session, number, Motion(np.eye(3), 0.1 * move))
-    fixed = session.state.group(beyond).vertices
-    assert fixed.tolist() == np.flatnonzero(away > 0.8).tolist()
-    assert np.array_equal(session.shown[fixed], V[fixed])
-    session.remove(number)
-    assert [group.number for group in session.state.groups] == [beyond]
-
-
-@pytest.mark.parametrize("ends", ["remove", "unlink"])
-def test_without_the_last_falloff_the_settings_before_the_first_come_back(ends):
-    session = begun(BALL)
-    number = added(session, caps(both=False), "moving")
-    session.set_up(Settings("fine", volume=True, area=False))
-    session.fade(number, 1.0)
-    ring = session.fade(number, 0.8)  # replaces the surroundings
-    assert session.state.settings == Settings("fine", volume=False, area=False)
-    getattr(session, ends)(ring)
-    assert session.state.settings == Settings("fine", volume=True, area=False)
-    session.undo()
-    assert session.state.settings == Settings("fine", volume=False, area=False)
-    session.set_up(Settings("fast", volume=False, area=True))  # a choice of the user stands
-    getattr(session, ends)(ring)
-    assert session.state.settings == Settings("fast", volume=False, area=True)
-
-
-def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_continues(monkeypatch):
+def test_a_mirrored_group_that_is_saved_repeats_and_continues(monkeypatch):
     session = begun(BALL)
     session.mirror_picks(0)
     number = added(session, caps(both=False), "moving")
-    with pytest.raises(InputError, match="no free vertex is nearer than 0.01"):
-        session.fade(number, 0.01)
-    session.fade(number, 0.8)
     added(session, np.flatnonzero(BALL.V[:, 1] < -0.9), "static")
     settled(session, number, turned(BALL.V, 0.2))
     groups = session.state.groups
-    assert [group.fades for group in groups] == [False, False, True, True, False]
     assert_mirrored(groups[0], groups[1])
-    assert_mirrored(groups[2], groups[3])
     session.save("handles", "pose.json")
     session.save("mesh", "posed.ply")
     command = ["deform", "body.ply", "pose.json", "--options", "pose.json", "-o", "again.ply"]
@@ -196,7 +132,7 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
     gap = np.abs(read_arrays("again.ply")[0] - read_arrays("posed.ply")[0]).max()
     assert gap < 1e-9
     again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert not again.is_unsaved and again.state.settings == ("fast", False, False)
+    assert not again.is_unsaved and again.state.settings == ("fast", True, True)
     session.select(np.array([0]), "replace")  # writes a recovery file only after a change
     session.release(number, Motion(np.eye(3), np.zeros(3)))
     monkeypatch.setattr(recovery, "_is_running", lambda _: False)
@@ -207,18 +143,13 @@ def test_a_mirrored_group_fades_on_both_sides_and_what_is_saved_repeats_and_cont
             assert np.array_equal(one.vertices, new.vertices) and np.array_equal(one.target, new.target)
             assert (one.link is None) == (new.link is None)
             if one.link is not None:
-                assert one.link.axis == new.link.axis and one.fades == new.fades
-                if one.fades:
-                    assert np.allclose(one.link.influence, new.link.influence, atol=1e-12)
+                assert one.link.axis == new.link.axis
         leader = other.state.groups[0].number
         other.release(leader, Motion(np.eye(3), np.array([0.1, 0, 0])))
         assert_mirrored(*other.state.groups[:2])
-        assert_mirrored(*other.state.groups[2:4])
 
 
-@pytest.mark.parametrize(
-    "record", [None, 3, [], [None], [[0, None, 1]] * 3, [None, [5, 0, 0.0]], [None, "x"]]
-)
+@pytest.mark.parametrize("record", [None, 3, [], [None], [None, [5, 0, 0.0]], [None, "x"]])
 def test_records_of_links_that_another_program_changed_are_left_out(record):
     session = begun()
     for k in range(2):
@@ -228,19 +159,6 @@ def test_records_of_links_that_another_program_changed_are_left_out(record):
     Path("pose.json").write_text(json.dumps({**data, "links": record}))
     again = Session(Path("body.ply"), handles=Path("pose.json"))
     assert [group.link for group in again.state.groups] == [None, None]
-
-
-def test_vertices_that_another_group_takes_leave_a_follower_with_their_parts():
-    session = begun(BODY)
-    number = tip(session)
-    ring = session.fade(number, 1.2)
-    around = session.state.group(ring)
-    taken = around.vertices[::2]
-    added(session, taken, "static")
-    left = session.state.group(ring)
-    assert left.vertices.tolist() == around.vertices[1::2].tolist()
-    assert np.array_equal(left.link.influence, around.link.influence[1::2])
-    session.release(number, turned(BODY.V, 0.1))
 
 
 def test_a_mesh_without_symmetry_has_no_images():
@@ -258,24 +176,3 @@ def test_a_limit_spares_the_surroundings_of_the_image_too():
     one, other, fixed = session.state.groups
     away = along_edges(BALL, np.concatenate([one.vertices, other.vertices]))
     assert (away[fixed.vertices] > 0.3).all() and len(fixed.vertices) > 100
-
-
-@pytest.mark.parametrize("loses", [False, True])
-def test_followers_of_a_single_vertex_are_where_they_were_when_a_file_is_opened_again(loses):
-    session = begun(BODY)
-    added(session, np.flatnonzero(BODY.V[:, 2] < -0.8), "static")
-    top = int(BODY.V[:, 2].argmax())
-    near = np.flatnonzero(np.linalg.norm(BODY.V - BODY.V[top], axis=1) < 0.3)
-    number = added(session, near if loses else np.array([top]), "moving")
-    session.fade(number, 0.8)
-    turn = Rotation.from_rotvec([1, 0, 0]).as_quat()
-    session.release(number, Motion.about(BODY.V[top], turn, [0, 0.2, 0.3]))
-    if loses:
-        added(session, near[:5], "moving")
-    session.settle()
-    session.save("handles", "pose.json")
-    again = Session(Path("body.ply"), handles=Path("pose.json"))
-    again.settle()
-    assert np.abs(again.shown - session.shown).max() < 1e-9
-    fading = [group for group in again.state.groups if group.fades]
-    assert len(fading) == (0 if loses else 1)
