@@ -27,7 +27,7 @@ from sshade.slides import Slide
 CHANGED = ("positions", "labels", "selection")
 #: Commands that are methods of the session, without an argument and with the number of a group.
 PLAIN = ("undo", "redo", "recover", "discard")
-OF_GROUPS = ("remove", "restore", "unlink")
+OF_GROUPS = ("remove", "restore")
 
 
 class Commands:
@@ -179,14 +179,6 @@ class Commands:
         self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
         return self._answer(*CHANGED)
 
-    def do_mirror(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.mirror(_given(arguments, "group", int), _axis(arguments))
-        return self._answer(*CHANGED)
-
-    def do_symmetry(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.mirror_picks(None if arguments.get("axis") is None else _axis(arguments))
-        return self._answer()
-
     def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
         from scipy.spatial.transform import Rotation
 
@@ -289,7 +281,6 @@ class Commands:
                 "vertices": len(group.vertices),
                 "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
-                "follows": group.link and group.link.leader,
                 "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups
@@ -301,7 +292,6 @@ class Commands:
             "files": session.document.neighbours,
             "returns": session.document.is_in_memory,
             "picked": len(state.selection),
-            "symmetry": None if session.symmetry is None else "xyz"[session.symmetry],
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
@@ -345,13 +335,6 @@ def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:
     if type(value) is not kind:
         raise InputError(f'the command needs a {"text" if kind is str else "whole number"} "{name}"')
     return value
-
-
-def _axis(arguments: Mapping[str, Any]) -> int:
-    axis = _given(arguments, "axis", str)
-    if axis not in ("x", "y", "z"):
-        raise InputError(f'an axis is "x", "y" or "z", not {axis!r}')
-    return "xyz".index(axis)
 
 
 def _numbers(arguments: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.edit.following import linked, recorded
 from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
@@ -20,7 +19,7 @@ from sshade.errors import InputError
 from sshade.handle_checks import extent_of
 from sshade.handles import Handles
 from sshade.io.document import MeshFile
-from sshade.io.entries import LINKS, HandleFile, handle_file_of, read_handle_file
+from sshade.io.entries import HandleFile, handle_file_of, read_handle_file
 from sshade.io.files import check_output, is_same_file, naming
 from sshade.io.gltf import buffer_files
 from sshade.io.handles import on_surface, write_handles
@@ -191,7 +190,7 @@ class Document:
             raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_surface(file, self._surface)
         names = {entry.number: entry.name for entry in file.entries}
-        groups = linked(self.mesh, groups_of(handles, names, first=first), file.links)
+        groups = groups_of(handles, names, first=first)
         return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
@@ -243,8 +242,7 @@ class Document:
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
         made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
-        links = {LINKS: recorded(state.groups)} if any(group.link for group in state.groups) else {}
-        write_handles(path, handles, names=names, about={"made": made, **links}, static_at_rest=True)
+        write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
         self._propose("handles", path)
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sshade.edit.links import Link, reflection
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
@@ -51,12 +50,6 @@ class Motion(NamedTuple):
         R = Rotation.from_quat(quaternion).as_matrix() if np.any(quaternion[:3]) else np.eye(3)
         return cls(R, pivot - R @ pivot + move)
 
-    def mirrored(self, axis: int, centre: np.ndarray) -> Motion:
-        """Return the mirror image of the motion across a coordinate, in a plane through `centre` (3,)."""
-        S = reflection(axis)
-        R = S @ self.R @ S
-        return Motion(R, S @ (self.R @ centre + self.t - centre) + centre - R @ centre)
-
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Move points (k, 3)."""
         if np.array_equal(self.R, np.eye(3)) and not self.t.any():
@@ -85,8 +78,6 @@ class Group:
         Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
     slide : Slide, optional
         Set on which the vertices slide; None keeps them at their targets.
-    link : Link, optional
-        How the group follows another group.
 
     Raises
     ------
@@ -103,7 +94,6 @@ class Group:
     turn: np.ndarray | None = None
     is_prescribed: bool = False
     slide: Slide | None = None
-    link: Link | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("static", "moving"):

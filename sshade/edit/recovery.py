@@ -16,9 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.edit.following import recorded
 from sshade.edit.groups import Group
-from sshade.edit.links import Link
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
 from sshade.io.entries import REST, parsed_slide
@@ -104,9 +102,8 @@ class Recovery:
                 **{name: getattr(group, name) for name in FIELDS},
                 "weight": group.weight if isfinite(group.weight) else None,
                 "slide": group.slide and dict(group.slide.record),
-                "link": link,
             }
-            for group, link in zip(state.groups, recorded(state.groups), strict=True)
+            for group in state.groups
         ]
         facts = {"mesh": self._digest, "process": _process(), "settings": state.settings, "groups": groups}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
@@ -132,9 +129,6 @@ class Recovery:
                 fields["weight"] = inf if entry["weight"] is None else entry["weight"]
                 fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
-                match entry["link"]:
-                    case [place, int(axis), *_]:
-                        fields["link"] = Link(groups[place].number, axis, groups[place].slide)
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )

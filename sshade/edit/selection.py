@@ -8,15 +8,8 @@ from sshade.errors import InputError
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 
-#: Ways to change a selection that take vertices, and all ways.
-TAKING = ("replace", "add", "remove")
-WAYS = (*TAKING, "all", "none", "invert", "grow", "shrink", "linked")
-
-
-def require_vertices(mesh: Mesh, vertices: np.ndarray) -> None:
-    """Raise InputError unless an array holds ids (k,) of vertices."""
-    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
-        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
+#: Ways to change a selection. The first three take vertices.
+WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
 
 
 def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
@@ -45,7 +38,8 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     """
     if how not in WAYS:
         raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
-    require_vertices(mesh, vertices)
+    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
+        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
     chosen = np.zeros(mesh.n, dtype=bool)
     chosen[before] = how not in ("replace", "none")
     if how in ("replace", "add", "remove"):

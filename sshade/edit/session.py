@@ -10,7 +10,7 @@ import numpy as np
 
 from sshade.edit.document import Document, Given
 from sshade.edit.grouping import Grouping
-from sshade.edit.selection import TAKING, near, require_vertices, selected
+from sshade.edit.selection import near, selected
 from sshade.edit.state import History, Settings
 from sshade.errors import InputError
 from sshade.handles import Handles
@@ -79,11 +79,7 @@ class Session(Grouping):
             When a vertex is out of range, or `how` is another word.
         """
         with self._lock:
-            vertices = np.asarray(vertices)
-            if self.symmetry is not None and len(vertices) and how in TAKING:
-                require_vertices(self.mesh, vertices)
-                vertices = np.union1d(vertices, self._images(vertices, self.symmetry))
-            new = selected(self.mesh, self.state.selection, vertices, how)
+            new = selected(self.mesh, self.state.selection, np.asarray(vertices), how)
             if not np.array_equal(new, self.state.selection):
                 self._push(replace(self.state, selection=new))
 

@@ -61,10 +61,8 @@ class State:
     shape: np.ndarray | None = None
 
     def same_shape(self, other: State) -> bool:
-        """Whether both states have the same settings and groups, except for names and links of groups."""
-        own, others = (
-            [{**vars(group), "name": "", "link": None} for group in state.groups] for state in (self, other)
-        )
+        """Whether both states have the same settings and groups, except for names of groups."""
+        own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
         return same and len(own) == len(others) and self.settings == other.settings
 
@@ -95,21 +93,8 @@ class State:
         old = self.group(number)
         return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
-    def led(self, number: int) -> tuple[Group, int | None]:
-        """Return the group that takes along a group: itself or its leader, and the axis of the mirror if any.
-
-        Raises
-        ------
-        InputError
-            When there is no such group.
-        """
-        group = self.group(number)
-        if group.link is None:
-            return group, None
-        return self.group(group.link.leader), group.link.axis
-
     def moved(self, number: int, motion: Motion) -> State:
-        """Return a state with a group moved from its current place. Its followers stay.
+        """Return a state with a group moved from its current place.
 
         Raises
         ------

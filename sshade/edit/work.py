@@ -9,9 +9,7 @@ import numpy as np
 
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
-from sshade.edit.following import followed
 from sshade.edit.groups import Group, Motion
-from sshade.edit.links import middle
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import History, Settings, State
 from sshade.errors import InputError
@@ -113,7 +111,7 @@ class Work:
         """
         with self._following:
             with self._lock:
-                groups, state = self.state.groups, self._moved(number, motion)
+                groups, state = self.state.groups, self.state.moved(number, motion)
                 self._revision += 1
                 revision, shape = self._revision, self.shown
             if self._dragged is None or self._dragged[0] is not groups:
@@ -139,15 +137,7 @@ class Work:
             When there is no such group, or it is static.
         """
         with self._lock:
-            self._push(self._moved(number, motion))
-
-    def _moved(self, number: int, motion: Motion) -> State:
-        """Return a state with a moved group and its followers. A mirror image moves its leader."""
-        group, axis = self.state.led(number)
-        if axis is not None:
-            motion = motion.mirrored(axis, middle(self.mesh))
-        state = self.state.moved(group.number, motion)
-        return replace(state, groups=followed(self.mesh, state.groups))
+            self._push(self.state.moved(number, motion))
 
     def settle(self, progress: Progress = silent) -> None:
         """Compute the converged shape, as ``sshade deform`` does, unless it is known, and show it.
@@ -185,8 +175,6 @@ class Work:
     def _push(self, state: State) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
         before = self.state
-        if any(group.link for group in state.groups):
-            state = replace(state, groups=followed(self.mesh, state.groups))
         if not state.same_shape(before):
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
         self.history.push(state)

@@ -36,9 +36,9 @@ SLIDES = ("plane", "line", "axes", "surface")
 FRAMES = "frames"
 #: Stands for the rest shape as the surface of a slide, until the mesh is known.
 REST = "rest"
-#: Keys that this project writes into entries and files, and that readers of handles ignore.
-LINKS = "links"
-RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", LINKS)
+#: Keys that this project writes into entries and files, and that readers of handles ignore. "links" is in
+#: files of earlier editors.
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Value for handles without a prescribed rotation.
@@ -96,8 +96,6 @@ class HandleFile(NamedTuple):
     made : mapping
         Options that the editor recorded.
     volumes : list of VolumeEntry
-    links
-        What the editor recorded about groups that follow other groups, without checks; None without records.
     """
 
     entries: list[Entry]
@@ -105,7 +103,6 @@ class HandleFile(NamedTuple):
     implicit_arap: bool = False
     made: Mapping[str, Any] = {}
     volumes: Sequence[VolumeEntry] = ()
-    links: Any = None
 
     @property
     def surfaces(self) -> list[Path]:
@@ -159,7 +156,7 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
     made = data.get("made")
     volumes = volume_entries(data.get("volumes", []))
     made = made if isinstance(made, dict) else {}
-    return HandleFile(entries, raw, made=made, volumes=volumes, links=data.get(LINKS))
+    return HandleFile(entries, raw, made=made, volumes=volumes)
 
 
 def entry_name(number: int, name: str) -> str:

@@ -42,7 +42,6 @@ export class Panel {
       byId(kind).addEventListener("click", () => ask("mark", { kind }));
     }
     for (const name of ["undo", "redo", "recover"]) byId(name).addEventListener("click", () => ask(name));
-    byId("symmetry").addEventListener("change", ({ target }) => ask("symmetry", { axis: target.value || null }));
     byId("discard").addEventListener("click", () => {
       if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
     });
@@ -58,7 +57,6 @@ export class Panel {
     byId("name").textContent = mesh.name;
     byId("counts").textContent = `${whole(mesh.vertices)} vertices, ${whole(mesh.faces)} faces`;
     byId("picked").textContent = whole(facts.picked);
-    byId("symmetry").value = facts.symmetry ?? "";
     byId("static").disabled = byId("moving").disabled = facts.picked === 0;
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
@@ -99,8 +97,7 @@ export class Panel {
     byId("quit").textContent = returns ? "Return to Python" : "End";
     byId("change").replaceChildren(...["Open mesh …", ...others].map((file, i) => element("option", { value: i ? file : "", textContent: file })));
     const at = document.activeElement?.dataset.at; // the same place keeps the focus
-    const around = { files, scale, names: new Map(groups.map(({ number, name }) => [number, name])) };
-    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, around)));
+    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
     if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });
     this.active = active;
     if (at) byId("groups").querySelector(`[data-at="${at}"]`)?.focus();
@@ -132,10 +129,6 @@ export class Panel {
     const head = element("div", { className: "head" }, choose, name,
       element("span", { className: "small", textContent: whole(group.vertices) }));
     const made = element("li", { className: `${kind}${active ? " active" : ""}` }, head, element("div", { className: "row small" }, kinds, remove));
-    if (group.follows !== null) {
-      const stop = button("unlink", "let the group stay where it is, and follow no longer", () => this.ask("unlink", { group: number }));
-      made.append(element("div", { className: "row small" }, `mirrors ${around.names.get(group.follows)} `, stop));
-    }
     if (active) made.append(...this.details(group, around, button));
     return made;
   }
@@ -157,8 +150,6 @@ export class Panel {
     far.onchange = () => {
       this.far = far.value; // also for the next group
     };
-    const axis = element("select", { className: "axis" }, ...["x", "y", "z"].map((name) => element("option", { textContent: name })));
-    axis.setAttribute("aria-label", "axis of the mirror");
     const rows = [
       this.slide(group, files),
       element("div", { className: "row small" }, element("label", {}, "weight ", weight),
@@ -179,9 +170,6 @@ export class Panel {
     };
     rows.push(form, element("div", { className: "row small" },
       button("limit to", "fix everything farther away than this distance along the edges", () => this.ask("limit", { group: number, distance: Number(far.value) })), far));
-    if (group.follows !== null) return rows;
-    rows.push(element("div", { className: "row small" },
-      button("mirror in", "the opposite side moves whenever this group moves, mirrored in the middle of the mesh", () => this.ask("mirror", { group: number, axis: axis.value })), axis));
     return rows;
   }
 

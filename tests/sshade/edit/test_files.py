@@ -1,5 +1,6 @@
 """A session without a browser: saved files, and the command that repeats them."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,17 @@ def test_saved_groups_are_opened_as_they_were():
     # The targets of a region determine its rotation. A single vertex needs a stored rotation.
     assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
     assert np.allclose(again.state.groups[2].rotation, rotation(1))
+
+
+def test_a_file_with_groups_that_follow_others_is_opened_with_all_groups_at_their_places():
+    session, number = ready()
+    session.release(number, LIFT)
+    session.save("handles", "pose.json")
+    data = json.loads(Path("pose.json").read_text())
+    Path("pose.json").write_text(json.dumps({**data, "links": [None, [0, None, 0.5]]}))
+    again = Session(Path("body.ply"), handles=Path("pose.json"))
+    assert_same_groups(session.state.groups, again.state.groups)
+    assert main(["deform", "body.ply", "pose.json", "-o", "posed.ply"]) == 0
 
 
 @pytest.mark.parametrize("single", [True, False])

@@ -1,12 +1,12 @@
-"""A session without a browser: vertices are picked, and groups are marked, limited and mirrored."""
+"""A session without a browser: vertices are picked, and groups are marked and limited."""
 
 import numpy as np
 import pytest
 
-from sshade import InputError, Slide
+from sshade import InputError
 from sshade.edit.groups import Motion
-from tests.shapes import beside, icosphere, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, tip, turned
+from tests.shapes import beside, rotation, shifted
+from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, tip
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -67,34 +67,6 @@ def test_a_limited_group_moves_nothing_beyond_the_distance():
     assert moved[made.vertices].max() == 0 and np.allclose(moved[own], 0.2)
     between = np.setdiff1d(near, own)
     assert len(between) and 0.01 < moved[between].mean() < 0.2
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_a_mirrored_group_makes_a_symmetric_shape(axis):
-    ball = icosphere(3)  # symmetric in all coordinate planes
-    session = begun(ball)
-    S = np.diag(np.where(np.arange(3) == axis, -1.0, 1.0))
-    aside = np.eye(3)[axis] + 0.2
-    side = ball.V @ (aside / np.linalg.norm(aside))
-    number = added(session, np.flatnonzero(side > 0.9), "moving")
-    session.alter(number, slide=Slide.plane(aside), weight=5.0)
-    session.release(number, turned(ball.V, 0.3))
-    partner = session.mirror(number, axis)
-    new = session.state.group(partner)
-    group = session.state.group(number)
-    for one, other in zip(group.vertices, group.target, strict=True):
-        (place,) = np.flatnonzero(np.linalg.norm(ball.V[new.vertices] - ball.V[one] @ S, axis=1) < 1e-9)
-        assert np.allclose(new.target[place], other @ S, atol=1e-9)
-    assert np.allclose(new.turn, S @ group.turn @ S) and new.weight == 5.0
-    assert np.allclose(np.abs(new.slide.across @ S @ group.slide.across.T), 1)
-    session.alter(number, slide=None)
-    session.release(number, turned(ball.V, 0.1))
-    partner = session.mirror(number, axis)  # replaces the mirrored group
-    again = session.state.group(partner)
-    assert [g.number for g in session.state.groups] == [number, again.number] and again.slide is None
-    session.select(np.flatnonzero(np.abs(ball.V[:, axis]) < 1e-9), "replace")
-    with pytest.raises(InputError, match="on both sides"):
-        session.mirror(session.mark("moving"), axis)
 
 
 def test_local_axes_have_the_normal_as_z_and_turn_with_the_group():

@@ -146,7 +146,6 @@ def test_a_request_says_how_long_it_is_and_is_not_too_long(server, monkeypatch):
         ("alter", {"group": 1, "weight": "NaN"}, '"weight"'),
         ("reach", {"distance": "far"}, '"distance"'),
         ("limit", {"group": 9, "distance": 1}, "no group 9"),
-        ("mirror", {"group": 1, "axis": "w"}, "an axis is"),
         ("frame", {}, '"group"'),
         ("recover", {}, "nothing to recover"),
     ],

@@ -7,10 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.edit.session import Session
-from sshade.io.handles import read_handles
-from sshade.io.meshes import write_mesh
 from tests.browser import changed, opened, pixels, portion
-from tests.shapes import icosphere
 from tests.sshade.edit.lent import lent
 from tests.sshade.edit.sessions import BODY, ready, upright
 from tests.sshade.edit.test_page import asked, drag, release
@@ -144,10 +141,7 @@ def test_the_rest_shape_edges_roll_and_up_axis_change_the_view_alone(page, sessi
     assert changed(opened, shown()) < 0.002 and session.state is state
 
 
-def test_buttons_mirror_limit_and_pick_by_distance(page, session):
-    asked(page, "mirror", page.get_by_role("button", name="mirror in").click)
-    page.wait_for_selector("#message:has-text('lies on both sides')")
-    page.said.clear()  # the browser notes the refusal
+def test_buttons_limit_and_pick_by_distance(page, session):
     page.get_by_label("distance of the limit").fill("1")
     asked(page, "limit", page.get_by_role("button", name="limit to").click)
     page.wait_for_selector("#groups li:nth-child(3)")
@@ -168,31 +162,6 @@ def open_mesh(page, name):
     with page.expect_navigation():
         page.get_by_label("open another mesh").select_option(name)
     page.wait_for_selector(f"#name:text-is('{name}')")
-
-
-def test_symmetry_moves_both_sides_and_shows_who_follows_whom(page):
-    ball = icosphere(3)
-    write_mesh("ball.ply", ball.V, ball.F)
-    open_mesh(page, "ball.ply")
-    asked(page, "symmetry", lambda: page.get_by_label("symmetry").select_option("x"))
-    page.locator("#tools label", has_text="Click").click()
-    box = page.locator("#stage").bounding_box()
-    x, y = box["x"] + 0.65 * box["width"], box["y"] + box["height"] / 2
-    asked(page, "select", lambda: page.mouse.click(x, y))
-    page.wait_for_selector("#picked:text-is('2')")
-    asked(page, "mark", page.get_by_role("button", name="Make movable").click)
-    page.wait_for_selector("#groups li:nth-child(2)")
-    assert "mirrors group 1" in page.locator("#groups li").all_inner_texts()[1]
-    drag(page, gizmo(page), (60, -30))
-    release(page)
-    asked(page, "save", page.get_by_role("button", name="Save handles").click)
-    page.wait_for_selector("#command:has-text('ball')")
-    saved = read_handles("ball_handles.json", ball)
-    one, other = (saved.target[saved.group == k][0] for k in range(2))
-    assert np.allclose(other, one * [-1, 1, 1], atol=1e-6)
-    assert np.linalg.norm(one - ball.V[saved.index[saved.group == 0][0]]) > 0.1
-    asked(page, "unlink", page.locator("#groups li").nth(1).get_by_role("button", name="unlink").click)
-    assert page.get_by_role("button", name="unlink").count() == 0
 
 
 def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
