@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
-from functools import partial
 from pathlib import Path
 from time import localtime, strftime
 from typing import TYPE_CHECKING
@@ -105,12 +104,10 @@ def _edit(options: argparse.Namespace) -> int:
     for offer in session.recovery.offers:
         when = strftime("%d %b, %H:%M", localtime(offer.time))
         say(f"note: {offer.path} has unsaved work of {when}; recover it on the page or with --recover")
-    another = partial(Session, settings=settings, **further)
-    server = Server(session, port=options.port, up=options.up, another=another)
+    server = Server(session, port=options.port, up=options.up)
     try:
         _serve(server, browser=not options.no_browser)
     finally:  # also when a signal ends the program
-        session = server.session
         if session.is_unsaved:
             kept = session.trouble or f"{session.recovery.path} keeps them for the next start"
             say(f"note: the handles were not saved; {kept}")

@@ -43,15 +43,11 @@ class Commands:
     progress : Progress
     up : {"y", "z"}
         Axis that points up when the page opens.
-    number : int
-        Tells a page whether another mesh was opened.
     """
 
-    def __init__(
-        self, session: Session, progress: Progress = silent, *, up: str = "y", number: int = 0
-    ) -> None:
+    def __init__(self, session: Session, progress: Progress = silent, *, up: str = "y") -> None:
         self._session, self._progress = session, progress
-        self._opened = {"up": up, "number": number, "coloured": session.document.is_coloured}
+        self._opened = {"up": up, "coloured": session.document.is_coloured}
         self._opened["skin"] = session.document.has_skin
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal

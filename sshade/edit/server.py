@@ -15,11 +15,9 @@ import json
 import logging
 import secrets
 import socket
-from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from pathlib import Path
 from select import select
 from threading import Condition, Thread
 from typing import Any
@@ -69,13 +67,10 @@ class Server(ThreadingHTTPServer):
         0 selects a free port.
     up : {"y", "z"}
         Axis that points up when the page opens.
-    another : callable, optional
-        ``another(path)`` returns a session of another mesh; without it the page opens no other mesh.
 
     Attributes
     ----------
     session : Session
-        Current session.
     address : str
         Address to open in a browser.
 
@@ -87,17 +82,10 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(
-        self,
-        session: Session,
-        *,
-        port: int = 0,
-        up: str = "y",
-        another: Callable[[Path], Session] | None = None,
-    ) -> None:
+    def __init__(self, session: Session, *, port: int = 0, up: str = "y") -> None:
         self.token = secrets.token_urlsafe(24)
-        self._up, self._another, self._number = up, another, 0
-        self._use(session)
+        self.session, self.vertices = session, session.mesh.n
+        self.commands = Commands(session, self.progress, up=up)
         try:
             super().__init__(("127.0.0.1", port), _Handler)
         except (OSError, OverflowError) as error:
@@ -108,26 +96,6 @@ class Server(ThreadingHTTPServer):
         self._changed = Condition()
         self._stage: dict[str, Any] | None = None
         self._closed = False
-
-    def _use(self, session: Session) -> None:
-        self.session, self.vertices = session, session.mesh.n
-        self._number += 1
-        self.commands = Commands(session, self.progress, up=self._up, number=self._number)
-
-    def change(self, name: str) -> None:
-        """Open another mesh in the folder of the mesh. Unsaved work of this mesh stays in its recovery file.
-
-        Raises
-        ------
-        InputError
-            When there is no such mesh file, or it cannot be read.
-        """
-        document = self.session.document
-        if self._another is None or name not in document.neighbours:
-            raise InputError(f"{name}: is no mesh file in the folder {document.folder}")
-        new, old = self._another(document.folder / name), self.session
-        self._use(new)
-        old.end(0)
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
         """Report the progress of a computation to the page."""
@@ -150,13 +118,13 @@ class Server(ThreadingHTTPServer):
 
     def stages(self, write: Any) -> None:
         """Write each new stage and version of the session, and a line from time to time, to one page."""
-        last: tuple[Any, int, int] = None, -1, 0
+        last: tuple[Any, int] = None, -1
         while not self._closed:
             with self._changed:
-                if (self._stage, self.session.version, self._number) == last:
+                if (self._stage, self.session.version) == last:
                     self._changed.wait(BEAT)
-                now = self._stage, self.session.version, self._number
-            told = {"stage": now[0] if now[0] is not last[0] else None, "version": now[1], "number": now[2]}
+                now = self._stage, self.session.version
+            told = {"stage": now[0] if now[0] is not last[0] else None, "version": now[1]}
             write((json.dumps(told) if now != last else "").encode() + b"\n")
             last = now
 
@@ -226,9 +194,6 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(commands.select(vertices, self._query.get("how", "")))
         elif name == "open":
             self._send(commands.open(content, self._query.get("name", "the file")[:200]))
-        elif name == "change":
-            self.server.change(self._query.get("name", ""))
-            self._send(b"{}", "application/json")
         elif name == "quit":
             self._send(b"{}", "application/json")
             self.server.close()

@@ -327,19 +327,6 @@ byId("snap").addEventListener("change", () => {
 byId("pivot").addEventListener("change", () => {
   if (byId("pivot").checked) byId("gizmo-bar").querySelector("[value=translate]").click();
 });
-byId("change").addEventListener("change", async ({ target }) => {
-  const name = target.value, kept = facts.unsaved ? "The handles are not saved; a recovery file keeps them. " : "";
-  target.value = "";
-  if (!name || (kept && !window.confirm(`${kept}Open ${name}?`))) return;
-  byId("busy").hidden = false;
-  byId("stage-text").textContent = `reading ${name}`;
-  await fetch(`change?name=${encodeURIComponent(name)}`, { method: "POST", body: "" }).then(async (response) => {
-    if (!response.ok) throw new Error((await response.json()).error);
-    reopen();
-  }).catch(complain).finally(() => {
-    byId("busy").hidden = true;
-  });
-});
 byId("reach").addEventListener("submit", (event) => {
   event.preventDefault();
   say(null);
@@ -429,13 +416,6 @@ function ended(sentence) {
   say(sentence);
 }
 
-// A second reload would abort the first.
-let reopening = false;
-function reopen() {
-  if (!reopening) location.reload();
-  reopening = true;
-}
-
 // This request is answered until the editor ends, with the progress of computations.
 async function listen() {
   const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
@@ -444,8 +424,7 @@ async function listen() {
     const lines = text.split("\n");
     text = lines.pop();
     for (const line of lines.filter(Boolean)) {
-      const { stage: at, version, number } = JSON.parse(line);
-      if (facts && number !== facts.number) reopen(); // another page opened another mesh
+      const { stage: at, version } = JSON.parse(line);
       if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
       heard = version;
       behind ||= view.gizmo.dragging && version > facts?.version;

@@ -88,14 +88,11 @@ export class Panel {
     this.listed = null;
   }
 
-  list({ mesh, groups, files, scale, returns }, active) {
+  list({ groups, files, scale, returns }, active) {
     const text = JSON.stringify([groups, files, active]);
     if (text === this.listed) return; // keep an input in which the user is typing
     this.listed = text;
-    const others = files.filter((file) => file !== mesh.name);
-    byId("change").hidden = others.length === 0 || returns;
     byId("quit").textContent = returns ? "Return to Python" : "End";
-    byId("change").replaceChildren(...["Open mesh …", ...others].map((file, i) => element("option", { value: i ? file : "", textContent: file })));
     const at = document.activeElement?.dataset.at; // the same place keeps the focus
     byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
     if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });

@@ -16,7 +16,7 @@ from tests.sshade.edit.sessions import HIGH, LOW
 @contextmanager
 def lent(session: Session):
     """A server of a session, running."""
-    server = Server(session, another=Session)
+    server = Server(session)
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     with server:

@@ -12,7 +12,6 @@ import pytest
 from sshade import Mesh
 from sshade.edit import server as serving
 from sshade.edit.server import PAGE, Server
-from sshade.io.meshes import write_mesh
 from tests.sshade.edit.lent import ask, command, lent, mark, unpacked, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
 
@@ -260,26 +259,6 @@ def test_it_outlives_its_pages_and_tells_progress_to_the_next(monkeypatch):
         second.close()
         time.sleep(0.5)
         assert not server._closed and post(server, "undo") == 200
-
-
-def test_another_mesh_of_the_folder_is_opened_and_unsaved_work_is_offered_at_its_return():
-    write_mesh("other.ply", 2 * BODY.V, BODY.F)
-    Path("broken.ply").write_text("ply")
-    Path("deeper").mkdir()
-    write_mesh("deeper/hidden.ply", BODY.V, BODY.F)
-    with lent(begun()) as server:
-        mark(server)
-        for name in "deeper/hidden.ply", "../body.ply", "no.ply", "", "broken.ply":
-            assert post(server, f"change?name={name}") == 400
-            assert server.session.document.name == "body.ply"
-        first = server.session
-        assert post(server, "change?name=other.ply") == 200
-        answer = whole(server)
-        assert answer["mesh"]["name"] == "other.ply" and answer["groups"] == [] and answer["number"] == 2
-        assert post(server, "change?name=body.ply") == 200
-        assert len(command(server, "recover")["groups"]) == 2 and not first.recovery.path.exists()
-        server._another = None
-        assert post(server, "change?name=other.ply") == 400
 
 
 def test_it_ends_when_the_page_says_so():

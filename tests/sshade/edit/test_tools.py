@@ -155,27 +155,15 @@ def test_buttons_limit_and_pick_by_distance(page, session):
     page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
 
 
-def open_mesh(page, name):
-    page.reload()
-    page.wait_for_selector("#change:visible")
-    page.once("dialog", lambda dialog: dialog.accept())
-    with page.expect_navigation():
-        page.get_by_label("open another mesh").select_option(name)
-    page.wait_for_selector(f"#name:text-is('{name}')")
-
-
-def test_another_mesh_is_opened_and_its_colours_are_shown(page, session):
-    V, F = session.mesh.V, session.mesh.F
-    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in V.tolist()]
-    Path("red.obj").write_text("\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (F + 1).tolist()]))
-    open_mesh(page, "red.obj")
-    page.wait_for_selector("#stage[data-state=converged]")
-    page.wait_for_timeout(300)
-    stage = page.locator("#stage")
-
-    assert portion(pixels(stage), 0, least=100) > 0.05
-    page.get_by_text("Options").click()
-    page.get_by_label("colours and textures").uncheck()
-    page.wait_for_timeout(300)
-    assert portion(pixels(stage), 0, least=100) < 0.001
-    assert len(list(Path().glob("body.ply.recovery-*.npz"))) == 1
+def test_colours_of_the_file_are_shown(browser, here):
+    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in upright(BODY).V.tolist()]
+    Path("red.obj").write_text("\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (BODY.F + 1).tolist()]))
+    with lent(Session(Path("red.obj"))) as server, opened(browser, server.address) as page:
+        page.wait_for_selector("#stage[data-state=converged]")
+        page.wait_for_timeout(300)
+        stage = page.locator("#stage")
+        assert portion(pixels(stage), 0, least=100) > 0.05
+        page.get_by_text("Options").click()
+        page.get_by_label("colours and textures").uncheck()
+        page.wait_for_timeout(300)
+        assert portion(pixels(stage), 0, least=100) < 0.001
