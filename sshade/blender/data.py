@@ -14,7 +14,7 @@ from mathutils import Matrix
 from sshade.edit.groups import Motion
 from sshade.errors import InputError
 
-from .rig import RIGID, Group, Rig, rigid
+from .rig import RIGID, STILL, Group, Rig, rigid
 
 #: Name of the shape keys that the extension makes, and of temporary data.
 KEY, TEMPORARY = "SShaDe", ".sshade"
@@ -133,7 +133,7 @@ def read_rig(obj: bpy.types.Object) -> Rig:
     return Rig(rest_positions(obj.data), triangles(obj.data), groups)
 
 
-def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
+def read_motions(obj: bpy.types.Object) -> list[Motion]:
     """Return the present motion of each handle, in the coordinates of the object.
 
     Raises
@@ -146,22 +146,17 @@ def read_motions(obj: bpy.types.Object, rig: Rig) -> list[Motion]:
         raise InputError(
             f"object {obj.name!r} has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"
         )
-    return [_motion(obj, rig, number, handle) for number, handle in enumerate(obj.sshade.handles)]
+    return [_motion(obj, handle) for handle in obj.sshade.handles]
 
 
-def _motion(obj: bpy.types.Object, rig: Rig, number: int, handle: Any) -> Motion:
-    matrix = Matrix()
-    if handle.kind == "EMPTY":
-        if handle.empty is None or not handle.empty.users_scene:  # a deleted one stays in the file
-            raise InputError(
-                f"handle {handle.name!r} follows an empty, but has none in a scene; choose or add one"
-            )
-        matrix = relative(obj, handle.empty) @ handle.rest
-    elif handle.kind == "OWN":
-        pivot = Matrix.Translation(rig.centroid(number))
-        turn = handle.rotation.to_matrix().to_4x4()
-        matrix = Matrix.Translation(handle.location) @ pivot @ turn @ pivot.inverted()
-    motion = rigid(np.array(matrix))
+def _motion(obj: bpy.types.Object, handle: Any) -> Motion:
+    if handle.kind == "FIXED":
+        return STILL
+    if handle.empty is None or not handle.empty.users_scene:  # a deleted one stays in the file
+        raise InputError(
+            f"handle {handle.name!r} follows an empty, but has none in a scene; choose or add one"
+        )
+    motion = rigid(np.array(relative(obj, handle.empty) @ handle.rest))
     if motion is None:
         raise InputError(
             f"empty {handle.empty.name!r} was scaled, or the object's scale was applied; set the scale back, "
@@ -213,6 +208,5 @@ def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
     mesh.attributes["position"].data.foreach_set("vector", V.ravel())
     mesh.update()
     for handle in obj.sshade.handles:
-        handle.location, handle.rotation = (0, 0, 0), (0, 0, 0)
         if handle.empty is not None:
             handle.rest_here()

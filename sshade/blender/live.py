@@ -55,7 +55,7 @@ class Live:
 
     def __init__(self, obj: bpy.types.Object) -> None:
         self.rig = read_rig(obj)
-        motions = read_motions(obj, self.rig)
+        motions = read_motions(obj)
         self._corners = corners(obj.data)
         self._drag = Drag(self.rig)
         self._uid, self._left = obj.session_uid, 0
@@ -96,7 +96,7 @@ class Live:
         if not self._same_handles(obj):
             raise InputError("the live mode ended, because the list of handles changed; start it again")
         try:
-            motions = read_motions(obj, self.rig)
+            motions = read_motions(obj)
         except InputError as error:
             tell(obj, str(error))
             return False
@@ -123,14 +123,14 @@ class Live:
         if obj is not None and not edited(obj) and self._same_handles(obj):
             self.require_unchanged(obj)
             self._left = 0
-            self._motions = read_motions(obj, self.rig)
+            self._motions = read_motions(obj)
             self._drag.forget()
             self.key(obj).points.foreach_get("co", self._shape.ravel())
 
     def finish(self, obj: bpy.types.Object, method: str, output: str) -> None:
         """Write the converged shape of the present handles, as the operator Deform computes it."""
         rig = read_rig(obj)  # weights may be others than at the start
-        V = rig.deform(read_motions(obj, rig), method=method)
+        V = rig.deform(read_motions(obj), method=method)
         if output == "KEY":
             write_key(obj, self.key(obj), V)
         else:

@@ -54,13 +54,13 @@ class _OfMesh:
 
 
 class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
-    """Deform the mesh so that its handles are where their empties and transforms say"""
+    """Deform the mesh so that its handles are where their empties say"""
 
     bl_idname, bl_label = "sshade.deform", "Deform"
 
     def run(self, obj: bpy.types.Object) -> None:
         rig, settings = read_rig(obj), obj.sshade
-        V = rig.deform(read_motions(obj, rig), method=settings.method, progress=_show)
+        V = rig.deform(read_motions(obj), method=settings.method, progress=_show)
         if settings.output == "KEY":
             write_key(obj, add_key(obj), V)
         else:

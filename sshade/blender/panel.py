@@ -5,14 +5,13 @@ import bpy
 
 from . import live
 
-ICONS = {"FIXED": "LOCKED", "EMPTY": "EMPTY_AXIS", "OWN": "OBJECT_ORIGIN"}
-
 
 class SSHADE_UL_handles(bpy.types.UIList):
     """The handles of an object."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index) -> None:
-        layout.label(text=item.name or "(no group)", icon=ICONS[item.kind])
+        icon = "LOCKED" if item.kind == "FIXED" else "EMPTY_AXIS"
+        layout.label(text=item.name or "(no group)", icon=icon)
         layout.prop(item, "kind", text="", emboss=False)
 
 
@@ -40,7 +39,7 @@ class SSHADE_PT_panel(bpy.types.Panel):
         buttons.operator("sshade.handle_add", text="", icon="ADD")
         buttons.operator("sshade.handle_remove", text="", icon="REMOVE")
         if 0 <= settings.active < len(settings.handles):
-            self._draw_handle(box, layout, obj, settings.handles[settings.active])
+            self._draw_handle(box, obj, settings.handles[settings.active])
         layout.separator()
         layout.prop(settings, "method")
         layout.prop(settings, "output")
@@ -54,15 +53,12 @@ class SSHADE_PT_panel(bpy.types.Panel):
             layout.operator("sshade.live_start", icon="PLAY")
 
     @staticmethod
-    def _draw_handle(box, layout, obj, handle) -> None:
-        """Draw a handle. In the live mode only its transform can change."""
+    def _draw_handle(box, obj, handle) -> None:
+        """Draw a handle."""
         box.prop_search(handle, "name", obj, "vertex_groups", text="Group")
-        if handle.kind == "EMPTY":
+        if handle.kind != "FIXED":
             box.prop(handle, "empty")
             box.operator("sshade.empty_add", icon="EMPTY_AXIS")
-        elif handle.kind == "OWN":
-            layout.prop(handle, "location")
-            layout.prop(handle, "rotation")
 
 
 CLASSES = (SSHADE_UL_handles, SSHADE_PT_panel)

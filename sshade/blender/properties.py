@@ -22,10 +22,6 @@ def _choose_empty(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> Non
         handle.rest_here()
 
 
-def _set_transform(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> None:
-    handle.id_data.update_tag()  # or else a live mode does not hear of it
-
-
 class SSHADE_PG_handle(bpy.types.PropertyGroup):
     """A vertex group that is a handle. Its name is the name of the vertex group."""
 
@@ -35,7 +31,6 @@ class SSHADE_PG_handle(bpy.types.PropertyGroup):
         items=(
             ("FIXED", "Fixed", "The vertices stay at rest"),
             ("EMPTY", "Empty", "The vertices move and turn with an empty"),
-            ("OWN", "Transform", "The vertices move and turn by the values below"),
         ),
     )
     empty: PointerProperty(
@@ -45,18 +40,6 @@ class SSHADE_PG_handle(bpy.types.PropertyGroup):
         update=_choose_empty,
     )
     rest: FloatVectorProperty(size=(4, 4), subtype="MATRIX", default=IDENTITY, options={"HIDDEN"})
-    location: FloatVectorProperty(
-        name="Move",
-        description="Translation in the object's coordinates",
-        subtype="TRANSLATION",
-        update=_set_transform,
-    )
-    rotation: FloatVectorProperty(
-        name="Turn",
-        description="Rotation about the centre of the group",
-        subtype="EULER",
-        update=_set_transform,
-    )
 
     def rest_here(self) -> None:
         """Make the present place of the empty the place at which the mesh is at rest."""

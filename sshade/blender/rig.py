@@ -97,7 +97,7 @@ class Rig:
         if not groups:
             raise InputError("there are no handles; add vertex groups as handles in the panel SShaDe")
         if not any(group.moves for group in groups):
-            raise InputError("all handles are fixed; let one follow an empty, or give one a transform")
+            raise InputError("all handles are fixed; let one follow an empty")
         if len(F) == 0:
             raise InputError("the mesh has no faces")
         self.V = V
