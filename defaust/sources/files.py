@@ -1,4 +1,4 @@
-"""Find and read the files of registered meshes and animations. Error messages name the file."""
+"""Find and read the files of registered meshes. Error messages name the file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
-from defaust.sources.animations import SUFFIX, read_counts, read_frame
 from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
 from sshade import InputError
@@ -41,18 +40,15 @@ class Shape:
     Parameters
     ----------
     name : str
-        Name of the file without suffix, of the array, or of the frame.
+        Name of the file without suffix, or of the array.
     path : Path
     array : str
         Name of the positions in an archive; empty for other files.
-    frame : int, optional
-        Number of the frame in an animation.
     """
 
     name: str
     path: Path
     array: str = ""
-    frame: int | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -66,8 +62,6 @@ class Shape:
             if self.array:
                 arrays = read_npz(self.path, self.array, "F", what="readable as .npz")
                 return _numbers(arrays[self.array], arrays["F"])
-            if self.frame is not None:
-                return read_frame(self.path, self.frame)
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
             return read(self.path)
 
@@ -78,7 +72,7 @@ class Shape:
             yield
         except InputError as error:
             text = str(error).replace(f"{self.path.parent}{os.sep}", "")
-            inside = f", {self.name}" if self.array or self.frame is not None else ""
+            inside = f", {self.name}" if self.array else ""
             if not text.startswith(tuple(f"{path.name}:" for path in self.files)):
                 text = f"{self.path.name}{inside}: {text}"
             raise InputError(text) from error
@@ -111,39 +105,32 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
     Parameters
     ----------
     root : Path
-        A folder of meshes, an .npz file, an .anime file, or a folder with .anime files at any depth and no
-        other meshes. Each animation is a class with the meshes ``frame_0``, ``frame_1``, ...
+        A folder of meshes, or an .npz file.
     layout : str
         ``tosca``: files are named <class><number>.<suffix>. ``sequence``: all files are one sequence,
         sorted by name, but ``rest`` is first; numbers in the names are sorted as numbers. ``auto``: tosca if
-        all names fit. Animations and archives ignore the layout.
+        all names fit. Archives ignore the layout.
 
     Returns
     -------
     dict
         Meshes of each class.
     dict
-        Names of unusable meshes and animations, and the reasons.
+        Names of unusable meshes, and the reasons.
 
     Raises
     ------
     InputError
         When there is no usable mesh.
     """
-    if root.suffix.lower() == SUFFIX and root.is_file():
-        return _animations([root])
     if root.is_file():
         return {root.stem: _archive_shapes(root)}, {}
     files = mesh_files(root)
     if not files:
-        paths = [path for path in root.rglob(f"*{SUFFIX}") if path.is_file() and path.name[0] != "."]
-        if paths:
-            return _animations(sorted(paths, key=lambda path: _natural(path.stem)))
         deeper = sorted(path.name for path in root.iterdir() if path.is_dir() and mesh_files(path))
         where = f"one of its folders ({', '.join(deeper)})" if deeper else "their folder"
         raise InputError(
-            f"{root} holds no meshes ({', '.join((*SUFFIXES, SUFFIX))}); set source.root to {where}, or to "
-            "an .npz"
+            f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to {where}, or to an .npz"
         )
     names = sorted(files, key=lambda name: (name.lower() != "rest", _natural(name)))
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
@@ -160,24 +147,6 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
         if found := match[name]:
             classes.setdefault(found[1], []).append(Shape(name, files[name]))
     return {name: tuple(classes[name]) for name in sorted(classes)}, dict.fromkeys(unfit, NO_CLASS)
-
-
-def _animations(paths: Sequence[Path]) -> tuple[Classes, dict[str, str]]:
-    found: Classes = {}
-    unreadable: dict[str, str] = {}
-    for path in paths:
-        if path.stem in found or path.stem in unreadable:
-            raise InputError(f"{path}: another file is called {path.name}; rename one of the files")
-        try:
-            with Shape(path.stem, path).named():
-                frames = read_counts(path).frames
-        except InputError as error:
-            unreadable[path.stem] = str(error)
-        else:
-            found[path.stem] = tuple(Shape(f"frame_{k}", path, frame=k) for k in range(frames))
-    if not found:
-        raise InputError(unreadable[paths[0].stem])
-    return found, unreadable
 
 
 def existing(root: Any, *, option: str) -> Path:

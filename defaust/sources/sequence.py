@@ -1,4 +1,4 @@
-"""Meshes in vertex correspondence, read from the user's own files: TOSCA, animations, archives."""
+"""Meshes in vertex correspondence, read from the user's own files: TOSCA, folders, archives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from defaust.folder.layout import sha256
 from defaust.schema import mismatch
-from defaust.sources.animations import far_frames
 from defaust.sources.choices import check_choice, require_choice, require_landmarks, shortened
 from defaust.sources.files import LAYOUTS, Classes, Shape, existing, find_shapes
 from defaust.sources.source import Source, SourcePose, provenance_texts
@@ -72,7 +71,7 @@ class _Class:
 
 @dataclass(frozen=True)
 class RegisteredSequence(Source):
-    """Source of registered sequences; a subject is a class of files, an animation, or the only sequence.
+    """Source of registered sequences; a subject is a class of files, or the only sequence.
 
     Meshes may have boundaries, edges of more than two faces, and several components. Vertices without a
     face, and faces that repeat a vertex or another face, are removed. Files of a class may list the same
@@ -82,8 +81,8 @@ class RegisteredSequence(Source):
     Parameters
     ----------
     root : path
-        A folder of .ply, .off, .obj, .vert with .tri, or .mat files; an .npz file with positions V_0, V_1,
-        ... and triangles F; or .anime files, each of which is a class.
+        A folder of .ply, .off, .obj, .vert with .tri, or .mat files; or an .npz file with positions V_0,
+        V_1, ... and triangles F.
     facts : mapping
         ``title``, ``origin``, ``unit``, ``axes``, ``licence``, ``citation``.
     layout : str
@@ -96,10 +95,7 @@ class RegisteredSequence(Source):
     rest_pose : str, optional
         Name of the rest pose; by default a mesh named ``rest``, or else the first mesh of the class.
     poses_used : sequence of str, optional
-        Names of the target poses, which keep the order of the files; by default all other meshes, or `frames`
-        frames of an animation.
-    frames : int
-        Maximum number of target poses of an animation; see :func:`defaust.sources.animations.far_frames`.
+        Names of the target poses, which keep the order of the files; by default all other meshes.
     landmarks : int or mapping
         Number of landmarks, sampled farthest from each other on the rest pose; or the vertex of each
         landmark by name, as the file counts vertices (for one class only). Every pose uses all of them.
@@ -119,7 +115,6 @@ class RegisteredSequence(Source):
     without: tuple[str, ...] = ()
     rest_pose: str | None = None
     poses_used: tuple[str, ...] | None = None
-    frames: int = 4
     landmarks: int | Mapping[str, int] = 8
     name: str = "sequence"
 
@@ -132,12 +127,8 @@ class RegisteredSequence(Source):
         if wrong:
             raise InputError(f"source.facts needs {', '.join(FACTS)}; look at {sorted(wrong)[0]!r}")
         without = self.without if isinstance(self.without, str) else list(self.without)
-        problem = mismatch(without, [str], "source.without")
-        problem = problem or mismatch(self.frames, int, "source.frames")
-        if problem:
+        if problem := mismatch(without, [str], "source.without"):
             raise InputError(problem)
-        if self.frames < 1:
-            raise InputError(f"source.frames is {self.frames}; it must be at least 1")
         if self.classes is not None:
             check_choice(self, "classes", known=self._found[0])
         names = [shape.name for one in self._subjects for shape in self._found[0][one.name]]
@@ -176,8 +167,6 @@ class RegisteredSequence(Source):
         sampled = isinstance(self.landmarks, int)
         names = [one.name for one in self._subjects]
         limits = [text.format(landmarks=texts["sampled" if sampled else "named"]) for text in texts["limits"]]
-        if self.poses_used is None and any(one.rest.frame is not None for one in self._subjects):
-            limits.append(texts["frames"].format(frames=self.frames))
         without = [name for name in self.without if name in self._found[0] and name not in names]
         return {
             **{name: str(self.facts[name]) for name in FACTS},
@@ -225,17 +214,12 @@ class RegisteredSequence(Source):
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The target poses, in order."""
         one = self._subjects[subject]
-        rest, targets = one.rest, one.targets
-        if rest.frame is not None and self.poses_used is None:
-            with rest.named():
-                frames = far_frames(rest.path, rest=rest.frame, count=self.frames)
-            targets = tuple(shape for shape in targets if shape.frame in frames)
-        if not targets:
+        if not one.targets:
             raise InputError(
-                f"the class {one.name} has no target pose besides its rest pose {rest.name}; "
+                f"the class {one.name} has no target pose besides its rest pose {one.rest.name}; "
                 "leave it out with source.classes or subjects"
             )
-        return tuple(SourcePose(shape.name, self.landmark_names, aligned=None) for shape in targets)
+        return tuple(SourcePose(shape.name, self.landmark_names, aligned=None) for shape in one.targets)
 
     def rest(self, subject: int) -> Mesh:
         """Rest mesh, oriented outward where possible."""

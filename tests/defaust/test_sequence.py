@@ -324,7 +324,6 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         ("source.landmarks={a:-1}", "the vertex of a is -1; give a number from 0 up"),
         ("source.landmarks={a:1,b:1}", "a shares vertex 1 with another landmark"),
         ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
-        ("source.frames=0", "source.frames is 0; it must be at least 1"),
         ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
         ("+source.facts.colour=red", "look at 'colour'"),
     ],

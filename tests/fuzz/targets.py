@@ -13,16 +13,14 @@ import numpy as np
 
 from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.files import Shape, find_shapes
-from defaust.sources.sequence import FACTS, RegisteredSequence
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
 from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.io.handles import read_handles
 from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
-from tests.defaust.test_animations import packed
 from tests.files import scratch
 from tests.gltf import glb
-from tests.shapes import bumpy, icosphere, tetrahedron
+from tests.shapes import bumpy, icosphere
 from tests.sshade.io.test_formats import OBJ, OFF, STL
 from tests.sshade.io.test_gltf import instanced
 from tests.sshade.io.test_ply import OLD_MESHLAB, ply
@@ -210,21 +208,6 @@ def _map_seeds() -> list[bytes]:
     return [b"", *changes, b"".join(changes[::9]), buffer.getvalue()]
 
 
-def _read_animation(data: bytes, folder: Path) -> None:
-    source = RegisteredSequence(
-        str(_put(folder, "a.anime", data)), facts=dict.fromkeys(FACTS, "none"), frames=2
-    )
-    source.rest(0)
-    for pose in source.poses(0):
-        source.posed(0, pose)
-
-
-def _animation_seeds() -> list[bytes]:
-    whole = packed([BODY.V + k * np.maximum(0, BODY.V[:, ::-1]) for k in (0, 0.1, 0.5, -0.5)], BODY.F)
-    small = tetrahedron()
-    return [whole, packed([small.V, 1.1 * small.V], small.F)]
-
-
 def _read_shapes(data: bytes, folder: Path) -> None:
     """The first byte chooses the format; a table of numbers has a sound second file beside it."""
     suffixes = (".mat", ".npz", ".vert", ".tri")
@@ -273,16 +256,12 @@ _JSON = [*b'"handles" "vertices" "source" "target" "kind" "static" [] {} [['.spl
 _YAML = b"handles: static: moving: positions: transform: &a *a !!python/object: ../ <<: {a: [".split()
 _MANIFEST = [*b'"files" "format" status ../ "subjects" "poses"'.split(), *_JSON]
 _MAP = [b"PK\x03\x04", b"\x93NUMPY", b"'descr'", b"'|O'"]
-_ANIMATION = tuple(struct.pack("<i", k) for k in (-1, 0, 2**31 - 1)) + tuple(
-    struct.pack("<f", x) for x in (np.nan, np.inf, 3e38, 1e-45)
-)
 
 TARGETS = {
     "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH.split(b";"), *NUMBERS)),
     "handles": Target(_read_json_handles, _json_seeds, (*_JSON, *NUMBERS)),
     "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
     "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),
-    "animation": Target(_read_animation, _animation_seeds, _ANIMATION),
     "shapes": Target(_read_shapes, _shape_seeds, tuple(NUMBERS)),
     "map": Target(_read_map, _map_seeds, tuple(_MAP)),
 }
