@@ -27,16 +27,14 @@ EPILOG = """examples:
   defaust build source=sequence source.root=MESHES out=DIR         your own meshes in correspondence
   defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
   defaust build source=animals out=data/animals                    cat, horse, elephant and lizard
-  defaust build source=scans out=data/scans                        koala, cat and hand
-  defaust build source=scans source.root=MESHES out=DIR            the same and your own armadillo.ply
   defaust verify DIR
   defaust info DIR"""
 
 BUILD_EPILOG = """Arguments have the form key=value. All options and their defaults are in
 conf/defaust/build.yaml, the options of a source in conf/defaust/source/NAME.yaml.
 The most important options:
-  source=NAME             synthetic (default), noisy, faust, tosca, sequence, shapes,
-                          scans or animals
+  source=NAME             synthetic (default), noisy, faust, tosca, sequence, shapes
+                          or animals
   source.root=DIR         folder of your own meshes
   out=DIR                 folder to make, or to resume after an interruption
   subjects=[0,1]          subjects to build; default: all

@@ -156,7 +156,7 @@ def _recipe(
         "name": f"defaust-{source.name}",
         "source": {
             "name": source.name,
-            **source.provenance_of(subjects),
+            **source.provenance,
             **({"files": dict(files)} if files else {}),
         },
         "build": build,

@@ -1,1 +1,1 @@
-"""Sources of registered shapes: synthetic bodies, FAUST, TOSCA, sequences, generated shapes, scans."""
+"""Sources of registered shapes: synthetic bodies, FAUST, TOSCA, sequences, generated shapes."""

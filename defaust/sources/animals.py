@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 
-from defaust.sources.scans import unpack
 from defaust.sources.source import Source, SourcePose, provenance_texts, read_asset
 from defaust.sources.synthetic import Bodies
 from sshade import Mesh
@@ -25,6 +24,32 @@ SHA256 = "69c8a02f0c09d0c1f3772acbfc24773d1a2873d2b5abdadbb3be30de57c7f1fa"
 #: Landmarks with handles in every pose, and additional ones where the whole animal is turned.
 BASE = ("nose", "ear_l", "ear_r", "forefoot_l", "forefoot_r", "hindfoot_l", "hindfoot_r", "tail_tip")
 MORE = ("shoulder_l", "shoulder_r", "hip_l", "hip_r", "back")
+
+
+def unpack(arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a mesh of the asset.
+
+    Parameters
+    ----------
+    arrays : mapping
+        ``corner`` (3,) and ``step`` () float64: the lattice. ``vertices`` (b, n, 3) and ``faces`` (b, m, 3)
+        uint8: differences of successive integers, one array for each of the b bytes.
+
+    Returns
+    -------
+    V : (n, 3) float64
+    F : (m, 3) int64
+    """
+    V = arrays["corner"] + arrays["step"] * np.cumsum(_integers(arrays["vertices"]), axis=0)
+    F = _integers(arrays["faces"])
+    F[:, 0] = np.cumsum(F[:, 0])
+    return V, np.cumsum(F, axis=1)
+
+
+def _integers(planes: np.ndarray) -> np.ndarray:
+    """Signed integers (k, 3) from their bytes (b, k, 3); odd numbers encode negative integers."""
+    unsigned = sum(plane.astype(np.int64) << 8 * k for k, plane in enumerate(planes))
+    return np.where(unsigned & 1, -(unsigned >> 1) - 1, unsigned >> 1)
 
 
 def decode(arrays: Mapping[str, np.ndarray]) -> Bodies:

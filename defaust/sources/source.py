@@ -100,10 +100,6 @@ class Source:
         """
         raise NotImplementedError
 
-    def provenance_of(self, subjects: Sequence[int]) -> Mapping[str, Any]:
-        """Facts for the card of a dataset of some subjects; `provenance` unless subjects differ in them."""
-        return self.provenance
-
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """sha256 of each file that the subjects are read from, by file name; InputError if one is missing."""
         return {}
@@ -124,15 +120,10 @@ class Source:
         return None
 
 
-def read_yaml(name: str) -> dict[str, Any]:
-    """Read a YAML file of the package's folder data."""
-    text = resources.files("defaust").joinpath(f"data/{name}.yaml").read_text(encoding="utf-8")
-    return yaml.safe_load(text)
-
-
 def provenance_texts(source: str) -> dict[str, Any]:
     """Texts of a source for the dataset card, from data/provenance.yaml."""
-    return read_yaml("provenance")[source]
+    text = resources.files("defaust").joinpath("data/provenance.yaml").read_text(encoding="utf-8")
+    return yaml.safe_load(text)[source]
 
 
 def read_asset(name: str, *, sha256: str) -> dict[str, np.ndarray]:

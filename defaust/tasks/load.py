@@ -83,8 +83,8 @@ def load_task(
         ``high``: the remeshed rest mesh, with handles snapped to its vertices. The ground truth is computed,
         which takes a second or two for 170,000 vertices. ``low``: the registered rest mesh; its ground truth
         is the registered target pose, or the pose without noise if that registration has noise. Both are the
-        same in a dataset built with target_vertices=null. Scans have no ground truth; generated shapes have
-        one at both resolutions, if it is known.
+        same in a dataset built with target_vertices=null. Generated shapes have a ground truth at both
+        resolutions, if it is known.
     raw : bool
         Keep the stored targets of handles whose vertex is at another position.
     source : str, optional

@@ -29,7 +29,7 @@ def test_module_runs_and_starts_light():
     [
         (["out=x", "source=faust"], "source.root is not set; add e.g. source.root=MPI-FAUST"),
         (["out=x", "window=[1]"], "window has 1 items, not 2"),
-        (["out=x", "source=[animals,scans]"], "names several sources; choose one"),
+        (["out=x", "source=[animals,shapes]"], "names several sources; choose one"),
         (["out=null"], "out=None is no folder; give a name"),
         (["out=x", "source.poses_used=[jump]"], "there is no 'jump'; choose from arms_up"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),

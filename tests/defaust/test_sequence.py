@@ -211,6 +211,7 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path, r
         assert len(set(with_landmark.tolist())) == components
     card = (out / "README.md").read_text()
     assert "subject 1 are not oriented manifolds" in card and "subject 3 have 2 components" in card
+    assert "Read from 15 files; `dataset.json`" in card
 
     facts = [subject["low"] for subject in document["subjects"]]
     facts[0]["boundary_loops"], facts[2]["boundary_loops"], facts[3]["components"] = 1, 0, 3

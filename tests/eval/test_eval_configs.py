@@ -28,7 +28,7 @@ def names(group):
 
 #: Experiments that generate their data.
 MAKING_DATA = (
-    *("resolution", "ablation_touching", "peers_shapes", "peers_scans"),
+    *("resolution", "ablation_touching", "peers_shapes"),
     *("animals_25k", "noisy_2mm", "noisy_170k"),
 )
 METHODS = methods("", "peer", "transfer")

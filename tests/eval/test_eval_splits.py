@@ -18,7 +18,6 @@ DEFAULT = {
     "synthetic": (range(10), range(1, 11)),
     "noisy": (range(10), range(1, 6)),
     "shapes": (range(4), [1]),
-    "scans": (range(3), range(1, 4)),
     "animals": (range(4), range(1, 5)),
 }
 

@@ -27,11 +27,9 @@ def bake_command(
     parser: argparse.ArgumentParser,
     bake: Callable[[argparse.Namespace], None],
     argv: Sequence[str] | None,
-    *,
-    out: str = "the .npz to write",
 ) -> int:
-    """Parse the command line with the option ``--out``, described by `out`; bake and write an asset."""
-    parser.add_argument("--out", type=Path, required=True, help=out)
+    """Parse the command line with the option ``--out``; bake and write an asset."""
+    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
 

@@ -17,15 +17,16 @@ import igl
 import numpy as np
 import yaml
 from scipy.sparse import diags_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from defaust.build.upsample import remesh, self_intersecting
-from defaust.sources.scans import unpack
+from defaust.sources.animals import unpack
 from defaust.sources.skinning import apply_motions, bone_motions
 from sshade import InputError, Mesh
+from sshade.mesh.adjacency import edge_graph
 from tools.bake import bake_command, write_asset
 from tools.bake.capsules import MIRROR, Rig, make_rig
-from tools.bake.scans import pack
 from tools.bake.template import neighbour_average, quantise_weights
 from tools.bake.tetrahedra import marching_tetrahedra
 
@@ -46,6 +47,10 @@ HEAT = 1.5
 FAINT = 0.05
 #: Maximum number of bones of a vertex.
 BONES = 8
+#: Number of steps of the asset's lattice along the longest side of the bounding box.
+STEPS = 2**16 - 1
+#: Size of a stored difference, in bytes.
+BYTES = 3
 
 
 def read_table() -> dict[str, dict[str, Any]]:
@@ -74,6 +79,42 @@ def bake_animal(species: dict[str, Any]) -> dict[str, np.ndarray]:
         "landmarks": np.array(list(landmarks.values()), dtype=np.uint16),
         "landmark_names": np.array(list(landmarks)),
     }
+
+
+def pack(mesh: Mesh) -> dict[str, np.ndarray]:
+    """Encode a mesh of less than 4 million vertices in arrays that compress well.
+
+    Positions are rounded to a cubic lattice; no coordinate moves by more than half a lattice step. Vertices
+    are numbered in reverse Cuthill-McKee order, and faces are sorted.
+
+    Returns
+    -------
+    dict
+        See :func:`defaust.sources.animals.unpack`.
+    """
+    corner = mesh.V.min(axis=0)
+    step = (mesh.V.max(axis=0) - corner).max() / STEPS
+    order = reverse_cuthill_mckee(edge_graph(mesh).matrix.tocsr(), symmetric_mode=True)
+    number = np.empty(mesh.n, dtype=np.int64)
+    number[order] = np.arange(mesh.n)
+    lattice = np.round((mesh.V[order] - corner) / step).astype(np.int64)
+    F = number[mesh.F]
+    F = np.take_along_axis(F, (F.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    F = F[np.lexsort(F.T[::-1])]
+    F = np.diff(F, axis=1, prepend=0)
+    F[:, 0] = np.diff(F[:, 0], prepend=0)
+    return {
+        "corner": corner,
+        "step": np.float64(step),
+        "vertices": _planes(np.diff(lattice, axis=0, prepend=0)),
+        "faces": _planes(F),
+    }
+
+
+def _planes(integers: np.ndarray) -> np.ndarray:
+    """Split signed integers (k, 3) into their bytes (BYTES, k, 3) uint8; small integers need one byte."""
+    unsigned = np.where(integers < 0, -2 * integers - 1, 2 * integers)
+    return np.stack([(unsigned >> 8 * k & 0xFF).astype(np.uint8) for k in range(BYTES)])
 
 
 def make_mesh(rig: Rig, vertices: int) -> Mesh:
