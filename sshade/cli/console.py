@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 EXTRAS = {
     **dict.fromkeys(("igl", "pymeshlab", "trimesh", "pandas", "hydra", "omegaconf"), "bench"),
     **dict.fromkeys(("pyvista", "vtkmodules", "matplotlib", "jinja2", "PIL"), "figures"),
-    **{"torch": "torch", "open3d": "open3d", "pytetwild": "tet", "simkit": "neo-hookean"},
+    **{"torch": "torch", "pytetwild": "tet", "simkit": "neo-hookean"},
 }
 
 #: Number of stages that are shown after their end, so that a screen has room for the stages that run.
