@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from sshade.task import DeformationTask as DeformationTask
     from sshade.task import Method as Method
     from sshade.task import TransferTask as TransferTask
-    from sshade.volume_goals import VolumeGoal as VolumeGoal
 
     __version__: str
 
@@ -56,7 +55,6 @@ _MODULES = {
     "plotting.figure": ["plot"],
     "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
-    "volume_goals": ["VolumeGoal"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_HOME)

@@ -78,11 +78,11 @@ class Options:
         Seed of the sampling. Change it to see how much a result depends on the sampling.
     volume : float
         Weight of the enclosed volume: 0 leaves it unconstrained, inf keeps it exactly. Lower it where the
-        shape may shrink or grow. A mesh with a boundary has no volume, unless it has a goal.
+        shape may shrink or grow. A mesh with a boundary has no volume.
     volume_goal : float, optional
         Volume of the result, as a multiple of the volume at rest; by default it stays. Raise it for a body
-        that breathes in. Each component with handles has the same ratio, and holes of an open mesh are
-        closed by caps. With a goal, the default of `area` is at most 0.1.
+        that breathes in. Each component with handles has the same ratio, and must be closed. With a goal, the
+        default of `area` is at most 0.1.
     area : float
         Weight of the surface area: 0 leaves it unconstrained, inf keeps it exactly on each proxy; the mean of
         several samplings has less. Lower it where large handle regions move apart.

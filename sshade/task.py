@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -15,7 +15,6 @@ from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.unconstrained import how_to_constrain, without_handles
 from sshade.progress import Progress, silent
 from sshade.shown import Shown
-from sshade.volume_goals import VolumeGoal, check_goals
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +37,12 @@ class DeformationTask(Shown):
     carry_unconstrained : bool
         Move components without handles rigidly with the nearest component, as eyes with a head. The methods
         of this package support it; others may fail.
-    volumes : sequence of VolumeGoal
-        Volumes that the mesh or its parts are to have. The methods of this package support them; others
-        refuse or ignore them.
 
     Raises
     ------
     InputError
-        When a handle is no vertex of the mesh, a component has no handle without `carry_unconstrained`,
-        `truth` or `guess` differ in shape from the vertices, or volume goals do not fit the mesh.
+        When a handle is no vertex of the mesh, a component has no handle without `carry_unconstrained`, or
+        `truth` or `guess` differ in shape from the vertices.
     """
 
     name: str
@@ -56,7 +52,6 @@ class DeformationTask(Shown):
     guess: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     carry_unconstrained: bool = False
-    volumes: Sequence[VolumeGoal] = ()
 
     def __post_init__(self) -> None:
         require_mesh(self.mesh, "DeformationTask")
@@ -67,7 +62,6 @@ class DeformationTask(Shown):
         if everywhere and len(free := without_handles(self.mesh, index)):
             self.mesh.require_handles(index, advice=how_to_constrain(self.mesh, free))
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
-        object.__setattr__(self, "volumes", check_goals(self.volumes, self.mesh.m))
         for name in ("truth", "guess"):
             if (positions := getattr(self, name)) is not None:
                 object.__setattr__(self, name, self.mesh.checked(positions, name))

@@ -54,9 +54,6 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
             arrays += [array for one in handles.slide for array in (one.arrays if one else [np.zeros(0)])]
         if task.carry_unconstrained:
             arrays.append(np.ones(1))
-        for goal in task.volumes:
-            arrays.append(np.array([goal.ratio or 0.0, goal.volume or 0.0]))
-            arrays.append(np.zeros(0) if goal.faces is None else goal.faces)
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 
 

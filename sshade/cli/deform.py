@@ -26,11 +26,6 @@ A group with one of these keys slides freely, on a plane or line through its tar
   "slide": {"surface": "chair.obj"}     surface of a mesh file; "rest" is the rest shape
   "free": "position"                    anywhere: only the "rotation" of the group is prescribed
 
-A list beside "handles" gives volumes of parts, as multiples of their volumes at rest; see --volume-goal
-for the whole mesh:
-
-  "volumes": [{"name": "belly", "boxes": [[[x, y, z], [x, y, z]]], "goal": 1.2}]
-
 Several handle files are a sequence of poses. So is a handle file with a list "frames", and a handle file
 with --animation. The mesh is bound once, and each pose starts from the pose before. OUT is a name with a
 number, as in out_%04d.ply; a .glb with a morph target for each pose and an animation; or a .pc2 or .mdd point
@@ -176,7 +171,6 @@ def _deform(
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.io.handles import handle_notes, on_surface
     from sshade.io.meshes import write_file
-    from sshade.io.volumes import volumes_on_surface
     from sshade.pipeline.deform import deform
     from sshade.pipeline.dense_handles import are_dense
     from sshade.task import DeformationTask
@@ -186,16 +180,9 @@ def _deform(
     mesh = whole.mesh
     with naming(options.handles):
         handles = on_surface(given, whole)
-        volumes = volumes_on_surface(given.volumes, whole, file.F)
     if options.weight is not None:
         handles = softened(handles, options.weight)
-    task = DeformationTask(
-        options.mesh.stem,
-        mesh,
-        handles,
-        carry_unconstrained=options.carry_unconstrained,
-        volumes=volumes,
-    )
+    task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
     bound = carried.bind_files(options.carried, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
@@ -238,7 +225,7 @@ def _deform(
 def _at_rest(task: DeformationTask, resolved: Options) -> list[str]:
     """Return a note if no handle moves and nothing else changes the mesh."""
     handles, mesh = task.handles, task.mesh
-    if handles.has_rotation.any() or handles.slide is not None or task.volumes or resolved.volume_goal:
+    if handles.has_rotation.any() or handles.slide is not None or resolved.volume_goal:
         return []
     if np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max() > AT_REST * mesh.diagonal:
         return []

@@ -177,7 +177,6 @@ def _deform(
     from sshade.cli.accuracy import reached, rounding_notes, warnings_of
     from sshade.cli.notes import announced_warnings, notes, unused_options
     from sshade.io.handles import handle_notes
-    from sshade.io.volumes import volumes_on_surface
     from sshade.options import PAPER
     from sshade.pipeline.dense_handles import are_dense
     from sshade.pipeline.sequence import Sequence
@@ -188,16 +187,8 @@ def _deform(
     poses = given.on(whole)
     if options.weight is not None:
         poses = [softened(handles, options.weight) for handles in poses]
-    goals = []
-    for pose in given.poses:
-        with naming(pose.name):
-            goals.append(volumes_on_surface(pose.file.volumes, whole, file.F))
-            if _record(goals[-1]) != _record(goals[0]):
-                raise InputError(
-                    "its volume goals are not the goals of the first pose; give all poses the same"
-                )
-    carry, volumes = {"carry_unconstrained": options.carry_unconstrained}, goals[0]
-    tasks = DeformationTask(options.mesh.stem, mesh, poses[0], **carry, volumes=volumes)
+    carry = {"carry_unconstrained": options.carry_unconstrained}
+    tasks = DeformationTask(options.mesh.stem, mesh, poses[0], **carry)
     sequence = Sequence(tasks, method=options.method, **values)
     results: list[DeformationResult] = []
 
@@ -216,7 +207,7 @@ def _deform(
 
     kept = {name: value for name, value in values.items() if name != "workers"}
     asked = {**kept, "method": options.method, **carry, "weld": options.weld, "repair": options.repair}
-    text = inputs_key(options.mesh, **asked, volumes=_record(volumes))
+    text = inputs_key(options.mesh, **asked)
     begin = perf_counter()
     with announced_warnings():
         written = write_poses(
@@ -278,11 +269,3 @@ def _contents(handles: Handles) -> bytes:
     kinds = handles.index, handles.target, handles.group, handles.weight, handles.rotation
     arrays = *kinds, *handles.slide_arrays
     return b"".join(b"" if array is None else array.tobytes() for array in arrays)
-
-
-def _record(goals: Any) -> list[Any]:
-    """Return volume goals as plain values."""
-    return [
-        [one.ratio, one.volume, None if one.faces is None else np.asarray(one.faces).tolist()]
-        for one in goals
-    ]

@@ -186,8 +186,6 @@ class Document:
             return self._given(handle_file_of(data, raw=False, folder=self.outputs["handles"].parent), first)
 
     def _given(self, file: HandleFile, first: int) -> Given:
-        if file.volumes:
-            raise InputError('the editor has no volume goals; leave "volumes" out of the file')
         handles = on_surface(file, self._surface)
         names = {entry.number: entry.name for entry in file.entries}
         groups = groups_of(handles, names, first=first)

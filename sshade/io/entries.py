@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +17,6 @@ from sshade.io.files import naming
 from sshade.io.keys import LONGEST, parsed_list, require_known
 from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
-from sshade.io.volumes import VolumeEntry, volume_entries
 
 if TYPE_CHECKING:
     from sshade.slides import Slide
@@ -95,14 +94,12 @@ class HandleFile(NamedTuple):
         Whether positions are in the coordinates of Implicit-ARAP.
     made : mapping
         Options that the editor recorded.
-    volumes : list of VolumeEntry
     """
 
     entries: list[Entry]
     raw: bool
     implicit_arap: bool = False
     made: Mapping[str, Any] = {}
-    volumes: Sequence[VolumeEntry] = ()
 
     @property
     def surfaces(self) -> list[Path]:
@@ -144,7 +141,12 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
 
     The paths of surfaces in it are relative to `folder`.
     """
-    require_known(data, ("handles", "volumes"), FILE_RECORDS)
+    if "volumes" in data:
+        raise InputError(
+            'volume goals of parts ("volumes") are no longer supported; use the option volume_goal, which is '
+            "the goal of the whole mesh"
+        )
+    require_known(data, ("handles",), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):
         name = entry.get("landmark") if isinstance(entry, dict) else None
@@ -154,9 +156,8 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
     if not entries:
         raise InputError(NO_HANDLES)
     made = data.get("made")
-    volumes = volume_entries(data.get("volumes", []))
     made = made if isinstance(made, dict) else {}
-    return HandleFile(entries, raw, made=made, volumes=volumes)
+    return HandleFile(entries, raw, made=made)
 
 
 def entry_name(number: int, name: str) -> str:

@@ -35,8 +35,6 @@ A group with a ``slide`` moves freely on a set (:class:`sshade.Slide`): on a ``{
 or on the ``{"surface": path}`` of a mesh file. The path is relative to the handle file; ``"rest"`` stands for
 the rest shape. ``"free": "position"`` leaves the position free, beside a prescribed rotation.
 
-A list ``volumes`` beside ``handles`` has goals for volumes: see :mod:`sshade.io.volumes`.
-
 Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
 """
 
@@ -60,7 +58,6 @@ from sshade.io.keys import require_known
 from sshade.io.meshes import read_surface
 from sshade.io.points import columns, packed
 from sshade.io.regions import vertices_in
-from sshade.io.volumes import volumes_on_surface
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface
 from sshade.options import NEAR
@@ -217,9 +214,8 @@ def read_task(
     given = read_handle_file(handles, raw=raw)
     with naming(handles):
         own = on_surface(given, rest)
-        volumes = volumes_on_surface(given.volumes, rest, file.F)
     meta, carry = {"raw": raw}, carry_unconstrained
-    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry, volumes=volumes)
+    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry)
 
 
 def write_handles(
@@ -245,8 +241,7 @@ def write_handles(
     names : mapping, optional
         Names of groups. Other groups are named by their number.
     about : mapping, optional
-        Further keys of the file: ``volumes``, and keys that readers ignore. Keys of your own begin with
-        ``_``.
+        Further keys of the file that readers of handles ignore. Keys of your own begin with ``_``.
     static_at_rest : bool
         The targets of static handles are their positions at rest, and are left out of the file.
 
@@ -259,7 +254,7 @@ def write_handles(
     """
     if Path(path).suffix.lower() != ".json":
         raise InputError(f"{path}: handles are written as .json")
-    require_known(about or (), ("volumes", FRAMES), FILE_RECORDS)
+    require_known(about or (), (FRAMES,), FILE_RECORDS)
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     slides = np.full(len(handles), None) if handles.slide is None else handles.slide

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import same_places, seams
 from sshade.options import NEAR, check_weld
-from sshade.volume_goals import VolumeGoal, restricted
 
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
 #: positions are stored as float32.
@@ -52,16 +50,6 @@ class Surface(NamedTuple):
     def picked(self, V: np.ndarray) -> np.ndarray:
         """Return the positions (k, 3) of the mesh's vertices, given V (n, 3) of the original ones."""
         return V if len(V) == self.mesh.n else V[self.original]
-
-    def goals(self, goals: Sequence[VolumeGoal], F: np.ndarray) -> tuple[VolumeGoal, ...]:
-        """Return volume goals with original faces F (m, 3) for the faces of the mesh.
-
-        Raises
-        ------
-        InputError
-            When the mesh has no face of a goal.
-        """
-        return restricted(goals, self.vertex[F], self.mesh.F, strict=True) if goals else ()
 
     def places(self, index: np.ndarray) -> np.ndarray:
         """Return the vertices (k,) of the mesh for original vertices (k,) that are handles.

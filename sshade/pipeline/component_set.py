@@ -22,7 +22,6 @@ from sshade.pipeline.proxies import joined, least_vertices, proxy_vertices, shar
 from sshade.pipeline.regions import EDGE_SAMPLES
 from sshade.progress import Progress, renamed
 from sshade.task import DeformationResult, DeformationTask, Handles
-from sshade.volume_goals import VolumeGoal, restricted
 
 #: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
 #: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
@@ -53,8 +52,6 @@ class ComponentSet:
         self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
     ) -> None:
         handles = task.handles
-        self._goals = restricted(task.volumes, task.mesh.F, mesh.F, strict=True)
-        self._mesh = mesh
         self._cut, self._handles, self._task = cut, handles, task
         self._deform, self._options = deform, options
         self._component, count = cut.mesh.component, cut.mesh.topology.components
@@ -152,7 +149,7 @@ class ComponentSet:
         number = number[number >= 0]
         if len(number) == 0 or not self._hard[number].all():
             return False
-        if (np.diff(self._copies.indptr)[origin] > 1).any() or self._has_goal(component):
+        if (np.diff(self._copies.indptr)[origin] > 1).any() or self._options.volume_goal is not None:
             return False
         motion = common_motion(self._task.mesh.V[handles.index[number]], handles.target[number])
         if motion is None:
@@ -163,18 +160,6 @@ class ComponentSet:
         self._done[origin] = True
         return True
 
-    def _has_goal(self, component: int) -> bool:
-        """Whether the volume of a component or of its parts has a goal."""
-        return self._options.volume_goal is not None or bool(self._goals_of(component))
-
-    def _goals_of(self, component: int) -> tuple[VolumeGoal, ...]:
-        """The goals of parts with faces in a component."""
-        if not self._goals:
-            return ()
-        cut = self._cut
-        faces = cut.origin[cut.mesh.F[self._faces[component]]]
-        return restricted(self._goals, self._mesh.F, faces)
-
     def deform(
         self, component: int, stage: str, changes: dict[str, Any], progress: Progress
     ) -> DeformationResult:
@@ -183,7 +168,7 @@ class ComponentSet:
         origin, guess = self._cut.origin[vertex], self._guess[component]
         F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
         shape = Mesh(self._cut.mesh.V[vertex], F)
-        if sides == 2 and self._has_goal(component):
+        if sides == 2 and self._options.volume_goal is not None:
             raise InputError(
                 f"the surface around vertex {origin[0]} has one side and no volume; give it no volume goal"
             )
@@ -196,12 +181,12 @@ class ComponentSet:
                 **changes,
                 "frame_function": vertex_values(self._options.frame_function, len(self._number))[origin],
             }
-        handles, goals = self._handles_of(origin), self._goals_of(component)
+        handles = self._handles_of(origin)
 
         def solve(changes: dict[str, Any], guess: np.ndarray | None) -> DeformationResult:
             vertices = max(changes["vertices"], least_vertices(len(handles)))
             vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
-            part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess, volumes=goals)
+            part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
             report = renamed(progress, stage, within=True)
             try:
                 return self._deform(part, progress=report, **{**changes, "vertices": vertices})

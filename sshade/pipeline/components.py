@@ -29,7 +29,6 @@ from sshade.pipeline.component_set import ComponentSet, DeformComponent
 from sshade.pipeline.proxies import joined
 from sshade.progress import Progress
 from sshade.task import DeformationResult, DeformationTask
-from sshade.volume_goals import restricted
 
 log = logging.getLogger(__name__)
 
@@ -108,8 +107,7 @@ def by_components(
         "gap": 0.0,
     }
     if cut.mesh.topology.components == 1 and cut.mesh is mesh:
-        goals = restricted(task.volumes, whole.F, mesh.F, strict=True)
-        result = deform(replace(task, mesh=mesh, volumes=goals), progress=progress)
+        result = deform(replace(task, mesh=mesh), progress=progress)
         _warn_of_volume([result.extra])
         return replace(result, extra={**result.extra, **facts})
     components = ComponentSet(mesh, cut, task, deform, options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -19,12 +19,11 @@ from sshade.options import accepted, as_row, require_method, resolve, takes_opti
 from sshade.pipeline.components import by_components
 from sshade.pipeline.dense_handles import interpolate_handles
 from sshade.pipeline.engine import deform_once
-from sshade.pipeline.goals import Goals, on_component, warn_of_missed, with_ratios
+from sshade.pipeline.goals import goal_error, warn_of_missed, with_goal
 from sshade.pipeline.polish import polished
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.task import DeformationResult, DeformationTask, Handles, result_of
-from sshade.volume_goals import VolumeGoal, check_goals
 
 ShapeT = TypeVar("ShapeT")
 
@@ -58,12 +57,11 @@ def deform_task(
     """
 
     def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        component_values = {**ratios, **changes}
+        component_values = {**values, **changes}
         options = resolve(method, component_values)
         if regional := has_regions(task.mesh, task.handles.index, options):
             options = resolve(method, component_values, regions=True)
-        options, parts = on_component(task.mesh, task.volumes, options, area=area)
-        task = replace(task, volumes=parts)
+        options = with_goal(task.mesh, options, area=area)
         run = partial(once, task, options.of_proxy(), progress=progress)
         if task.handles.hard.sum() == task.mesh.n:
             result = all_on_targets(task)
@@ -73,19 +71,17 @@ def deform_task(
             result = run()
         totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
         extra = {**result.extra, "options": as_row(totals, method)}
-        if parts or options.volume_goal is not None:
-            errors = Goals(task.mesh, options.volume_goal, parts).errors(result.vertices)
-            extra["volume_goal_error"] = max(abs(error) for _, error in errors)
+        if options.volume_goal is not None:
+            extra["volume_goal_error"] = goal_error(task.mesh, result.vertices, options.volume_goal)
             if options.volume == inf:
-                warn_of_missed(errors)
+                warn_of_missed(extra["volume_goal_error"])
         return replace(result, extra=extra)
 
     if method == "interpolate":
         resolve(method, values)
         return interpolate_handles(task, progress=progress)
     area = values.get("area") is not None
-    task, ratios = with_ratios(task, method, values)
-    whole, handles = resolve(method, ratios), task.handles
+    whole, handles = resolve(method, values), task.handles
     if (handles.free & ~handles.has_rotation).any():
         raise InputError("a handle with a free position prescribes nothing; give it a rotation")
     result = by_components(task, deform_component, whole, progress=progress)
@@ -121,7 +117,6 @@ def deform(
     carry_unconstrained: bool = False,
     weld: float = NEAR,
     repair: bool = False,
-    volumes: Sequence[VolumeGoal] = (),
     **options: Any,
 ) -> Any:
     """Deform a surface so that some of its vertices, the handles, reach given positions.
@@ -173,9 +168,6 @@ def deform(
         move as one. 0 joins exact copies alone.
     repair : bool
         Weld all copies of a vertex, along seams or not.
-    volumes : sequence of VolumeGoal
-        Volumes that the mesh or its parts are to have, with faces of `F`. A task has its own. The option
-        ``volume_goal`` is the ratio of the whole.
     **options
         The options of the method, ``seed`` and ``workers`` among them: see :class:`sshade.options.Options`;
         and ``progress``, a :class:`sshade.progress.Progress`.
@@ -187,7 +179,7 @@ def deform(
         ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
         resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
         largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
-        diagonal (``hard_handle_error``), the largest relative error of a volume goal
+        diagonal (``hard_handle_error``), the largest relative error of the volume goal
         (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
         ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
         :func:`sshade.pipeline.components.by_components`.
@@ -215,11 +207,10 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        has = weight is not None or rotations is not None or carry_unconstrained or len(volumes) > 0
+        has = weight is not None or rotations is not None or carry_unconstrained
         if has or repair or weld != NEAR:
             raise TypeError(
-                "a task has weights, rotations, volumes and carry_unconstrained itself, and its mesh is not "
-                "welded"
+                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
             )
         return result_of(shape, run(shape, **options))
     if (mesh := opened(shape)) is not None:
@@ -237,10 +228,7 @@ def deform(
     extent = extent_of(whole)
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
     handles = replace(handles, index=whole.places(handles.index), extent=extent)
-    goals = whole.goals(check_goals(volumes, len(F)), np.asarray(F))
-    task = DeformationTask(
-        "mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained, volumes=goals
-    )
+    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
     moved = whole.placed(V, result_of(task, run(task, **options)).vertices)
     moved = np.array(moved, dtype=np.float64)  # a method may return the rest shape itself
     return moved if mesh is None else mesh.moved(moved)

@@ -19,13 +19,12 @@ from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.pipeline.drag import NearestPlacement, bound_proxies
 from sshade.pipeline.engine import Engine
-from sshade.pipeline.goals import on_component, with_ratios
+from sshade.pipeline.goals import with_goal
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
 from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam
-from sshade.volume_goals import VolumeGoal
 
 #: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
 SETTLED = 0.01
@@ -51,8 +50,6 @@ class Deformer:
         Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
     slide : Slide or (h,) sequence, optional
         How handles slide, see :class:`sshade.Handles`. Planes and lines move with the targets of a call.
-    volumes : sequence of VolumeGoal
-        Volumes that the mesh or its parts are to have.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -90,7 +87,6 @@ class Deformer:
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
         slide: Slide | Sequence[Slide | None] | None = None,
-        volumes: Sequence[VolumeGoal] = (),
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
         **options: Any,
@@ -103,11 +99,8 @@ class Deformer:
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
-        task = DeformationTask("drag", mesh, self._rest, volumes=volumes)
-        task, ratios = with_ratios(task, method, self._values)
-        self._task, self._values, self._volumes = task, dict(ratios), task.volumes
-        self._options, self._parts = self._resolved(self._values)
-        self._engine = Engine(mesh, self._rest, self._options, volumes=self._parts)
+        self._task, self._options = DeformationTask("drag", mesh, self._rest), self._resolved(self._values)
+        self._engine = Engine(mesh, self._rest, self._options)
         self._last_handles: Handles | None = None
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(self._engine.proxies.carriers)
@@ -165,14 +158,13 @@ class Deformer:
         self._rest, self._proxies, self._last_handles = rest, proxies, None
 
     def change_energy(self, **energy: Any) -> None:
-        """Change constraints, their goals or softening from the next call on; the shape stays.
+        """Change constraints, the volume goal or softening from the next call on; the shape stays.
 
         Parameters
         ----------
         **energy
             ``volume``, ``volume_goal``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options
-            to change. None stands for the method's own value. See :class:`sshade.options.Options`. The
-            volume of an open mesh has a goal only if it had one from the beginning.
+            to change. None stands for the method's own value. See :class:`sshade.options.Options`.
 
         Raises
         ------
@@ -182,14 +174,11 @@ class Deformer:
         values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
         kept = {name: value for name, value in self._values.items() if name not in energy}
         changed = {**kept, **values}
-        options, parts = self._resolved(changed)
-        if len(parts) != len(self._parts):
-            raise InputError("parts and open meshes need their goals from the beginning")
-        self._values, self._options, self._parts = changed, options, parts
-        self._engine.aim(options.volume_goal, parts)
+        self._options, self._values = self._resolved(changed), changed
+        self._engine.aim(self._options.volume_goal)
         for bound in self._proxies:
             bound.solver.change(self._options)
-            bound.aim(self._engine.goals)
+            bound.aim(self._options.volume_goal)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
@@ -294,10 +283,10 @@ class Deformer:
         # A copy, because the caller may change the arrays, and a later call may start there.
         return replace(deepcopy(solved), seconds={"solve": perf_counter() - begin})
 
-    def _resolved(self, values: Mapping[str, Any]) -> tuple[Options, tuple[VolumeGoal, ...]]:
-        """Return the method's options with the values of the user, and the volume goals of parts."""
+    def _resolved(self, values: Mapping[str, Any]) -> Options:
+        """Return the method's options with the values of the user."""
         options = resolve(self._method, values, regions=self._regional)
-        return on_component(self.mesh, self._volumes, options, area="area" in values)
+        return with_goal(self.mesh, options, area="area" in values)
 
     def _stopping(
         self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None

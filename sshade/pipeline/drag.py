@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import replace
@@ -15,7 +15,7 @@ from sshade.errors import InputError
 from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import ENERGY, SOLVER, Options
-from sshade.pipeline.engine import BoundProxy, Engine, ratios_of, solve_proxy, solver_threads
+from sshade.pipeline.engine import BoundProxy, Engine, solve_proxy, solver_threads
 from sshade.progress import Progress, silent
 from sshade.snapping import snap_to_vertices
 from sshade.solver.attachment import Attachment
@@ -39,14 +39,9 @@ class Drag:
     handles : Handles
         On N, at rest.
     options : Options
-    parts : sequence of (f,) int64
-        Faces of the parts that have volume goals.
     """
 
-    def __init__(
-        self, proxy: Mesh, handles: Handles, options: Options, parts: Sequence[np.ndarray] = ()
-    ) -> None:
-        self._parts = parts
+    def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
         self._proxy, self._options = proxy, options
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = handles.has_rotation
@@ -59,7 +54,6 @@ class Drag:
             slide=attachment.slide,
             bending=options.bending,
             thickness=options.thickness,
-            parts=parts,
         )
         self._solver.factorise()
         self.reset()
@@ -95,11 +89,11 @@ class Drag:
         self._solver = self._solver.with_handles(attachment.vertex, **binding)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
-    def __call__(self, handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
+    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
-        aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "goals": goals}
+        aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "volume_goal": volume_goal}
         aim["prescribed"] = handles.prescribed_rotations
         energy: dict[str, Any] = self._options.subset(ENERGY)
         energy["workers"] = solver_threads(self._options)
@@ -123,15 +117,14 @@ class Drag:
         def solve(task: DeformationTask, *, tolerance: float, **context: Any) -> DeformationResult:
             if task.mesh is not self._proxy:  # a coarser proxy
                 return local_global(task, **{**options.subset(SOLVER), "tolerance": tolerance}, **context)
-            del context["seed"], context["volume_goal"]
+            del context["seed"]
             stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": options.max_iterations}
             guess = initial_guess(task, options.start)
             context |= {**aim, **stop, **options.subset(ENERGY)}
             return self._solver.solve(start=guess, **context).result()
 
-        goals = aim["goals"]
-        task = DeformationTask("drag", self._proxy, handles, volumes=ratios_of(self._parts, goals[1:]))
-        return solve_proxy(task, options, solve=solve, volume_goal=float(goals[0]), seed=options.seed)
+        task = DeformationTask("drag", self._proxy, handles)
+        return solve_proxy(task, options, solve=solve, volume_goal=aim["volume_goal"], seed=options.seed)
 
 
 def bound_proxies(
@@ -150,9 +143,7 @@ def bound_proxies(
 
     def bind(number: int) -> BoundProxy:
         with ThreadPoolExecutor(max_workers=1) as pool:
-            bound = engine.bind(
-                number, pool, lambda proxy, _, place, parts: Drag(proxy, place(rest), options, parts)
-            )
+            bound = engine.bind(number, pool, lambda proxy, _, place: Drag(proxy, place(rest), options))
         bound.binding  # noqa: B018 - raises errors of the binding
         progress("binding", number + 1, engine.proxies.samplings)
         return bound

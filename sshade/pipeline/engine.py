@@ -6,9 +6,9 @@ deformation via local representations", algorithm 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from threading import Lock
@@ -22,22 +22,17 @@ from sshade.carry.projection import Projector, project_to_fans
 from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.options import SOLVER, Options
-from sshade.pipeline.goals import Goals, Secants
 from sshade.pipeline.initialise import ROOM, Solve, initialised
 from sshade.pipeline.proxies import FACTS, Proxies
 from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, renamed, silent
 from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
-from sshade.solver.capped import CappedVolume
 from sshade.solver.local_global import Bound, bind_task, local_global
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam, available_cpus
-from sshade.volume_goals import VolumeGoal
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
-#: The same number where parts have goals.
-PART_ROUNDS = 6
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
@@ -46,9 +41,8 @@ GUIDE_AREA = 1.0
 
 #: Places handles of M on a proxy.
 Place = Callable[[Handles], Handles]
-#: Solves a proxy for handles on it: ``solve(handles, goals=, tolerance=, max_iterations=)``, where the goals
-#: (1 + p,) of the whole and of the parts are multiples of the volumes at rest. Each solve starts from the
-#: result of the last one.
+#: Solves a proxy for handles on it: ``solve(handles, volume_goal=, tolerance=, max_iterations=)``, where the
+#: goal is a multiple of the volume at rest. Each solve starts from the result of the last one.
 SolveProxy = Callable[..., DeformationResult]
 #: Samples a mesh: ``sample(mesh, regions, seed)``.
 Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Place]]
@@ -155,8 +149,6 @@ class Engine:
     handles : Handles
         Only their vertices, groups and weights matter, and which handles have a rotation.
     options : Options
-    volumes : sequence of VolumeGoal
-        Ratios of parts of M.
     sample, projection : callable
         How M is sampled, and the projection P onto a proxy.
 
@@ -172,19 +164,18 @@ class Engine:
         handles: Handles,
         options: Options,
         *,
-        volumes: Sequence[VolumeGoal] = (),
         sample: Sampler = sample_with_handles,
         projection: Projector = project_to_fans,
     ) -> None:
         self._mesh, self._sample, self._projection = mesh, sample, projection
         self.proxies = Proxies(mesh, options, handles=len(handles))
         mesh.require_one_component()
-        self.goals = Goals(mesh, options.volume_goal, volumes)
+        self._volume_goal = options.volume_goal
         self.regions = self.regions_of(handles)
 
-    def aim(self, ratio: float | None, volumes: Sequence[VolumeGoal]) -> None:
-        """Set the volume goals: the ratio of the whole, and ratios of parts."""
-        self.goals = self.regions.goals = Goals(self._mesh, ratio, volumes)
+    def aim(self, volume_goal: float | None) -> None:
+        """Set the volume goal."""
+        self._volume_goal = self.regions.volume_goal = volume_goal
 
     def regions_of(self, handles: Handles) -> HandleRegions:
         """Return the handle regions of M for other handles."""
@@ -193,14 +184,14 @@ class Engine:
             handles,
             vertices=self.proxies.vertices,
             graph=self.proxies.graph,
-            goals=self.goals,
+            volume_goal=self._volume_goal,
         )
 
     def bind(
         self,
         number: int,
         pool: ThreadPoolExecutor,
-        solver_of: Callable[[Mesh, Sampling, Place, list[np.ndarray]], SolveProxy],
+        solver_of: Callable[[Mesh, Sampling, Place], SolveProxy],
     ) -> BoundProxy:
         """Sample a proxy and make its solver; a thread of `pool` binds M to the proxy meanwhile."""
         begin = perf_counter()
@@ -214,11 +205,8 @@ class Engine:
             return binding
 
         bound, proxy = pool.submit(bind), proxy_mesh(self._mesh, sampling)
-        parts = self.goals.on_proxy(proxy, sampling, self.regions.fixed) if self.goals.parts else []
-        solver = solver_of(proxy, sampling, place, parts)
-        volumes = [proxy.volume, *(CappedVolume(proxy.F[faces]).measure(proxy.V)[0] for faces in parts)]
-        made = BoundProxy(proxy, sampling, place, solver, bound, seconds, np.array(volumes))
-        made.aim(self.goals)
+        made = BoundProxy(proxy, sampling, place, solver_of(proxy, sampling, place), bound, seconds)
+        made.aim(self._volume_goal)
         return made
 
     def average(
@@ -255,15 +243,11 @@ class BoundProxy:
         A :data:`SolveProxy`; in a Deformer a :class:`sshade.pipeline.drag.Drag`.
     bound : Future of Binding
     sampling_seconds : float
-    volumes : (1 + p,) float64
-        Volumes of N and of its parts at rest.
-    goals : (1 + p,) float64
-        Volumes of N' and of its parts, as multiples of `volumes`, with which M' has the volume of M, or the
-        volumes that the user wants.
-    first_goals : (1 + p,) float64
-        Goals before any correction.
-    secants : Secants, optional
-        How the volumes of M' answer corrections, where parts have goals.
+    goal : float
+        Volume of N' as a multiple of the volume of N, with which M' has the volume of M, or the volume that
+        the user wants.
+    first_goal : float
+        Goal before any correction.
     """
 
     proxy: Mesh
@@ -272,21 +256,16 @@ class BoundProxy:
     solver: Any
     bound: Future[Binding]
     sampling_seconds: float
-    volumes: np.ndarray
-    goals: np.ndarray = field(default_factory=lambda: np.ones(1))
-    first_goals: np.ndarray = field(default_factory=lambda: np.ones(1))
-    secants: Secants | None = None
+    goal: float = 1.0
+    first_goal: float = 1.0
 
-    def aim(self, goals: Goals) -> None:
-        """Begin with the user's goals."""
-        wanted = [1.0 if goals.ratio is None else goals.ratio, *(goal.ratio for goal in goals.parts)]
-        self.goals = self.first_goals = np.array(wanted, dtype=np.float64)
-        self.secants = Secants(len(wanted)) if goals.parts else None
+    def aim(self, volume_goal: float | None) -> None:
+        """Begin with the user's goal."""
+        self.goal = self.first_goal = 1.0 if volume_goal is None else volume_goal
 
     def restart(self) -> None:
-        """Forget the corrections of goals and of places."""
-        self.goals = self.first_goals
-        self.secants = self.secants and Secants(len(self.goals))
+        """Forget the corrections of the goal and of places."""
+        self.goal = self.first_goal
         if forget := getattr(self.place, "forget", None):
             forget()
 
@@ -306,7 +285,7 @@ class BoundProxy:
         placed = self.place(handles)
         if handles.prescribed_rotations and not placed.prescribed_rotations:
             raise InputError("no handle with a rotation is a vertex of the proxy; raise the option vertices")
-        return self.solver(placed, goals=self.goals, **stop)
+        return self.solver(placed, volume_goal=self.goal, **stop)
 
     def deform(
         self,
@@ -322,8 +301,8 @@ class BoundProxy:
 
         A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
         the volume of N. Another solve with a corrected volume goal removes the deficit. So it is with the
-        volume that the user wants, and with the volumes of parts. In the same way,
-        further solves bring handles that are no vertices of N to their targets.
+        volume that the user wants. In the same way, further solves bring handles that are no vertices of N
+        to their targets.
 
         Parameters
         ----------
@@ -341,13 +320,9 @@ class BoundProxy:
         """
         corrects = corrects_volume(options)
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
-        goals = regions.goals if corrects and regions.goals.parts else None
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
-        if self.secants:
-            self.secants.forget_step()
-        rounds = PART_ROUNDS if goals else VOLUME_ROUNDS
-        for _ in range(1 + rounds if again else 1):
+        for _ in range(1 + VOLUME_ROUNDS if again else 1):
             begin = perf_counter()
             left = int(options.max_iterations - iterations)
             solved = self.solve(handles, tolerance=options.tolerance, max_iterations=left)
@@ -360,24 +335,17 @@ class BoundProxy:
             V = regions.on_targets(V, handles) if corrects else V
             deficit = regions.volume_deficit(V) if corrects else 0.0
             missing = abs(deficit) / scale
-            if goals:
-                missing = max(missing, goals.relative_error(V))
             seconds["carry"] += perf_counter() - begin
-            worse = best is not None and missing > max(smallest, VOLUME_ERROR)
-            if (worse and not goals) or (best is not None and was_exact and not exact):
+            worse = missing > max(smallest, VOLUME_ERROR)
+            if best is not None and (worse or (was_exact and not exact)):
                 break  # the last shape was better
-            if not worse:
-                solver_facts |= solved.extra
-                best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
-            steps = np.append(deficit, np.zeros(len(self.goals) - 1))
-            if goals and self.secants:
-                steps = self.secants.step(np.append(deficit, goals.deficits(V)))
-            # An open proxy may have no volume, and has no deficit.
-            changes = np.divide(steps, self.volumes, out=np.zeros_like(steps), where=steps != 0)
-            next_goals = self.goals + changes
-            corrected = smallest <= VOLUME_ERROR or not exact or (next_goals <= 0).any()
+            solver_facts |= solved.extra
+            best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            corrected = missing <= VOLUME_ERROR or not exact
             if not corrected:
-                self.goals = next_goals
+                goal = self.goal + deficit / self.proxy.volume  # an exact constraint needs a volume
+                corrected = goal <= 0
+                self.goal = self.goal if corrected else goal
             learn = getattr(self.place, "learn", None)
             missed = learn(handles, V) if learn else 0.0
             met = missed <= MET * binding.mesh.diagonal
@@ -422,7 +390,7 @@ def deform_once(
     InputError
         On another mesh, or where it cannot be sampled or solved.
     """
-    engine = Engine(task.mesh, task.handles, options, volumes=task.volumes, **hooks)
+    engine = Engine(task.mesh, task.handles, options, **hooks)
 
     def deform(number: int) -> DeformationResult:
         stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
@@ -430,18 +398,17 @@ def deform_once(
         context: dict[str, Any] = {"seed": options.seed, "progress": renamed(progress, stage)}
         coarser = renamed(progress, f"coarser {stage}")
 
-        def solver_of(proxy: Mesh, sampling: Sampling, place: Place, parts: list[np.ndarray]) -> SolveProxy:
+        def solver_of(proxy: Mesh, sampling: Sampling, place: Place) -> SolveProxy:
             start = first.result().vertices if first is not None and number else task.guess
             guess, name = None if start is None else start[sampling.samples], f"{task.name} proxy {number}"
 
-            def solve(handles: Handles, *, goals: np.ndarray, **stop: Any) -> DeformationResult:
+            def solve(handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
                 nonlocal guess
-                volumes, goal = ratios_of(parts, goals[1:]), float(goals[0])
-                on_proxy = DeformationTask(name, proxy, handles, guess=guess, volumes=volumes)
+                on_proxy = DeformationTask(name, proxy, handles, guess=guess)
                 if options.coarse is not None:
                     return options.coarse(on_proxy, **context)
-                own = replace(options, **stop)
-                result = solve_proxy(on_proxy, own, volume_goal=goal, coarser_progress=coarser, **context)
+                own, more = replace(options, **stop), {"coarser_progress": coarser, **context}
+                result = solve_proxy(on_proxy, own, volume_goal=volume_goal, **more)
                 guess = result.vertices  # the next solve starts there
                 return result
 
@@ -462,8 +429,3 @@ def deform_once(
             return first.result() if first is not None and number == 0 else deform(number)
 
         return engine.average(run, task.handles, options)
-
-
-def ratios_of(parts: Sequence[np.ndarray], ratios: np.ndarray) -> tuple[VolumeGoal, ...]:
-    """Return the volume goals of a proxy, for the faces of its parts."""
-    return tuple(VolumeGoal(ratio=ratio, faces=faces) for faces, ratio in zip(parts, ratios, strict=True))

@@ -17,7 +17,7 @@ from sshade.options import ENERGY, Options
 from sshade.pipeline.regions import HandleRegions
 from sshade.progress import Progress, renamed
 from sshade.sampling.fronts import Fronts
-from sshade.solver.local_global import LocalGlobal, bind_task, goals_of
+from sshade.solver.local_global import LocalGlobal, bind_task
 from sshade.solver.solution import Solution
 from sshade.task import DeformationResult, DeformationTask
 from sshade.threads import available_cpus
@@ -72,7 +72,7 @@ def polished(
         targets[: len(task.handles)] = task.handles.goals(proxy.vertices)
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
-    energy["goals"] = goals_of(task, options.volume_goal or 1.0)
+    energy["volume_goal"] = options.volume_goal or 1.0
     energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
@@ -124,7 +124,7 @@ def _solution_at(
     solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
 ) -> Solution:
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
-    names = "volume", "area", "goals", "workers"
+    names = "volume", "area", "volume_goal", "workers"
     V = solver.project(V, **{name: energy[name] for name in names})
     after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
     kept = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"

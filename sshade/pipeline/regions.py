@@ -29,7 +29,6 @@ from sshade.mesh.harmonic import harmonic
 from sshade.mesh.ids import flagged, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.options import Options
-from sshade.pipeline.goals import Goals
 from sshade.pipeline.normal_shift import shifted
 from sshade.pipeline.proxies import proxy_vertices
 from sshade.sampling.fronts import Fronts, thinned
@@ -69,12 +68,13 @@ class HandleRegions:
         Number of samples.
     graph : VertexGraph
         Of M.
-    goals : Goals, optional
-        Volume goals of M and of its parts. The volume is then corrected without regions, too.
+    volume_goal : float, optional
+        Volume that M' is to have, as a multiple of the volume of M. The volume is then corrected without
+        regions, too.
 
     Attributes
     ----------
-    vertices, graph, goals
+    vertices, graph, volume_goal
         The parameters.
     regional : bool
         Whether more than half of the handles are surrounded by others, or handles are more than half of the
@@ -92,9 +92,15 @@ class HandleRegions:
     """
 
     def __init__(
-        self, mesh: Mesh, handles: Handles, *, vertices: int, graph: VertexGraph, goals: Goals | None = None
+        self,
+        mesh: Mesh,
+        handles: Handles,
+        *,
+        vertices: int,
+        graph: VertexGraph,
+        volume_goal: float | None = None,
     ) -> None:
-        self.goals = goals or Goals(mesh, None, ())
+        self.volume_goal = volume_goal
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
         index, self._hard = handles.index, handles.exact
         self.number = numbered(index, mesh.n)
@@ -204,10 +210,10 @@ class HandleRegions:
 
         It is 0 without regions and without a goal, or where M encloses no volume.
         """
-        corrects = self.regional or self.goals.ratio is not None
+        corrects = self.regional or self.volume_goal is not None
         if not (corrects and self._mesh.is_closed and self._mesh.is_oriented):
             return 0.0
-        return self._rest_volume * (self.goals.ratio or 1.0)
+        return self._rest_volume * (self.volume_goal or 1.0)
 
     @cached_property
     def _rest_volume(self) -> float:
@@ -222,12 +228,9 @@ class HandleRegions:
         """Correct the volume deficit of M' (n, 3): movable vertices move along their normals.
 
         A proxy has few samples inside regions, and does not know all of the volume there. All vertices far
-        from handles move alike, by at most :data:`SHIFT`. M' without regions or with a boundary stays, unless
-        there are goals.
+        from handles move alike, by at most :data:`SHIFT`. M' with a boundary stays, and M' without regions
+        and without a goal.
         """
-        if self.goals.parts:
-            most = SHIFT * float(np.sqrt(self._mesh.area / self.vertices))
-            return self.goals.corrected(V, self._movable, most=most)
         if not self.volume:
             return V
         most, error = SHIFT * np.sqrt(self._mesh.area / self.vertices), ROUNDING * abs(self.volume)

@@ -38,8 +38,8 @@ class Sequence:
     Parameters
     ----------
     task : DeformationTask
-        Mesh, handle vertices, groups, weights, slides and volume goals of all poses. Its targets and its
-        guess are not used.
+        Mesh, handle vertices, groups, weights and slides of all poses. Its targets and its guess are not
+        used.
     method : str
         See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper_plain"
         does not bind.
@@ -205,7 +205,7 @@ class _Bound:
 
     def __init__(self, task: DeformationTask, options: Options) -> None:
         self._options = options
-        self._engine = Engine(task.mesh, task.handles, options, volumes=task.volumes)
+        self._engine = Engine(task.mesh, task.handles, options)
         rest = task.handles.at(task.mesh.V[task.handles.index], task.handles.rotation)
         self._proxies = bound_proxies(self._engine, rest, options)
 

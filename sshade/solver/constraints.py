@@ -16,17 +16,14 @@ The volume's derivative with respect to vertex i is a third of the vector area o
 form depends on edges alone, unlike the one with cross products of positions, and loses no digits far from
 the origin. The derivative of the area jumps where a triangle collapses. It is therefore made continuous for
 triangles that have become very slender.
-
-Parts of the surface may have volume constraints of their own, with the weight of the volume. Newton's method
-then has one unknown for each of them.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +35,8 @@ from sshade.threads import ThreadTeam, in_ranges
 
 log = logging.getLogger(__name__)
 
-#: Numbers of the quantities; parts follow.
-VOLUME, AREA, PARTS = 0, 1, 2
+#: Numbers of the quantities.
+VOLUME, AREA = 0, 1
 #: Steps that share the directions. Two exact constraints need fewer, because an error of one direction cannot
 #: be balanced along the other.
 EVERY, EVERY_OF_BOTH = 8, 4
@@ -67,7 +64,7 @@ SLOW = 0.1
 #: Largest number of evaluations of the equations; 3 are usual.
 MOST_EVALUATIONS = 12
 #: Actions of a planned step, see :func:`_plan`.
-STAY, MOVE, MOVE_LAST, RENEW, SOLVE = range(5)
+STAY, MOVE, MOVE_LAST, RENEW = range(4)
 #: Slenderness of a triangle, which is its double area over the sum of two squared edges, below which its part
 #: of the area's gradient falls to 0; and the same as a fraction of the slenderness at rest. The smaller one
 #: counts. The exact gradient jumps where a triangle collapses, so that iterations between scattered handles
@@ -81,14 +78,6 @@ FACES = 65_536
 
 #: ``solve(B, X)`` writes L^-1 B_q to X_q, for B and X (q, n, 3).
 Solves = Callable[[np.ndarray, np.ndarray], None]
-
-
-class Part(Protocol):
-    """A part of a surface that has a volume: a :class:`sshade.solver.capped.CappedVolume`."""
-
-    def measure(self, P: np.ndarray) -> np.ndarray: ...
-
-    def add_gradient(self, P: np.ndarray, factor: float, G: np.ndarray) -> None: ...
 
 
 class Surface:
@@ -105,8 +94,6 @@ class Surface:
         Place of each vertex in the solver's order.
     faces : (m, 3) uint32, optional
         The faces in the order of :func:`sshade.solver.order.faces_in_order`, if the solver has them.
-    parts : sequence of Part
-        Parts with a volume constraint each, in the solver's order of vertices.
 
     Attributes
     ----------
@@ -115,21 +102,13 @@ class Surface:
         See :func:`sshade.solver.order.vertex_ranges`.
     slender : (m,) float32
         Least slenderness of each face that does not count as collapsed; see :data:`SLENDER`.
-    parts : sequence of Part
-    rest : (2 + parts,) float64
-        Volume and area at rest, and the volumes of the parts.
+    rest : (2,) float64
+        Volume and area at rest.
     without_volume : str
         Why there is no volume to constrain; empty if there is one.
     """
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        place: np.ndarray,
-        faces: np.ndarray | None = None,
-        parts: Sequence[Part] = (),
-    ) -> None:
-        self.parts = parts
+    def __init__(self, mesh: Mesh, place: np.ndarray, faces: np.ndarray | None = None) -> None:
         self.F = faces_in_order(mesh.F, place)[0] if faces is None else faces
         self.ranges, self.connected = vertex_ranges(self.F, mesh.n), mesh.connectivity.components == 1
         rest = np.empty((mesh.n, 3))
@@ -140,18 +119,12 @@ class Surface:
         self.without_volume = _reason_for_no_volume(mesh, self.rest)
 
     def measure(self, P: np.ndarray, team: ThreadTeam) -> np.ndarray:
-        """Return (2 + parts,) volume, area and volumes of parts at positions P (n, 3).
-
-        The bits are the same with any number of threads.
-        """
+        """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
         origin = P[self.F[0, 0]]
-        whole = sum(team.ranges(volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
-        return np.append(whole, [part.measure(P)[0] for part in self.parts]) if self.parts else whole
+        return sum(team.ranges(volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
 
-    def report(self, P: np.ndarray, volume: float, area: float, *, goals: np.ndarray) -> dict[str, Any]:
-        """Describe volume and area at positions P (n, 3) after a solve with these weights and goals.
-
-        The error of the volume is the largest error of the whole and of all parts.
+    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
+        """Describe volume and area at positions P (n, 3) after a solve with these weights and this goal.
 
         Returns
         -------
@@ -162,18 +135,15 @@ class Surface:
         """
         now, facts = self.measure(P, ThreadTeam(1)), dict[str, Any]()
         cases = (
-            ("volume", volume, goals[0], self.without_volume),
+            ("volume", volume, volume_goal, self.without_volume),
             ("area", area, 1.0, self.rest[AREA] == 0),
         )
         for q, (name, weight, goal, without) in enumerate(cases):
             error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
-            if q == VOLUME and self.parts:
-                of_parts = now[PARTS:] / self.rest[PARTS:] - goals[1:]
-                error = float(np.nanmax([error, *np.abs(of_parts)]))
             reached = "exact" if error <= REACHED else "infeasible"
             state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
             facts |= {f"{name}_error": error, f"{name}_constraint": state}
-        if volume > 0 and self.without_volume and not self.parts:
+        if volume > 0 and self.without_volume:
             facts["volume_constraint"] = f"off: {self.without_volume}"
         return facts
 
@@ -213,20 +183,16 @@ class Constraints:
         team: ThreadTeam,
         single: bool = False,
     ) -> None:
-        if volume > 0 and surface.without_volume and not surface.parts:
+        if volume > 0 and surface.without_volume:
             log.info("the volume constraint is off: %s", surface.without_volume)
         self._kinds = [VOLUME] * (volume > 0 and not surface.without_volume)
-        self._parts = list(range(PARTS, PARTS + len(surface.parts))) if volume > 0 else []
-        self._kinds += self._parts  # before the area, which comes last
         self._kinds += [AREA] * bool(area > 0 and surface.rest[AREA] > 0)
         if self._kinds and not surface.connected:
             raise InputError("constraints on volume and area need a connected mesh: solve for each component")
         self._surface, self._team, self._corners = surface, team, corners
         weights, self._area = np.array([volume, area]), surface.rest[AREA] or 1.0
-        both = np.isinf(weights).all() or (np.isinf(volume) and len(self._parts) > 0)
-        weights = np.append(weights, np.full(len(surface.parts), volume))
         #: Weights asked for. `_lasting` has the weights from now on, and `_weight` the weights of this step.
-        self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if both else EVERY
+        self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
         count, n = len(self._kinds), surface.ranges[-1][2]
         self._G, self._Z = np.zeros((2, count, n, 3), dtype=np.float32 if single else np.float64)
         #: Derivatives of each quantity along each direction, the multipliers, and their last change.
@@ -234,19 +200,16 @@ class Constraints:
         self._violation, self._steps, self._error, self._near = 0.0, 0, np.zeros(count), 0.0
         #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
-        self.aim(np.ones(1 + len(surface.parts)))
+        self.aim(1.0)
 
     def __len__(self) -> int:
         """Number of constrained quantities."""
         return len(self._kinds)
 
-    def aim(self, goals: np.ndarray) -> None:
-        """Set the goals (1 + parts,) of volumes, as multiples of their values at rest.
-
-        An exact area is tried again.
-        """
-        of_kind = np.insert(goals, AREA, 1.0)
-        self._scale = 1.0 / self._surface.rest[self._kinds] / of_kind[self._kinds]
+    def aim(self, volume_goal: float) -> None:
+        """Set the goal of the volume, as a multiple of its value at rest; an exact area is tried again."""
+        goals = np.array([volume_goal, 1.0])
+        self._scale = 1.0 / self._surface.rest[self._kinds] / goals[self._kinds]
         self._lasting = self._weight = self._asked
         self._failures = 0
 
@@ -285,8 +248,7 @@ class Constraints:
 
     def _add_gradients(self, P: np.ndarray, scale: np.ndarray, G: np.ndarray) -> None:
         """Add ``scale_q grad C_q(P)`` to each G_q (q, n, 3), or all to G_0 (1, n, 3)."""
-        surface = self._surface
-        factor = np.zeros(len(surface.rest))
+        surface, factor = self._surface, np.zeros(2)
         factor[self._kinds] = scale
 
         def add(number: int) -> None:
@@ -295,10 +257,6 @@ class Constraints:
             add_gradients(*faces, P, factor[VOLUME], factor[AREA], G[0], G[-1], first, end)
 
         self._team(add, len(surface.ranges))
-        for q, kind in enumerate(self._kinds):
-            if kind >= PARTS:
-                part = surface.parts[kind - PARTS]
-                part.add_gradient(P, float(scale[q]), G[q] if len(G) == len(self._kinds) else G[0])
 
     def renew_directions(self, P: np.ndarray, solve: Solves) -> None:
         """Move along ``L^-1 grad C_q(P)`` from now on."""
@@ -395,10 +353,6 @@ class Constraints:
                 self.write_gradients(P, G)
                 self._slope[:] = self._along(G)
                 action, error = _plan(*equations, best, *goals, remaining == 0, True)
-            if action == SOLVE:
-                A = self._slope[np.ix_(active, active)] + np.diag(compliance[active])
-                step[active] = np.linalg.lstsq(A, -residual[active], rcond=1.0 / PARALLEL)[0]
-                full_step[:] = step
             best, self._reached = error, value if action == STAY else None
             if action == STAY:
                 break
@@ -508,8 +462,7 @@ def _plan(residual, active, compliance, slope, full_step, step, best, close, cer
     Returns
     -------
     int
-        STAY; MOVE by `step`; MOVE_LAST, without another evaluation; RENEW the slopes and plan again; or
-        SOLVE for the step of more than two equations and move.
+        STAY; MOVE by `step`; MOVE_LAST, without another evaluation; or RENEW the slopes and plan again.
     float
         The least error, which a last move predicts.
     """
@@ -534,8 +487,6 @@ def _plan(residual, active, compliance, slope, full_step, step, best, close, cer
                     slope[q, p] += residual[q] * full_step[p] / square
     if not error > close or final:
         return STAY, error
-    if len(residual) > 2:
-        return SOLVE, error
     step[:] = 0.0
     if len(residual) == 1 or not active.all():
         for q in range(len(residual)):

@@ -56,8 +56,8 @@ class Descent:
         Energy at the present iterate and at the beginning of the solve, minus the rest energy.
     rejected : int
         Accelerated iterates given up in this solve.
-    goals : (1 + p,) float64
-        Volumes to reach, of the mesh and of its parts, as multiples of their volumes at rest.
+    volume_goal : float
+        Volume to reach, as a multiple of the volume at rest.
     """
 
     def __init__(
@@ -99,13 +99,13 @@ class Descent:
         targets: np.ndarray,
         prescribed: Prescribed | None,
         fraction: np.ndarray | None,
-        goals: np.ndarray | None = None,
+        volume_goal: float = 1.0,
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
         if self.slides:
             self.slides.aim(targets)
-        self.aim_volumes(goals)
+        self.aim_volume(volume_goal)
 
     def begin(self, tolerance: float) -> None:
         """Fit the rotations to the present iterate, where a solve with a tolerance begins."""
@@ -203,10 +203,10 @@ class Descent:
             self.slides.restore(self.u, self._apply)
         return self.constraints.restore(self.u, exactly=exactly)
 
-    def aim_volumes(self, goals: np.ndarray | None) -> None:
-        """Set the goals of volumes alone; by default the volumes at rest."""
-        self.goals = np.ones(1 + len(self._system.surface.parts)) if goals is None else goals
-        self.constraints.aim(self.goals)
+    def aim_volume(self, goal: float) -> None:
+        """Set the goal of the volume alone."""
+        self.volume_goal = goal
+        self.constraints.aim(goal)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""

@@ -40,7 +40,7 @@ class Following:
         First iterate, as of a solution. Hard handles are first put on their targets.
     targets : (k, 3) float64
         Positions of the handle vertices there.
-    prescribed, fraction, goals
+    prescribed, fraction, volume_goal
         Values for the targets; as of :meth:`LocalGlobal.solve`.
     window : int
         Number of stored quasi-Newton steps.
@@ -64,7 +64,7 @@ class Following:
         *,
         prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
-        goals: np.ndarray | None = None,
+        volume_goal: float = 1.0,
         window: int = 10,
         workers: int = 1,
         **energy: Any,
@@ -83,7 +83,7 @@ class Following:
             single=True,
             accelerate_last=True,
         )
-        self._state.aim(targets, prescribed, fraction, goals)
+        self._state.aim(targets, prescribed, fraction, volume_goal)
         self._state.energy.begin_with(rotations)
         self._state.begin(0.0)
         self._last_u = self._state.u.copy()
@@ -97,13 +97,13 @@ class Following:
         *,
         prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
-        goals: np.ndarray | None = None,
+        volume_goal: float = 1.0,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
     ) -> Solution:
         """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
         state = self._state
-        state.aim(targets, prescribed, fraction, goals)
+        state.aim(targets, prescribed, fraction, volume_goal)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
             self._predict(targets, fraction)

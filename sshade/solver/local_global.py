@@ -62,7 +62,7 @@ class LocalGlobal(System):
         accelerate: bool = True,
         window: int = 5,
         max_seconds: float = inf,
-        goals: np.ndarray | None = None,
+        volume_goal: float = 1.0,
         workers: int = 1,
         softened: bool = False,
         progress: Progress = silent,
@@ -98,9 +98,8 @@ class LocalGlobal(System):
             Number of steps that L-BFGS stores.
         max_seconds : float
             No iteration begins later. The result then depends on the machine.
-        goals : (1 + p,) float64, optional
-            Volumes to reach if volumes are constrained, of the mesh and of each part, as multiples of their
-            volumes at rest; positive; 1 if missing.
+        volume_goal : float
+            Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
@@ -132,7 +131,7 @@ class LocalGlobal(System):
             window = window if accelerate else 0
             kinds = {"single": self.multigrid, "softened": softened}
             state = Descent(self, options, u, team=team, window=window, **kinds)
-            state.aim(targets, prescribed, fraction, goals)
+            state.aim(targets, prescribed, fraction, volume_goal)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin(tolerance)
@@ -157,7 +156,7 @@ class LocalGlobal(System):
             energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
-            **self.surface.report(state.u, options.volume, options.area, goals=state.goals),
+            **self.surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),
         )
 
     def project(
@@ -166,7 +165,7 @@ class LocalGlobal(System):
         *,
         volume: float = 0.0,
         area: float = 0.0,
-        goals: np.ndarray | None = None,
+        volume_goal: float = 1.0,
         workers: int = 1,
     ) -> np.ndarray:
         """Project positions onto the exact constraints with the least rise of the energy.
@@ -179,7 +178,7 @@ class LocalGlobal(System):
             Near a shape that fulfils the constraints. Hard handles stay.
         volume, area : float
             Weights; only inf has an effect.
-        goals
+        volume_goal
             See :meth:`solve`.
         workers : int
             Threads; no influence on the result.
@@ -192,7 +191,7 @@ class LocalGlobal(System):
         with ThreadTeam(workers) as team:
             u = self.to_system(positions, targets)
             state = Descent(self, Options(volume=volume, area=area), u, team=team)
-            state.aim_volumes(goals)
+            state.aim_volume(volume_goal)
             state.project()
         return self.from_system(state.u, targets)
 
@@ -261,7 +260,6 @@ def bind_task(
         exact_steps=exact_steps,
         bending=options.bending,
         thickness=options.thickness,
-        parts=part_faces(task),
     )
     return Bound(solver, targets, perf_counter() - begin)
 
@@ -285,7 +283,7 @@ def local_global(
     Parameters
     ----------
     task : DeformationTask
-        Constraints on volume or area need a connected mesh. Its volume goals are ratios of parts.
+        Constraints on volume or area need a connected mesh.
     energy : {"spokes", "spokes_and_rims"}
         See :class:`sshade.solver.system.System`.
     accelerate : bool
@@ -322,6 +320,8 @@ def local_global(
     FloatingPointError
         When an iterate is not finite.
     """
+    if not 0 < volume_goal < inf:
+        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     solver_options = complete(options)
     guess = initial_guess(task, solver_options.start)
     bound = bound or bind_task(task, solver_options, energy=energy, factorised=factorised)
@@ -331,7 +331,7 @@ def local_global(
         start=guess,
         prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
-        goals=goals_of(task, volume_goal),
+        volume_goal=volume_goal,
         workers=workers,
         softened=softened,
         progress=progress,
@@ -340,25 +340,3 @@ def local_global(
         **solver_options.subset(ENERGY),
     )
     return solution.result({"precompute": bound.seconds, "solve": perf_counter() - begin})
-
-
-def part_faces(task: DeformationTask) -> list[np.ndarray]:
-    """Return the faces of each part that has a volume goal."""
-    return [goal.faces for goal in task.volumes if goal.faces is not None]
-
-
-def goals_of(task: DeformationTask, volume_goal: float) -> np.ndarray:
-    """Return the goals (1 + p,) of the whole volume and of the parts, as ratios of the volumes at rest.
-
-    Raises
-    ------
-    InputError
-        On a task with a goal of the whole mesh, or a goal that is no ratio, or on a goal out of range.
-    """
-    if not 0 < volume_goal < inf:
-        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
-    if any(goal.faces is None or goal.ratio is None for goal in task.volumes):
-        raise InputError(
-            "this solver takes volume goals of parts, as ratios; give a goal of the whole mesh as volume_goal"
-        )
-    return np.array([volume_goal, *(goal.ratio for goal in task.volumes)], dtype=np.float64)

@@ -7,7 +7,6 @@ faster in the band ordering, where neighbours stay in cache (at 150,000 vertices
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
@@ -22,7 +21,6 @@ from sshade.handle_checks import checked_index
 from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
 from sshade.options import Energy
-from sshade.solver.capped import CappedVolume
 from sshade.solver.constraints import Surface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
@@ -82,9 +80,6 @@ class System:
         area; 0 for none. See :mod:`sshade.solver.terms.bending`.
     thickness : float
         Weight of the local thickness; 0 for none. See :mod:`sshade.solver.terms.struts`.
-    parts : sequence of (f,) int64
-        Faces of each part whose volume is constrained with the volume of the mesh; see
-        :mod:`sshade.solver.capped`.
 
     Attributes
     ----------
@@ -147,13 +142,11 @@ class System:
         exact_steps: int = 0,
         bending: float = 0.0,
         thickness: float = 0.0,
-        parts: Sequence[np.ndarray] = (),
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         if slide is not None and multigrid:
             raise InputError("sliding handles need a factorisation, not multigrid")
-        self._parts = parts
         self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
@@ -277,8 +270,7 @@ class System:
     @cached_property
     def surface(self) -> Surface:
         """The faces in the solver's order, for constraints."""
-        parts = [CappedVolume(self.place[self.mesh.F[faces]]) for faces in self._parts]
-        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None, parts)
+        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
         """Assemble the matrix of a V-cycle: Laplacian with weights (m,) of triangles, bending and pulls."""

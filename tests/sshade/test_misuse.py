@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import sshade
-from baselines.accelerated import accelerated_elastic
 from baselines.arap import arap
-from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, TransferTask, VolumeGoal
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, TransferTask
 from sshade.carry.binding_file import load_binding, save_binding
 from sshade.io.handles import write_handles
 from sshade.pipeline.retarget import Retargeting
@@ -92,10 +91,6 @@ WRONG = {
     "iterations": (lambda: arap(task(), max_iterations=2.5), "max_iterations a whole number"),
     "targets": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS[:2]), "need targets of shape"),
     "volume": (lambda: local_global(task(), volume=np.inf, volume_goal=-1.0), "above 0, not -1"),
-    "goal": (
-        lambda: accelerated_elastic(task(volumes=[VolumeGoal(ratio=1.1)]), volume=np.inf),
-        "takes volume goals of parts",
-    ),
     "method": (lambda: sshade.deform_sequence(task(), [], method="zz"), "there is no method"),
     "option": (lambda: sshade.deform_sequence(task(), [], voluem=1), "did you mean 'volume'"),
     "float faces": (lambda: sshade.write("x.obj", BODY.V, BODY.F + 0.7), "faces must be integers"),

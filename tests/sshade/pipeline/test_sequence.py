@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Handles, InputError, Slide, VolumeGoal, deform, deform_sequence
+from sshade import DeformationTask, Handles, InputError, Slide, deform, deform_sequence
 from sshade.pipeline import engine
 from sshade.pipeline.sequence import NEAR_POSE, Sequence
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
@@ -85,14 +85,14 @@ def test_a_sequence_goes_on_from_stored_vertices_with_the_same_bits():
         np.testing.assert_array_equal(result.vertices, whole[number])
 
 
-@pytest.mark.parametrize("goals", [(), (VolumeGoal(ratio=1.3, faces=np.arange(200)),)])
-def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(goals):
-    mesh = bumpy(4)
-    ends = end_handles(mesh.V, count=20 if goals else mesh.n // 4)
-    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends, volumes=goals)
+@pytest.mark.parametrize("options", [{}, {"volume_goal": 1.3}])
+def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(options):
+    mesh, options = bumpy(4), {**options, "vertices": 300}
+    ends = end_handles(mesh.V, count=20 if "volume_goal" in options else mesh.n // 4)
+    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends)
     poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
-    first, last = deform_sequence(task, poses, vertices=300)
-    again = Sequence(task, vertices=300)(poses[1], after=(poses[0], first.vertices))
+    first, last = deform_sequence(task, poses, **options)
+    again = Sequence(task, **options)(poses[1], after=(poses[0], first.vertices))
     assert again.extra["followed"]
     np.testing.assert_array_equal(again.vertices, last.vertices)
 

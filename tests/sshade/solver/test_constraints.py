@@ -232,11 +232,11 @@ def test_exact_constraints_are_exact(name, kind):
 @pytest.mark.parametrize("goal", [0.9, 1.0, 1.2])
 def test_another_volume_than_that_at_rest_can_be_the_one_to_hold(name, goal):
     task = SHAPES[name]
-    held = solve(task, (inf, 0.5), goals=np.array([goal]))
+    held = solve(task, (inf, 0.5), volume_goal=goal)
     volume = measured(held.positions, task.mesh.F)[0] / measured(task.mesh.V, task.mesh.F)[0]
     assert volume == pytest.approx(goal, rel=1e-6)
     assert held.volume_constraint == "exact" and held.volume_error <= CLOSE
-    pressed = solve(task, (100.0, 0), goals=np.array([goal]))
+    pressed = solve(task, (100.0, 0), volume_goal=goal)
     assert pressed.volume_constraint == "weighted" and pressed.volume_error < 0.01
 
 
