@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sshade.pipeline.sequence import deform_sequence as deform_sequence
     from sshade.pipeline.transfer import transfer_pose as transfer_pose
     from sshade.plotting.figure import plot as plot
-    from sshade.slides import Slide as Slide
     from sshade.task import DeformationResult as DeformationResult
     from sshade.task import DeformationTask as DeformationTask
     from sshade.task import Method as Method
@@ -53,7 +52,6 @@ _MODULES = {
     "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
     "plotting.figure": ["plot"],
-    "slides": ["Slide"],
     "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -108,11 +108,8 @@ def extent_of(whole: Surface) -> float:
     return whole.mesh.diagonal * max(1.0, apart / SAME_TARGET)
 
 
-def first_of_each(fields: Mapping[str, Any], slide: np.ndarray | None, extent: float | None) -> np.ndarray:
-    """Return where each id of handles first occurs, in input order; their other fields must agree.
-
-    `slide` (k,) has a number for each slide, and equal slides have equal numbers.
-    """
+def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray:
+    """Return where each id of handles first occurs, in input order; their other fields must agree."""
     index, target, weight, rotation = (fields[name] for name in ("index", "target", "weight", "rotation"))
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
@@ -131,8 +128,6 @@ def first_of_each(fields: Mapping[str, Any], slide: np.ndarray | None, extent: f
             gap = np.abs(rotation - other).max(axis=(1, 2))
             differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(other)).any(axis=(1, 2))
             _refuse(index[differ], "has two rotations, or is given with a rotation and without; give it one")
-        if slide is not None:
-            _refuse(index[slide != slide[earlier]], "has two slides, or a slide and a target; give it one")
     return np.sort(first)
 
 

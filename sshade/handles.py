@@ -1,8 +1,8 @@
-"""Handles: vertices that are fixed, pulled or sliding, hard (exactly) or soft (approximately)."""
+"""Handles: vertices that are fixed or pulled, hard (exactly) or soft (approximately)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, replace
 from typing import Any
@@ -21,7 +21,6 @@ from sshade.handle_checks import (
     per_handle,
 )
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.slides import Slide, checked_slides, nearest, slide_numbers
 from sshade.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
@@ -61,10 +60,6 @@ class Handles:
         Prescribed rotations of the surface at the handles; NaN, the default, leaves a rotation free. The
         local step of the solver uses a prescribed rotation in place of R_i. Positions already determine how a
         hard handle region turns; there, prescribed rotations affect the surface beside the border.
-    slide : Slide or (k,) sequence of Slide or None, optional
-        Set on which each handle slides, by default None: the handle has its target as its position. A hard
-        sliding handle ends on its set exactly. A soft one adds w times the mean squared distance from the set
-        to the energy. See :class:`sshade.Slide`.
     merged : int
         Number of handles dropped because another handle of their group has the same vertex.
     merge_distance : float
@@ -78,8 +73,7 @@ class Handles:
     ------
     InputError
         On wrong shapes, no handles, negative ids, targets that are not finite, weights that are not
-        positive, weights of free positions, matrices that are not rotations, or one vertex with different
-        targets, weights, rotations or slides.
+        positive, matrices that are not rotations, or one vertex with different targets, weights or rotations.
     """
 
     index: np.ndarray
@@ -91,7 +85,6 @@ class Handles:
     weight: np.ndarray = None  # type: ignore[assignment]
     portion: np.ndarray | None = None
     rotation: np.ndarray | None = None
-    slide: Any = None  # a (k,) object array, or None, once the object is made
     merged: int = 0
     merge_distance: float = 0.0
     extent: InitVar[float | None] = None
@@ -108,13 +101,8 @@ class Handles:
             "weight": checked_weight(self.weight, k),
             "portion": per_handle(self.portion, None, np.float64, k, "portion"),
             "rotation": checked_rotation(self.rotation, k),
-            "slide": checked_slides(self.slide, k),
         }
-        slide = fields["slide"]
-        if slide is not None and any(one and one.free for one in slide[np.isfinite(fields["weight"])]):
-            raise InputError("a handle with a free position has no weight; leave its weight out")
-        number = None if slide is None else slide_numbers(slide)
-        first = first_of_each(fields, number, extent)
+        first = first_of_each(fields, extent)
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -134,59 +122,16 @@ class Handles:
     @property
     def hard(self) -> np.ndarray:
         """(k,) bool: handles at whose targets the deformation ends exactly."""
-        return np.isinf(self.weight) & ~self.slides
-
-    @property
-    def slides(self) -> np.ndarray:
-        """(k,) bool: handles that slide, on a set or anywhere."""
-        if self.slide is None:
-            return np.zeros(len(self), dtype=bool)
-        return np.array([slide is not None for slide in self.slide])
-
-    @property
-    def free(self) -> np.ndarray:
-        """(k,) bool: handles with a free position, which prescribe a rotation only."""
-        if self.slide is None:
-            return np.zeros(len(self), dtype=bool)
-        return np.array([slide is not None and slide.free for slide in self.slide])
-
-    @property
-    def exact(self) -> np.ndarray:
-        """(k,) bool: hard handles, at their targets or on the sets on which they slide."""
         return np.isinf(self.weight)
-
-    @property
-    def slide_arrays(self) -> list[np.ndarray]:
-        """All arrays that determine how the handles slide; none if no handle does."""
-        if self.slide is None:
-            return []
-        distinct = {id(one): one for one in self.slide if one is not None}.values()
-        return [slide_numbers(self.slide), *(array for one in distinct for array in one.arrays)]
-
-    def goals(self, V: np.ndarray) -> np.ndarray:
-        """Return the targets (k, 3), and for handles that slide the nearest allowed positions to V (n, 3)."""
-        if self.slide is None:
-            return self.target
-        goal, own = self.target.copy(), self.slides
-        goal[own] = nearest(self.slide[own], V[self.index[own]], self.target[own]).position
-        return goal
-
-    def on_slides(self, V: np.ndarray) -> np.ndarray:
-        """Return V (n, 3) with all hard handles that slide on their sets."""
-        own = self.slides & self.exact
-        if own.any():
-            V = V.copy()
-            V[self.index[own]] = self.goals(V)[own]
-        return V
 
     @property
     def stiffness(self) -> np.ndarray:
         """(k,) float64: weight times portion, the factor of each squared distance; inf for hard handles."""
-        if self.exact.all():
+        if self.hard.all():
             return self.weight
         if self.portion is None:
             raise InputError("soft handles need their portions of area; make a task of them and the mesh")
-        return np.where(self.exact, np.inf, self.weight * self.portion)
+        return np.where(self.hard, np.inf, self.weight * self.portion)
 
     @property
     def has_rotation(self) -> np.ndarray:
@@ -208,7 +153,7 @@ class Handles:
 
         Existing portions are kept.
         """
-        soft = np.flatnonzero(~self.exact)
+        soft = np.flatnonzero(~self.hard)
         if self.portion is not None or len(soft) == 0:
             return self
         area = mesh.vertex_areas[self.index[soft]]
@@ -232,14 +177,11 @@ class Handles:
         return moved
 
     def require_same(self, other: Handles) -> None:
-        """Raise InputError unless other handles have the same vertices, groups, weights and slides."""
-        slides = [[None] * len(one) if one.slide is None else one.slide for one in (self, other)]
-        numbers = slide_numbers([*slides[0], *slides[1]])
+        """Raise InputError unless other handles have the same vertices, groups and weights."""
         for what, same in {
             "vertices": np.array_equal(self.index, other.index),
             "groups": np.array_equal(self.group, other.group),
             "weights": np.array_equal(self.weight, other.weight),
-            "slides": np.array_equal(numbers[: len(self)], numbers[len(self) :]),
         }.items():
             if not same:
                 raise InputError(
@@ -269,9 +211,7 @@ class Handles:
         return Handles(**{**some, "index": index, "portion": portion})
 
     def require_hard(self, method: str) -> None:
-        """Raise InputError if a handle is soft, slides or has a rotation, which `method` cannot use."""
-        if self.slides.any():
-            raise InputError(f"{method} takes no sliding handles: use method fast, fine or paper")
+        """Raise InputError if a handle is soft or has a rotation, which `method` cannot use."""
         if not self.hard.all():
             raise InputError(f"{method} takes no soft handles: leave their weights out, or use method fast")
         if self.prescribed_rotations:
@@ -281,7 +221,7 @@ class Handles:
         """Return the portions (s,) of the remaining handles with those of the handles left out."""
         from scipy.spatial import cKDTree
 
-        gathered, soft = portion[number], ~self.exact
+        gathered, soft = portion[number], ~self.hard
         for group in np.unique(self.group[soft]):
             members = np.flatnonzero(soft & (self.group == group))
             kept = np.flatnonzero(soft[number] & (self.group[number] == group))
@@ -302,7 +242,6 @@ class Handles:
         group: np.ndarray | None = None,
         weight: np.ndarray | float | None = None,
         rotation: np.ndarray | None = None,
-        slide: Slide | Sequence[Slide | None] | None = None,
         raw: bool = False,
         strict: bool = True,
     ) -> Handles:
@@ -312,7 +251,7 @@ class Handles:
         vertex p_i. A dynamic handle goes to ``t_i + R (p_i - s_i)``, where s_i and t_i are its stored
         positions. R is its prescribed rotation; without one, R is the rotation that best maps the sources of
         its group to their targets (Kabsch). Handles of a group with the same vertex are merged: they get the
-        mean of their targets, the largest of their weights, and the first rotation and slide.
+        mean of their targets, the largest of their weights, and the first rotation.
 
         Parameters
         ----------
@@ -322,7 +261,7 @@ class Handles:
             Positions at rest and prescribed positions, in the mesh's coordinates.
         dynamic : (k,) bool or bool
             False for fixed handles.
-        group, weight, rotation, slide
+        group, weight, rotation
             As for :class:`Handles`.
         raw : bool
             Keep the stored targets without correction.
@@ -355,7 +294,7 @@ class Handles:
         )
         group = per_handle(group, 0, np.int64, k, "group")
         weight = checked_weight(weight, k)
-        rotation, slides = checked_rotation(rotation, k), checked_slides(slide, k)
+        rotation = checked_rotation(rotation, k)
 
         distance, index = snap_to_vertices(mesh, source, group)
         moved = target
@@ -376,7 +315,6 @@ class Handles:
             snap_distance=largest,
             weight=one.largest(weight),
             rotation=None if rotation is None else rotation[one.first],
-            slide=None if slides is None else slides[one.first],
             merged=k - len(one.first),
             merge_distance=float(one.distance.max()),
             extent=mesh.diagonal,

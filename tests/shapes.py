@@ -217,11 +217,11 @@ def end_handles(
     return replace(own, dynamic=own.group > 0)
 
 
-def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=None, **more) -> Handles:
+def moved_parts(V: np.ndarray, *parts, weights=np.inf, rotations=None, **more) -> Handles:
     """Return groups of handles. Each part has vertices, as ids or a mask, and a shift or map that moves them.
 
-    Slides and rotations have one entry for each group. A rotation of None leaves the rotation of its group
-    free. Weights have one entry for each group, or one number applies to all groups.
+    Rotations have one entry for each group; None leaves the rotation of its group free. Weights have one
+    entry for each group, or one number applies to all groups.
     """
     index = [np.arange(len(V))[vertices] for vertices, _ in parts]
     group = np.repeat(np.arange(len(parts)), [len(own) for own in index])
@@ -229,8 +229,6 @@ def moved_parts(V: np.ndarray, *parts, weights=np.inf, slides=None, rotations=No
         move(V[own]) if callable(move) else V[own] + move for own, (_, move) in zip(index, parts, strict=True)
     ]
     more = {"group": group, "weight": np.broadcast_to(weights, len(parts))[group], **more}
-    if slides is not None:
-        more["slide"] = [slides[number] for number in group]
     if rotations is not None:
         more["rotation"] = np.array([np.full((3, 3), np.nan) if R is None else R for R in rotations])[group]
     return Handles(np.concatenate(index), np.concatenate(target), **more)

@@ -67,11 +67,7 @@ def zero_area_faces(deformed: Deformed) -> float:
 
 @metric("%", "mean distance of handles to targets / diagonal", "handles")
 def handle(deformed: Deformed) -> float:
-    """Mean distance of the handle vertices to their targets over M's diagonal, in percent.
-
-    Handles that slide have other targets: :func:`eval.run.measures.measures_of`, which fills all rows, gives
-    them before it measures.
-    """
+    """Mean distance of the handle vertices to their targets over M's diagonal, in percent."""
     handles = deformed.task.handles
     gap = np.linalg.norm(deformed.shape.V[handles.index] - handles.target, axis=1)
     return 100 * float(gap.mean()) / deformed.mesh.diagonal

@@ -56,9 +56,6 @@ def metric(unit: str, equation: str, *needs: Needs) -> Callable[[Function], Func
 def measure(task: Task, vertices: np.ndarray) -> dict[str, float | None]:
     """Compute all metrics that apply to a task; None if a value is not available, or infinite.
 
-    A handle that slides counts by its target; :func:`eval.run.measures.measures_of` counts it by the set on
-    which it slides.
-
     Parameters
     ----------
     task : DeformationTask or TransferTask

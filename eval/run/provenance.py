@@ -46,12 +46,10 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         arrays = [task.mesh.V, task.mesh.F, handles.index, handles.target, handles.dynamic, handles.group]
         if task.guess is not None:
             arrays.append(task.guess)
-        if not handles.exact.all():
+        if not handles.hard.all():
             arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)
-        if handles.slide is not None:
-            arrays += [array for one in handles.slide for array in (one.arrays if one else [np.zeros(0)])]
         if task.carry_unconstrained:
             arrays.append(np.ones(1))
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))

@@ -6,10 +6,9 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from eval.metrics import Task
+from eval.metrics import Task, measure
 from eval.rows.store import Row, read_vertices
 from eval.run.allowed import require_allowed, require_programs
-from eval.run.measures import measures_of
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.errors import InputError
@@ -60,4 +59,4 @@ def measured_again(
         if last != (name, row["task.checksum"]):
             with naming(folder):
                 last, task = (name, row["task.checksum"]), load_task(row)
-        yield row, folder, measures_of(task, read_vertices(folder, n=row["task.vertices"]))
+        yield row, folder, measure(task, read_vertices(folder, n=row["task.vertices"]))

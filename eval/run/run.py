@@ -9,13 +9,12 @@ from pathlib import Path
 from time import perf_counter, time
 from typing import Any, NamedTuple
 
-from eval.metrics import Task
+from eval.metrics import Task, measure
 from eval.rows.csv_rows import published_row
 from eval.rows.files import copy_file
 from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
 from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
-from eval.run.measures import measures_of
 from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
 from eval.run.targets import code_of, instantiate, require_kind, settings
 from sshade.errors import InputError
@@ -133,7 +132,7 @@ def run(
     if done.vertices is not None:
         progress("metrics", 0, 1)
         try:
-            row |= {f"metric.{metric}": value for metric, value in measures_of(task, done.vertices).items()}
+            row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
         except InputError as error:  # the method's mistake, not the user's
             done = Attempt(NOTHING | {"reason": str(error)})
         progress("metrics", 1, 1)

@@ -41,9 +41,9 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     Errors are fractions of the diagonal: the largest of the hard handles, and the mean of the soft handles.
     """
     at = whole.picked(stored)
-    distance = np.linalg.norm(at[handles.index] - handles.goals(at), axis=1)
+    distance = np.linalg.norm(at[handles.index] - handles.target, axis=1)
     distance /= whole.mesh.diagonal
-    hard = handles.exact
+    hard = handles.hard
     error = float(distance[hard].max(initial=0.0))
     exact, soft = int(hard.sum()), int((~hard).sum())
     parts = []

@@ -18,14 +18,6 @@ about as strongly as the surface resists. Beside targets, a rotation prescribes 
 the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
 other unknown keys are refused.
 
-A group with one of these keys slides freely, on a plane or line through its targets or its rest positions:
-
-  "slide": {"plane": [x, y, z]}         plane with this normal
-  "slide": {"line": [x, y, z]}          line with this direction
-  "slide": {"axes": "xz"}               along one or two coordinate axes
-  "slide": {"surface": "chair.obj"}     surface of a mesh file; "rest" is the rest shape
-  "free": "position"                    anywhere: only the "rotation" of the group is prescribed
-
 Several handle files are a sequence of poses. So is a handle file with a list "frames", and a handle file
 with --animation. The mesh is bound once, and each pose starts from the pose before. OUT is a name with a
 number, as in out_%04d.ply; a .glb with a morph target for each pose and an animation; or a .pc2 or .mdd point
@@ -94,7 +86,7 @@ from sshade.cli.sequence import (
 from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
-from sshade.io.files import check_output, naming
+from sshade.io.files import naming
 from sshade.io.poses import is_animation
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 
@@ -154,8 +146,6 @@ def command(options: argparse.Namespace) -> int:
     if sequence:
         return deform_poses(options, values, resolved)
     given = read_handle_file(options.handles, raw=options.raw)
-    for path in (options.output, *companions):
-        check_output(path, SUFFIXES, inputs=given.surfaces, overwrite=None)
     return _deform(options, values, resolved, given, companions)
 
 
@@ -225,7 +215,7 @@ def _deform(
 def _at_rest(task: DeformationTask, resolved: Options) -> list[str]:
     """Return a note if no handle moves and nothing else changes the mesh."""
     handles, mesh = task.handles, task.mesh
-    if handles.has_rotation.any() or handles.slide is not None or resolved.volume_goal:
+    if handles.has_rotation.any() or resolved.volume_goal:
         return []
     if np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max() > AT_REST * mesh.diagonal:
         return []

@@ -159,7 +159,6 @@ def deform_poses(options: argparse.Namespace, values: dict[str, Any], resolved: 
     inputs = [options.mesh, *options.handles, *([options.animation] if options.animation else [])]
     check_sequence(options, inputs)
     given = read_poses(options.handles, animation=options.animation, raw=options.raw, fps=options.fps)
-    inputs += [path for pose in given.poses for path in pose.file.surfaces]
     if not has_number(options.output):
         check_output(options.output, (*MORPHS, *CACHES), inputs=inputs[1:], overwrite=None)
     return _deform(options, values, resolved, given, inputs)
@@ -221,7 +220,7 @@ def _deform(
         )
     seconds = perf_counter() - begin
     each = f", {seconds / len(results):.2f} s each" if results else ""
-    if results and poses[0].exact.any():
+    if results and poses[0].hard.any():
         each = f", hard handles reached to {100 * max(errors):.2g} % of the diagonal{each}"
     say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     for note in [*given.notes, *unused_options(options, options.handles[0], files[0])]:
@@ -261,11 +260,10 @@ def output_of_contents(output: Path) -> Path | None:
 
 def softened(handles: Handles, weight: float) -> Handles:
     """Return handles whose hard positions are soft, with a weight."""
-    return replace(handles, weight=np.where(handles.exact & ~handles.free, weight, handles.weight))
+    return replace(handles, weight=np.where(handles.hard, weight, handles.weight))
 
 
 def _contents(handles: Handles) -> bytes:
     """Return bytes that change with the handles of a pose and their targets."""
-    kinds = handles.index, handles.target, handles.group, handles.weight, handles.rotation
-    arrays = *kinds, *handles.slide_arrays
+    arrays = handles.index, handles.target, handles.group, handles.weight, handles.rotation
     return b"".join(b"" if array is None else array.tobytes() for array in arrays)

@@ -11,17 +11,14 @@ import numpy as np
 
 from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, preview
-from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Settings
 from sshade.errors import InputError
 from sshade.figures import colour_range, edge_error
-from sshade.io.entries import REST
 from sshade.io.files import reason
 from sshade.mesh.clusters import Clusters
 from sshade.options import require_method
 from sshade.progress import Progress, silent
-from sshade.slides import Slide
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -127,16 +124,6 @@ class Commands:
             why = reason(error) if isinstance(error, OSError) else error
             raise InputError(f"{name}: a texture cannot be shown ({why})") from error
 
-    def surface(self, arguments: Mapping[str, Any]) -> bytes:
-        """Return the surface on which a group slides."""
-        number = arguments.get("group", "")
-        group = self._session.state.group(int(number) if number.isdecimal() else -1)
-        if group.slide is None or group.slide.surface is None:
-            raise InputError(f"{group.name} slides on no surface")
-        surface = group.slide.surface
-        faces = surface.F.astype(np.uint32)
-        return packet({}, {"positions": self._positions(surface.V), "faces": faces})
-
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Select vertices (k,) int."""
         self._session.select(vertices, how)
@@ -157,10 +144,7 @@ class Commands:
         }
         if "weight" in arguments:
             fields["weight"] = inf if arguments["weight"] is None else _numbers(arguments, "weight", ())
-        number = _given(arguments, "group", int)
-        if "slide" in arguments:
-            fields["slide"] = self._slide(number, arguments["slide"])
-        self._session.alter(number, **fields)
+        self._session.alter(_given(arguments, "group", int), **fields)
         return self._answer(*CHANGED)
 
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
@@ -217,24 +201,6 @@ class Commands:
             self._previews[drawn] = preview(self._session.mesh, drawn)
         return self._previews[drawn]
 
-    def _slide(self, number: int, given: Any) -> Slide | None:
-        """Return the slide of a group: none, "free" or in the form of handle files.
-
-        A plane or line without a direction gets the normal of the group. A surface lies in the folder of the
-        mesh.
-        """
-        document = self._session.document
-        if given is None:
-            return None
-        if given == "free":
-            return Slide.anywhere()
-        if isinstance(given, dict):
-            if given.get("surface", REST) not in (REST, *document.neighbours):
-                raise InputError(f"{given['surface']}: is no mesh file in the folder {document.folder}")
-            normal = self._session.normal(number).tolist()
-            given = {kind: normal if value is None else value for kind, value in given.items()}
-        return slide_of({"slide": given}, self._session.mesh, document.folder)
-
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
         quaternion = _numbers(arguments, "quaternion", (4,))
@@ -275,9 +241,8 @@ class Commands:
                 "name": group.name,
                 "kind": group.kind,
                 "vertices": len(group.vertices),
-                "pivot": ((state.place(group).mean(axis=0) - self._centre) / self._scale).tolist(),
+                "pivot": ((group.target.mean(axis=0) - self._centre) / self._scale).tolist(),
                 "weight": group.weight if isfinite(group.weight) else None,
-                "slide": group.slide and group.slide.record.get("slide", "free"),
             }
             for group in state.groups
         ]

@@ -177,13 +177,10 @@ class Document:
         return handles.sampled(row[vertex[index]], index, self.mesh.V)
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> Given:
-        """Read a handle file in this project's JSON; messages call it `name`.
-
-        The paths of surfaces in it are relative to the folder of the saved handles.
-        """
+        """Read a handle file in this project's JSON; messages call it `name`."""
         with naming(name):
             data = parsed_list(content, "handles")
-            return self._given(handle_file_of(data, raw=False, folder=self.outputs["handles"].parent), first)
+            return self._given(handle_file_of(data, raw=False), first)
 
     def _given(self, file: HandleFile, first: int) -> Given:
         handles = on_surface(file, self._surface)

@@ -59,11 +59,10 @@ class _Part(NamedTuple):
         None unless the component is an oriented manifold.
     group : array
         Array ``Handles.group`` of all handles.
-    members, hard, sliding, reduced : (h,) int64
-        Numbers of all handles on the component, of its hard handles, of its hard handles that slide, and of
-        the handles that the proxy takes.
+    members, hard, reduced : (h,) int64
+        Numbers of all handles on the component, of its hard handles, and of the handles that the proxy takes.
     binding : dict
-        Vertices in the component, groups, weights and slides of the reduced handles.
+        Vertices in the component, groups and weights of the reduced handles.
     """
 
     component: int
@@ -72,7 +71,6 @@ class _Part(NamedTuple):
     group: np.ndarray
     members: np.ndarray
     hard: np.ndarray
-    sliding: np.ndarray
     reduced: np.ndarray
     binding: dict[str, Any]
 
@@ -137,7 +135,7 @@ class Follower:
         """
         part = self._part(handles, on)
         if part.mesh is None:
-            shape[handles.index[part.members]] = handles.goals(shape)[part.members]
+            shape[handles.index[part.members]] = handles.target[part.members]
             return
         step: dict[str, Any] = {"tolerance": TOLERANCE, "max_iterations": ITERATIONS}
         step["rotations"] = None if handles.rotation is None else handles.rotation[part.reduced]
@@ -155,8 +153,6 @@ class Follower:
         if not self._connected:
             shape[part.vertices] = result.vertices
         shape[handles.index[part.hard]] = handles.target[part.hard]
-        if len(part.sliding):
-            shape[handles.index[part.sliding]] = handles.goals(shape)[part.sliding]
 
     def forget(self) -> None:
         """Start the next step anew, because the handles are not where the last step left them."""
@@ -184,18 +180,13 @@ class Follower:
         reduced = np.concatenate(chosen)
         binding = {"index": np.searchsorted(vertices, handles.index[reduced])}
         binding |= {"group": handles.group[reduced], "weight": handles.weight[reduced]}
-        if handles.slide is not None:
-            binding["slide"] = handles.slide[reduced]
         hard = members[handles.hard[members]]
-        sliding = members[(handles.exact & handles.slides)[members]]
-        self._last = _Part(number, vertices, mesh, handles.group, members, hard, sliding, reduced, binding)
+        self._last = _Part(number, vertices, mesh, handles.group, members, hard, reduced, binding)
         return self._last
 
     def _bind(self, part: _Part, mesh: Mesh, settings: Settings) -> _Bound:
         """Return a Deformer that is bound with the reduced handles."""
-        key = tuple(
-            tuple(values) if values.dtype == object else values.tobytes() for values in part.binding.values()
-        )
+        key = tuple(values.tobytes() for values in part.binding.values())
         bound, self._bound = self._bound, None
         if bound is not None and (bound.component, bound.settings) == (part.component, settings):
             if bound.handles != key and mesh.n >= REBOUND:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from math import inf
 from threading import Thread
 from typing import Any
 
 import numpy as np
 
 from sshade.edit.document import Document
-from sshade.edit.groups import LONGEST, Group, Kind, frame, normal
+from sshade.edit.groups import LONGEST, Group, Kind, frame
 from sshade.edit.selection import near
 from sshade.edit.state import Settings
 from sshade.edit.work import Work
@@ -102,9 +101,7 @@ class Grouping(Work):
             self._jumped = True
 
     def alter(self, number: int, **fields: Any) -> None:
-        """Change the ``kind``, ``weight`` (inf for hard), ``slide`` or ``name`` of a group.
-
-        Another slide begins where the group is.
+        """Change the ``kind``, ``weight`` (inf for hard) or ``name`` of a group.
 
         Raises
         ------
@@ -112,17 +109,7 @@ class Grouping(Work):
             See :class:`sshade.edit.groups.Group`.
         """
         with self._lock:
-            if "slide" in fields:
-                group, slide = self.state.group(number), fields["slide"]
-                fields["target"] = self.state.place(group)
-                if slide is not None and slide.free:
-                    fields = {**fields, "target": self.mesh.V[group.vertices], "weight": inf}
             self._push(self.state.changed(number, **fields))
-            self._jumped |= "slide" in fields
-
-    def normal(self, number: int) -> np.ndarray:
-        """Return the normal (3,) of a group; see :func:`sshade.edit.groups.normal`."""
-        return normal(self.mesh, self.state.group(number))
 
     def frame(self, number: int) -> np.ndarray:
         """Return the local axes (3, 3) of a group; see :func:`sshade.edit.groups.frame`."""

@@ -11,7 +11,6 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
-from sshade.slides import Slide
 
 Kind = Literal["static", "moving"]
 
@@ -76,8 +75,6 @@ class Group:
         How far the group was turned.
     is_prescribed : bool
         Whether `turn` comes from a file, which prescribes the rotation of the surface at the vertices.
-    slide : Slide, optional
-        Set on which the vertices slide; None keeps them at their targets.
 
     Raises
     ------
@@ -93,7 +90,6 @@ class Group:
     weight: float = inf
     turn: np.ndarray | None = None
     is_prescribed: bool = False
-    slide: Slide | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("static", "moving"):
@@ -102,24 +98,15 @@ class Group:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
             raise InputError("a weight is a number above 0; leave it empty for a hard group")
-        if self.is_free and self.weight < inf:
-            raise InputError("a group with a rotation only has no weight; leave it empty")
 
     def kept(self, keep: np.ndarray) -> Group:
         """Return the group with some of its vertices, keep (k,) bool."""
         return replace(self, vertices=self.vertices[keep], target=self.target[keep])
 
     @property
-    def is_free(self) -> bool:
-        """Whether the position is free. The targets are then at rest, as files say, and have no effect."""
-        return self.slide is not None and self.slide.free
-
-    @property
     def rotation(self) -> np.ndarray | None:
         """Prescribed rotation (3, 3) of the surface, unless the targets determine the rotation."""
-        if self.turn is None and self.is_free:
-            return np.eye(3)
-        if self.turn is None or self.is_prescribed or self.slide is not None:
+        if self.turn is None or self.is_prescribed:
             return self.turn
         extents = np.linalg.svd(self.target - self.target.mean(axis=0), compute_uv=False)
         return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
@@ -145,8 +132,6 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
         one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
         if handles.rotation is not None and handles.has_rotation[members[0]]:
             one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
-        if handles.slide is not None:
-            one = replace(one, slide=handles.slide[members[0]])
         groups.append(one)
     return tuple(groups)
 

@@ -19,11 +19,9 @@ import numpy as np
 from sshade.edit.groups import Group
 from sshade.edit.state import Settings, State
 from sshade.errors import InputError
-from sshade.io.entries import REST, parsed_slide
 from sshade.io.files import INCOMPLETE, expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
 from sshade.options import require_method
-from sshade.slides import Slide
 
 #: What a recovery file is, in messages.
 WHAT = "a recovery file of `sshade edit`"
@@ -101,7 +99,6 @@ class Recovery:
             {
                 **{name: getattr(group, name) for name in FIELDS},
                 "weight": group.weight if isfinite(group.weight) else None,
-                "slide": group.slide and dict(group.slide.record),
             }
             for group in state.groups
         ]
@@ -127,7 +124,6 @@ class Recovery:
             for i, entry in enumerate(facts["groups"]):
                 fields: dict[str, Any] = {name: entry[name] for name in FIELDS}
                 fields["weight"] = inf if entry["weight"] is None else entry["weight"]
-                fields["slide"] = entry["slide"] and slide_of(entry["slide"], self._mesh)
                 fields["turn"] = arrays.get(f"turn_{i}")
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
@@ -160,22 +156,6 @@ class Recovery:
         digest = hashlib.sha256(self._mesh.V.tobytes())
         digest.update(self._mesh.F.tobytes())
         return digest.hexdigest()
-
-
-def slide_of(record: dict[str, Any], mesh: Mesh, folder: Path = Path()) -> Slide:
-    """Return the slide with a record of :class:`sshade.slides.Slide`.
-
-    `mesh` is the rest shape, and paths of surfaces are relative to `folder`.
-
-    Raises
-    ------
-    InputError
-        On another record, or when the file of a surface cannot be read.
-    """
-    if "free" in record:
-        return Slide.anywhere()
-    slide = parsed_slide(record["slide"], folder)
-    return Slide.on(mesh, name=REST) if isinstance(slide, str) else slide
 
 
 def _process(pid: int | None = None) -> list[Any]:

@@ -37,10 +37,10 @@ log = logging.getLogger(__name__)
 
 #: Files of the page and their types, by the last part of the address.
 PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
-SCRIPTS = ("view", "picking", "look", "guides", "panel", "page")
+SCRIPTS = ("view", "picking", "look", "panel", "page")
 PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Methods of :class:`Commands` that answer to a request alone, and to a request with a query.
-ANSWERS, ANSWERS_TO_QUERIES = ("now", "rest", "colours", "skin"), ("whole", "image", "surface")
+ANSWERS, ANSWERS_TO_QUERIES = ("now", "rest", "colours", "skin"), ("whole", "image")
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "

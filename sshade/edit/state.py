@@ -79,22 +79,13 @@ class State:
                 return group
         raise InputError(f"there is no group {number}")
 
-    def place(self, group: Group) -> np.ndarray:
-        """Return the positions (k, 3) from which a group moves.
-
-        They are the targets, or where the vertices of a group slid to in the converged shape, if it is known.
-        """
-        if group.slide is None or self.shape is None:
-            return group.target
-        return group.slide.nearest(self.shape[group.vertices], group.target).position
-
     def changed(self, number: int, **fields: Any) -> State:
         """Return a state with changed fields of a group."""
         old = self.group(number)
         return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
     def moved(self, number: int, motion: Motion) -> State:
-        """Return a state with a group moved from its current place.
+        """Return a state with a group moved from its targets.
 
         Raises
         ------
@@ -107,8 +98,7 @@ class State:
         turn = group.turn
         if turn is not None or not np.array_equal(motion.R, np.eye(3)):
             turn = motion.R if turn is None else motion.R @ turn
-        target = group.target if group.is_free else motion(self.place(group))
-        return self.changed(number, target=target, turn=turn)
+        return self.changed(number, target=motion(group.target), turn=turn)
 
     def marked(self, new: Group) -> State:
         """Return a state with another group, whose vertices leave the selection and all other groups."""
@@ -138,8 +128,6 @@ class State:
             for group in self.groups
         ]
         target, rotation = self.aims()
-        slides = np.array([group.slide for group in self.groups], dtype=object)
-        slide = np.repeat(slides, count) if any(slides) else None
         return Handles(
             np.concatenate([group.vertices for group in self.groups]),
             target,
@@ -147,7 +135,6 @@ class State:
             group=np.repeat(np.arange(len(count)), count),
             weight=np.repeat([group.weight for group in self.groups], count),
             rotation=rotation,
-            slide=slide,
         )
 
     def aims(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -163,11 +150,9 @@ class State:
         return target, np.repeat(filled, [len(group.vertices) for group in self.groups], axis=0)
 
     def displaced(self, mesh: Mesh) -> bool:
-        """Whether a group has targets away from rest, a prescribed rotation, or a surface to slide on."""
+        """Whether a group has targets away from rest, or a prescribed rotation."""
         return any(
-            group.rotation is not None
-            or not np.array_equal(group.target, mesh.V[group.vertices])
-            or (group.slide is not None and group.slide.surface not in (None, mesh))
+            group.rotation is not None or not np.array_equal(group.target, mesh.V[group.vertices])
             for group in self.groups
         )
 

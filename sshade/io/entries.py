@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from sshade.io.keys import LONGEST, parsed_list, require_known
 from sshade.io.points import as_array, as_boxes, as_ids, as_points
 from sshade.io.regions import RigidMotion
 
-if TYPE_CHECKING:
-    from sshade.slides import Slide
-
 #: Suffixes of handle files.
 FORMATS = (".json", ".yaml", ".yml")
 #: Keys that give the handles of an entry, and functions that check their values.
@@ -28,13 +25,11 @@ WAYS = {"vertices": as_ids, "source": as_points, "boxes": as_boxes}
 #: Keys that give the motion of a group without targets.
 MOTION = {"rotation", "translation"}
 #: Keys of an entry.
-KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight", "slide", "free")
-#: Keys of a slide.
-SLIDES = ("plane", "line", "axes", "surface")
+KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight")
+#: Keys that are refused, and the handles that had them.
+REFUSED = {"slide": "handles that slide", "free": "rotations without a position"}
 #: Key of an animation; see :mod:`sshade.io.poses`.
 FRAMES = "frames"
-#: Stands for the rest shape as the surface of a slide, until the mesh is known.
-REST = "rest"
 #: Keys that this project writes into entries and files, and that readers of handles ignore. "links" is in
 #: files of earlier editors.
 RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
@@ -66,7 +61,6 @@ class Entry(NamedTuple):
         Motion of a group that moves rigidly.
     weight : float
         inf for hard handles.
-    slide : Slide or :data:`REST`, optional
     """
 
     number: int
@@ -78,7 +72,6 @@ class Entry(NamedTuple):
     rotation: np.ndarray = NO_ROTATION
     motion: RigidMotion | None = None
     weight: float = np.inf
-    slide: Slide | str | None = None
 
 
 class HandleFile(NamedTuple):
@@ -101,15 +94,6 @@ class HandleFile(NamedTuple):
     implicit_arap: bool = False
     made: Mapping[str, Any] = {}
 
-    @property
-    def surfaces(self) -> list[Path]:
-        """Mesh files on which handles slide."""
-        slides = [entry.slide for entry in self.entries]
-        records = [
-            one.record.get("slide", {}) for one in slides if one is not None and not isinstance(one, str)
-        ]
-        return [Path(record["surface"]) for record in records if "surface" in record]
-
 
 def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
     """Read a handle file, and check all that can be checked without the mesh.
@@ -126,7 +110,7 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
             data = parsed_list(path.read_bytes(), "handles")
             if FRAMES in data:
                 raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
-            return handle_file_of(data, raw=raw, folder=path.parent)
+            return handle_file_of(data, raw=raw)
         from sshade.io.implicit_arap import read_implicit_arap
 
         entries = [
@@ -136,11 +120,8 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
         return HandleFile(entries, raw, implicit_arap=True)
 
 
-def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFile:
-    """Check the object of this project's JSON as :func:`read_handle_file` does.
-
-    The paths of surfaces in it are relative to `folder`.
-    """
+def handle_file_of(data: dict[str, Any], *, raw: bool) -> HandleFile:
+    """Check the object of this project's JSON as :func:`read_handle_file` does."""
     if "volumes" in data:
         raise InputError(
             'volume goals of parts ("volumes") are no longer supported; use the option volume_goal, which is '
@@ -152,7 +133,7 @@ def handle_file_of(data: dict[str, Any], *, raw: bool, folder: Path) -> HandleFi
         name = entry.get("landmark") if isinstance(entry, dict) else None
         with naming(entry_name(number, name if isinstance(name, str) else "")):
             if (checked := checked_entry(number, entry, raw=raw)) is not None:
-                entries.append(checked._replace(slide=_slide(entry, folder)))
+                entries.append(checked)
     if not entries:
         raise InputError(NO_HANDLES)
     made = data.get("made")
@@ -166,7 +147,7 @@ def entry_name(number: int, name: str) -> str:
 
 
 def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:
-    """Check an entry without its slide; None if it is unused.
+    """Check an entry; None if it is unused.
 
     Targets and motions of handles that do not move are ignored.
     """
@@ -186,14 +167,14 @@ def checked_entry(number: int, entry: Any, *, raw: bool) -> Entry | None:
             raise InputError(f"{len(place)} handles have {len(target)} targets; each needs one")
     if moves and _moves_rigidly(entry, dynamic):
         motion = _motion(entry)
-    elif "rotation" in entry and (way != "boxes" or "free" in entry):
+    elif "rotation" in entry and way != "boxes":
         rotation = _rotation(entry)
     return Entry(number, str(name), way, place, dynamic, target, rotation, motion, _weight(entry))
 
 
 def _moves_rigidly(entry: dict[str, Any], dynamic: bool) -> bool:
     """Whether a rotation or a translation is the motion of the group, and no prescribed rotation."""
-    if "target" in entry or "free" in entry or not MOTION & set(entry):
+    if "target" in entry or not MOTION & set(entry):
         return False
     return dynamic or "boxes" in entry or "translation" in entry or "center" in entry
 
@@ -233,59 +214,6 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     return R
 
 
-def _slide(entry: dict[str, Any], folder: Path) -> Slide | str | None:
-    """Return the slide of an entry, or :data:`REST`."""
-    if "free" not in entry and "slide" not in entry:
-        return None
-    if "free" in entry:
-        if entry["free"] != "position":
-            raise InputError('"free" takes "position" only, for a group that prescribes a "rotation"')
-        if "rotation" not in entry:
-            raise InputError('"free": "position" needs a "rotation", the only thing that it prescribes')
-        for key in ("target", "translation", "center", "slide", "weight"):
-            if key in entry:
-                raise InputError(f'"free": "position" prescribes a "rotation" only; leave out "{key}"')
-        from sshade.slides import Slide
-
-        return Slide.anywhere()
-    return parsed_slide(entry["slide"], folder)
-
-
-def parsed_slide(slide: Any, folder: Path) -> Slide | str:
-    """Return the value of "slide" in an entry as a Slide, or :data:`REST`; `folder` has its surface.
-
-    Raises
-    ------
-    InputError
-        On any other value, or when the file of the surface cannot be read.
-    """
-    # Only files with slides need these modules and their compiled code.
-    from sshade.io.meshes import read_mesh
-    from sshade.slides import Slide
-
-    form = '"slide" takes one of {"plane": normal}, {"line": direction}, {"axes": "x"} and {"surface": path}'
-    if not isinstance(slide, dict) or len(slide) != 1:
-        raise InputError(form)
-    require_known(slide, SLIDES)
-    ((kind, value),) = slide.items()
-    with naming(f'"{kind}"'):
-        if kind in ("plane", "line"):
-            direction = as_array(value, "the direction", (3,), "three numbers")
-            return Slide.plane(direction) if kind == "plane" else Slide.line(direction)
-        if not isinstance(value, str):
-            wanted = '"x" or "xz"' if kind == "axes" else f'the path of a mesh file, or "{REST}"'
-            raise InputError(f"it must be {wanted}, not {json.dumps(value)[:LONGEST]}")
-        if kind == "axes":
-            return Slide.axes(value)
-        if value == REST:
-            return REST
-        path = folder / value
-        path = path.parent.resolve() / path.name  # the name of a link has the suffix
-        if not value or not path.exists():
-            raise InputError(f"{path}: there is no such file; the path is relative to the handle file")
-        return Slide.on(read_mesh(path), name=str(path))
-
-
 def _weight(entry: dict[str, Any]) -> float:
     """Return the weight of an entry: inf for hard handles."""
     weight = entry.get("weight", np.inf)
@@ -299,6 +227,11 @@ def _kind(entry: Any) -> str:
     """Return "static", "dynamic" or "unused", and check that the entry has the keys of that kind."""
     if not isinstance(entry, dict):
         raise InputError("it is no JSON object")
+    for key, what in REFUSED.items():
+        if key in entry:
+            raise InputError(
+                f'{what} ("{key}") are no longer supported; use a soft handle, with a target and a "weight"'
+            )
     require_known(entry, KEYS, RECORDS)
     if entry.get("kind") == "unused":
         return "unused"
@@ -323,5 +256,5 @@ def _check_motion(entry: dict[str, Any], kind: str) -> None:
             raise InputError(f'give the motion either as "target" or as "{key}"')
     if "center" in entry and "rotation" not in entry:
         raise InputError('"center" needs a "rotation"')
-    if kind == "dynamic" and "free" not in entry and not any(key in entry for key in needed):
+    if kind == "dynamic" and not any(key in entry for key in needed):
         raise InputError(f"it is dynamic and has no {' or '.join(map(json.dumps, needed))}")

@@ -7,9 +7,7 @@ JSON::
         {"landmark": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
         {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
          "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
-        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]},
-        {"landmark": "sole", "vertices": [7, 8, 9], "slide": {"plane": [0, 0, 1]}},
-        {"landmark": "ear", "vertices": [55], "rotation": [x, y, z, w], "free": "position"}
+        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
     ]}
 
 Each entry is a group of handles, given in one of three ways:
@@ -30,11 +28,6 @@ A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neit
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
 (:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.io.points`.
 
-A group with a ``slide`` moves freely on a set (:class:`sshade.Slide`): on a ``{"plane": normal}`` or a
-``{"line": direction}`` through the target of each handle, along one or two axes as with ``{"axes": "xz"}``,
-or on the ``{"surface": path}`` of a mesh file. The path is relative to the handle file; ``"rest"`` stands for
-the rest shape. ``"free": "position"`` leaves the position free, beside a prescribed rotation.
-
 Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
 """
 
@@ -51,7 +44,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import SAME_TARGET, extent_of
 from sshade.handles import Handles
-from sshade.io.entries import FILE_RECORDS, FRAMES, REST, Entry, HandleFile, entry_name, read_handle_file
+from sshade.io.entries import FILE_RECORDS, FRAMES, Entry, HandleFile, entry_name, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.keys import require_known
@@ -61,7 +54,6 @@ from sshade.io.regions import vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface
 from sshade.options import NEAR
-from sshade.slides import Slide
 from sshade.snapping import snap_to_vertices
 from sshade.task import DeformationTask
 
@@ -119,7 +111,6 @@ def on_mesh(
     extent = mesh.diagonal if extent is None else extent
     # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
-    same: dict[str, Slide] = {}  # entries with equal slides share one
     for entry in file.entries:
         by_position = entry.way == "source" and entry.motion is None
         with naming(entry_name(entry.number, entry.name)):
@@ -127,27 +118,21 @@ def on_mesh(
         k = len(place)
         values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
         rotation = np.broadcast_to(entry.rotation, (k, 3, 3))
-        one = Slide.on(mesh, name=REST) if isinstance(entry.slide, str) else entry.slide
-        one = None if one is None else same.setdefault(json.dumps(one.record), one)
-        slides = np.full(k, one, dtype=object)
-        rows[by_position].append((place, target, distance, *values, rotation, slides))
+        rows[by_position].append((place, target, distance, *values, rotation))
     parts = []
     if rows[0]:
-        at, target, snap, dynamic, group, weight, R, slide = columns(rows[0])
-        parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, slide, extent=extent))
+        at, target, snap, dynamic, group, weight, R = columns(rows[0])
+        parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, extent=extent))
     if rows[1]:
-        at, target, _, dynamic, group, weight, R, slide = columns(rows[1])
+        at, target, _, dynamic, group, weight, R = columns(rows[1])
         if file.implicit_arap:
             to_mesh = implicit_arap_frame(at, mesh)
             at, target = to_mesh(at), to_mesh(target)
-        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R, "slide": slide}
+        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R}
         parts.append(Handles.from_positions(mesh, at, target, **given, raw=file.raw))  # type: ignore[arg-type]
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
     names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
     joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-    joined["slide"] = np.concatenate(
-        [np.full(len(part), None) if part.slide is None else part.slide for part in parts]
-    )[order]
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
     merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
@@ -228,11 +213,10 @@ def write_handles(
 ) -> None:
     """Write handles as this project's JSON, by vertex ids.
 
-    Vertices, targets, kinds, weights, rotations and slides are read back bit by bit, in the order of the
-    groups. Targets of static handles are read back with ``raw`` only; otherwise, static handles are read back
-    at rest. A group of the file has one kind, one weight, one rotation and one slide: hard handles of a group
-    that differ in them are read back as several groups. Groups are numbered anew, and snap distances are not
-    in the file.
+    Vertices, targets, kinds, weights and rotations are read back bit by bit, in the order of the groups.
+    Targets of static handles are read back with ``raw`` only; otherwise, static handles are read back at
+    rest. A group of the file has one kind, one weight and one rotation: hard handles of a group that differ
+    in them are read back as several groups. Groups are numbered anew, and snap distances are not in the file.
 
     Parameters
     ----------
@@ -248,31 +232,26 @@ def write_handles(
     Raises
     ------
     InputError
-        When the file cannot be written or is no .json file, on another key, on a slide whose surface has no
-        name, and when handles of a soft group differ in what a group has once: several groups would pull
-        more strongly.
+        When the file cannot be written or is no .json file, on another key, and when handles of a soft group
+        differ in what a group has once: several groups would pull more strongly.
     """
     if Path(path).suffix.lower() != ".json":
         raise InputError(f"{path}: handles are written as .json")
     require_known(about or (), (FRAMES,), FILE_RECORDS)
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
-    slides = np.full(len(handles), None) if handles.slide is None else handles.slide
-    slide_of = list(dict.fromkeys(slides))
-    number_of = {one: number for number, one in enumerate(slide_of)}
-    number = [number_of[one] for one in slides]
-    rows = np.column_stack([handles.dynamic, handles.weight, number, np.nan_to_num(rotation)])
+    rows = np.column_stack([handles.dynamic, handles.weight, np.nan_to_num(rotation)])
     order = np.argsort(handles.group, kind="stable")
     groups, first = np.unique(handles.group[order], return_index=True)
     for group, own in zip(groups.tolist(), np.split(order, first[1:]), strict=True):
         kinds = np.unique(rows[own], axis=0)
         if np.isfinite(kinds[:, 1]).sum() > 1:
             raise InputError(
-                f"the soft handles of group {group} differ in their kinds, weights, rotations or slides, "
-                "which a group of a file has once; give them groups of their own"
+                f"the soft handles of group {group} differ in their kinds, weights or rotations, which a "
+                "group of a file has once; give them groups of their own"
             )
         for row in kinds:
-            members, (dynamic, weight, slide_number) = own[(rows[own] == row).all(axis=1)], row[:3]
+            members, (dynamic, weight) = own[(rows[own] == row).all(axis=1)], row[:2]
             entry: dict[str, Any] = {
                 "landmark": (names or {}).get(group, group),
                 "kind": "dynamic" if dynamic else "static",
@@ -282,33 +261,13 @@ def write_handles(
                 entry["target"] = packed(handles.target[members])
             if np.isfinite(weight):
                 entry["weight"] = weight
-            if row[3:].any():
-                entry["rotation"] = row[3:].reshape(3, 3).tolist()
-            if slide := slide_of[int(slide_number)]:
-                if not slide.record:
-                    raise InputError(
-                        "the surface of a slide has no file; name it with Slide.on(surface, name=path)"
-                    )
-                entry |= _beside(slide.record, Path(path))
-            if "free" in entry:
-                entry.pop("target", None)  # it has no effect, and files do not have it
+            if row[2:].any():
+                entry["rotation"] = row[2:].reshape(3, 3).tolist()
             entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
     texts = {key: json.dumps(value) for key, value in (about or {}).items()}
     texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"
     with replacing(path) as temporary:
         temporary.write_text(_lines(texts, "") + "\n", encoding="utf-8")
-
-
-def _beside(record: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return the record of a slide; a surface in or below the folder of the file is named from there.
-
-    A link to a file in another folder is read from both, so the name stays absolute.
-    """
-    named, folder = record.get("slide", {}).get("surface", REST), path.parent.resolve()
-    elsewhere = path.resolve().parent != folder
-    if named == REST or elsewhere or not Path(named).is_relative_to(folder):
-        return dict(record)
-    return {"slide": {"surface": Path(named).relative_to(folder).as_posix()}}
 
 
 def _lines(texts: Mapping[str, str], indent: str) -> str:

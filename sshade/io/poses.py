@@ -193,7 +193,7 @@ def poses_of(data: dict[str, Any], path: Path, *, raw: bool = False) -> Poses:
     with naming(path):
         if not isinstance(frames, list) or not frames:
             raise InputError(f'"{FRAMES}" must be a list of frames, at least one')
-        base = handle_file_of(data, raw=raw, folder=path.parent)
+        base = handle_file_of(data, raw=raw)
         poses: list[Pose] = []
         times: list[float] = []
         for number, frame in enumerate(frames):
@@ -249,9 +249,4 @@ def _moved(base: HandleFile, entries: list[Any], frame: dict[str, Any], raw: boo
             del entry["kind"]
         with naming(f'group "{name}"'):
             moved[number[name]] = checked_entry(number[name], {**entry, **group}, raw=raw)
-    return base._replace(
-        entries=[
-            one if (new := moved.get(one.number)) is None else new._replace(slide=one.slide)
-            for one in base.entries
-        ]
-    )
+    return base._replace(entries=[moved.get(one.number) or one for one in base.entries])

@@ -111,7 +111,6 @@ class ComponentSet:
         )
         placed = np.array(self._task.mesh.V)
         placed[origin] = at_means(origin, V)
-        placed = self._handles.on_slides(placed)
         junction[self._handles.index[self._handles.hard]] = False
         self.positions[junction], self._done[junction] = placed[junction], True
         for component in np.flatnonzero(chosen):
@@ -220,7 +219,7 @@ class ComponentSet:
         of_seam = {"dynamic": True, "group": handles.group.max() + 1, "weight": np.inf}
         fields: dict[str, Any] = {"index": np.concatenate([with_handle, seam])}
         fields["target"] = np.concatenate([handles.target[number], self.positions[origin[seam]]])
-        for name, value in {**of_seam, "portion": 1.0, "rotation": np.nan, "slide": None}.items():
+        for name, value in {**of_seam, "portion": 1.0, "rotation": np.nan}.items():
             if (values := getattr(handles, name)) is not None:
                 further = np.full((len(seam), *values.shape[1:]), value)
                 fields[name] = np.concatenate([values[number], further])

@@ -11,7 +11,6 @@ from typing import Any, TypeVar, overload
 import numpy as np
 
 from sshade.carry.kinds import vertex_values
-from sshade.errors import InputError
 from sshade.handle_checks import extent_of
 from sshade.io.objects import opened
 from sshade.mesh.surface import NEAR, surface
@@ -81,20 +80,16 @@ def deform_task(
         resolve(method, values)
         return interpolate_handles(task, progress=progress)
     area = values.get("area") is not None
-    whole, handles = resolve(method, values), task.handles
-    if (handles.free & ~handles.has_rotation).any():
-        raise InputError("a handle with a free position prescribes nothing; give it a rotation")
+    whole = resolve(method, values)
     result = by_components(task, deform_component, whole, progress=progress)
-    if whole.frames == "blended" and handles.slide is not None:  # means of copies are beside a surface
-        result = replace(result, vertices=handles.on_slides(result.vertices))
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:
-    """Return the largest distance of a hard handle from its goal, as a fraction of the diagonal."""
+    """Return the largest distance of a hard handle from its target, as a fraction of the diagonal."""
     handles = task.handles
-    distance = np.linalg.norm(V[handles.index] - handles.goals(V), axis=1)[handles.exact]
+    distance = np.linalg.norm(V[handles.index] - handles.target, axis=1)[handles.hard]
     return float(distance.max(initial=0.0)) / task.mesh.diagonal
 
 

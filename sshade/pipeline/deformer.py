@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from math import inf
@@ -22,7 +22,6 @@ from sshade.pipeline.engine import Engine
 from sshade.pipeline.goals import with_goal
 from sshade.pipeline.regions import all_on_targets, has_regions
 from sshade.progress import Progress, silent
-from sshade.slides import Slide
 from sshade.task import DeformationResult, DeformationTask, Handles
 from sshade.threads import ThreadTeam
 
@@ -48,8 +47,6 @@ class Deformer:
         Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
     weight : (h,) float64 or float
         Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
-    slide : Slide or (h,) sequence, optional
-        How handles slide, see :class:`sshade.Handles`. Planes and lines move with the targets of a call.
     method : {"fast", "paper"}
         "paper" has one sampling by default.
     progress : Progress
@@ -86,7 +83,6 @@ class Deformer:
         *,
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
-        slide: Slide | Sequence[Slide | None] | None = None,
         method: Literal["fast", "paper"] = "fast",
         progress: Progress = silent,
         **options: Any,
@@ -95,7 +91,7 @@ class Deformer:
         names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
-        self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight, slide=slide)
+        self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight)
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
@@ -122,7 +118,6 @@ class Deformer:
         *,
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
-        slide: Slide | Sequence[Slide | None] | None = None,
     ) -> None:
         """Take other handles without sampling and projecting again; the shape stays.
 
@@ -133,8 +128,8 @@ class Deformer:
 
         Parameters
         ----------
-        index, group, weight, slide
-            See :class:`Deformer`. No new handle slides on a surface.
+        index, group, weight
+            See :class:`Deformer`.
 
         Raises
         ------
@@ -143,11 +138,7 @@ class Deformer:
             of two groups with different targets. The Deformer keeps its handles then. A later call may raise
             the same.
         """
-        rest = _at_rest(self.mesh, index, group=group, weight=weight, slide=slide)
-        if rest.slide is not None and any(one and one.surface for one in rest.slide):
-            raise InputError(
-                "handles that slide on a surface must be bound from the beginning: make another Deformer"
-            )
+        rest = _at_rest(self.mesh, index, group=group, weight=weight)
         if not self._proxies:
             raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
         proxies = []

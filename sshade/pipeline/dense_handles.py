@@ -97,7 +97,7 @@ def are_dense(task: DeformationTask) -> bool:
 
 def _hard_positions_alone(task: DeformationTask) -> bool:
     handles = task.handles
-    return handles.slide is None and handles.prescribed_rotations is None and bool(handles.hard.all())
+    return handles.prescribed_rotations is None and bool(handles.hard.all())
 
 
 def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,6 @@ class Drag:
             proxy,
             attachment.vertex,
             stiffness=attachment.stiffness,
-            slide=attachment.slide,
             bending=options.bending,
             thickness=options.thickness,
         )
@@ -85,8 +84,7 @@ class Drag:
 
     def _take(self, handles: Handles) -> None:
         attachment = Attachment(self._proxy, handles, self._options.attachment)
-        binding = {"stiffness": attachment.stiffness, "slide": attachment.slide}
-        self._solver = self._solver.with_handles(attachment.vertex, **binding)
+        self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
         self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
 
     def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
@@ -207,8 +205,8 @@ class NearestPlacement:
         float
             The largest distance, in the unit of length.
         """
-        missed, number = handles.goals(V) - V[handles.index], self._stands_for
-        missed[~handles.exact] = 0.0
+        missed, number = handles.target - V[handles.index], self._stands_for
+        missed[~handles.hard] = 0.0
         count = np.bincount(number)
         self._shift += sums_by_index(number, missed, len(count)) / count[:, None]
         length = np.linalg.norm(self._shift, axis=1)
@@ -223,6 +221,5 @@ class NearestPlacement:
             group=handles.group,
             weight=handles.weight,
             rotation=handles.rotation,
-            slide=handles.slide,
             strict=False,  # a sample of the proxy stands for many vertices
         ).with_portions(self._proxy)

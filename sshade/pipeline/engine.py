@@ -218,8 +218,6 @@ class Engine:
             V = regions.correct_volume(mean.vertices)
         else:
             V = regions.on_targets(mean.vertices, handles)
-        if options.frames == "blended":  # triangle frames miss positions, too
-            V = handles.on_slides(V)
         return mean if V is mean.vertices else replace(mean, vertices=V)
 
 

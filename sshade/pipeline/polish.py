@@ -40,7 +40,7 @@ def polished(
     A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
     A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
     (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
-    thread beside the proxy's solve. Handles that slide stay where the proxy put them.
+    thread beside the proxy's solve.
 
     Parameters
     ----------
@@ -62,14 +62,12 @@ def polished(
     """
     begin = perf_counter()
     with ThreadPoolExecutor(max_workers=1) as pool:
-        bind = partial(bind_task, factorised=False, exact_steps=0, hold_slides=True)
+        bind = partial(bind_task, factorised=False, exact_steps=0)
         solver_ready = pool.submit(bind, task, options)
         proxy = deform()
         arrived = perf_counter()
         progress("polish", 0, options.polish_iterations, "preparing")
         solver, targets, precompute = solver_ready.result()
-    if task.handles.slide is not None:
-        targets[: len(task.handles)] = task.handles.goals(proxy.vertices)
     ready = perf_counter()
     energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
     energy["volume_goal"] = options.volume_goal or 1.0

@@ -102,7 +102,7 @@ class HandleRegions:
     ) -> None:
         self.volume_goal = volume_goal
         self._mesh, self._handles, self.vertices, self.graph = mesh, handles, vertices, graph
-        index, self._hard = handles.index, handles.exact
+        index, self._hard = handles.index, handles.hard
         self.number = numbered(index, mesh.n)
         handle = self.number >= 0
         # Hard handle vertices: `_hard_index` has all ids, `fixed` (n,) marks them, and `_edge` has the ids
@@ -125,7 +125,7 @@ class HandleRegions:
             self.first = np.concatenate([edge, self._one_of_each(edge)])
 
     def _one_of_each(self, sampled: np.ndarray) -> np.ndarray:
-        """A vertex of each group of soft or sliding handles, and of rotations, that has no sample yet."""
+        """A vertex of each group of soft handles, and of rotations, that has no sample yet."""
         handles, there, found = self._handles, self.number[sampled], []
         for kind in (~handles.hard, handles.has_rotation):
             groups, first = np.unique(handles.group[kind], return_index=True)
@@ -134,9 +134,7 @@ class HandleRegions:
         return np.union1d(*found)
 
     def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
-        """Move every hard handle vertex to its goal, and turn the surface beside regions with them.
-
-        The goal is the target, or the nearest position on the set on which the handle slides.
+        """Move every hard handle vertex to its target, and turn the surface beside regions with them.
 
         Parameters
         ----------
@@ -157,7 +155,7 @@ class HandleRegions:
         if not self.regional or len(self._hard_index) == 0:
             return V
         moved = V.copy()
-        moved[self._hard_index] = handles.goals(V)[self._hard]
+        moved[self._hard_index] = handles.target[self._hard]
         (vertex, nearest, phi), edge = self._margin, self._edge
         R, prescribed = self._rotations(moved, handles)
         rotated, (arm, arms) = np.isfinite(R[:, 0, 0]), self._arms

@@ -38,8 +38,7 @@ class Sequence:
     Parameters
     ----------
     task : DeformationTask
-        Mesh, handle vertices, groups, weights and slides of all poses. Its targets and its guess are not
-        used.
+        Mesh, handle vertices, groups and weights of all poses. Its targets and its guess are not used.
     method : str
         See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper_plain"
         does not bind.
@@ -190,9 +189,8 @@ class _Bindings:
             return deform_once(task, options, progress=progress)
         mesh, handles = task.mesh, task.handles
         kinds = handles.index, handles.group, handles.weight, handles.has_rotation
-        arrays = mesh.V, mesh.F, *kinds, *handles.slide_arrays
         key = blake2b(repr(options).encode())
-        for array in arrays:
+        for array in (mesh.V, mesh.F, *kinds):
             key.update(np.ascontiguousarray(array).tobytes())
         name = key.digest()
         bound = self.used.get(name) or self.known.get(name) or _Bound(task, options)

@@ -46,8 +46,8 @@ class Attachment:
     """Vertices attached to the rigid motions of handle groups.
 
     Handles of one landmark group that lie near each other form one rigid group. A group attaches nothing if
-    a handle slides, or if its handles determine no rotation: they lie in a line, or are fewer than three, and
-    no rotation is prescribed. Soft handles of weight w attach w / (1 + w) times as strongly as hard ones.
+    its handles determine no rotation: they lie in a line, or are fewer than three, and no rotation is
+    prescribed. Soft handles of weight w attach w / (1 + w) times as strongly as hard ones.
 
     Parameters
     ----------
@@ -65,8 +65,6 @@ class Attachment:
         The handle vertices in their order, followed by the attached vertices.
     stiffness : (p,) float64
         Stiffness at a pull fraction of 1; inf for hard handles. See :attr:`sshade.Handles.stiffness`.
-    slide : (p,) object or None
-        Slides of the handles, see :attr:`sshade.Handles.slide`; None for the attached vertices.
     """
 
     def __init__(self, mesh: Mesh, handles: Handles, weight: float) -> None:
@@ -77,8 +75,8 @@ class Attachment:
             graph = edge_graph(mesh)
             fronts = Fronts(graph, handles.index)
             number = _linked(graph, fronts, handles.group, LINK * r)
-            moves = handles.has_rotation, handles.slides
-            groups = self._groups = _Groups.at_rest(number, mesh.V[handles.index], *moves)
+            groups = _Groups.at_rest(number, mesh.V[handles.index], handles.has_rotation)
+            self._groups = groups
             firmness = np.where(np.isinf(handles.weight), 1.0, 1 - 1 / (1 + handles.weight))
             strength = np.bincount(number, firmness) / np.bincount(number) * weight
             nearest = number[fronts.cell]
@@ -97,9 +95,6 @@ class Attachment:
         self._start = np.searchsorted(self._group_of, np.arange(len(centre) + 1))
         self.vertex = np.concatenate([handles.index, near])
         self.stiffness = np.concatenate([handles.stiffness, pull[near]])
-        self.slide: np.ndarray | None = None
-        if handles.slide is not None:
-            self.slide = np.concatenate([handles.slide, np.full(len(near), None)])
 
     def pulls(self, target: np.ndarray, rotation: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Compute where the vertices are pulled for given targets and rotations of the handles.
@@ -159,9 +154,7 @@ class _Groups(NamedTuple):
     radius: np.ndarray
 
     @classmethod
-    def at_rest(
-        cls, number: np.ndarray, P: np.ndarray, has_rotation: np.ndarray, slides: np.ndarray
-    ) -> _Groups:
+    def at_rest(cls, number: np.ndarray, P: np.ndarray, has_rotation: np.ndarray) -> _Groups:
         """Group handles at rest positions P (k, 3) by their `number` (k,)."""
         member = np.argsort(number, kind="stable")
         number, P = number[member], P[member]
@@ -172,7 +165,6 @@ class _Groups(NamedTuple):
         determined = (size >= 3) & (moments[:, 1] > SPREAD**2 * moments[:, 2])
         curvature = np.where(determined, moments[:, 0] + moments[:, 1], 0.0)
         attaches = determined | np.logical_or.reduceat(has_rotation[member], start)
-        attaches &= ~np.logical_or.reduceat(slides[member], start)
         radius = np.maximum.reduceat(np.linalg.norm(arm, axis=1), start)
         return cls(member, start, number, arm, centre, curvature, np.where(attaches, radius, np.inf))
 

@@ -10,7 +10,6 @@ from sshade.solver.energy import Energy, Prescribed
 from sshade.solver.linear import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
-from sshade.solver.sliding import Slides
 from sshade.solver.system import System
 from sshade.threads import ThreadTeam
 
@@ -81,10 +80,6 @@ class Descent:
             team=team,
             single=system.multigrid and not system.exact_steps,
         )
-        self.slides: Slides | None = None
-        if system.sliding and system.response is not None:
-            mesh, bound = system.mesh, (system.sliding, system.response)
-            self.slides = Slides(*bound, corners=system.corners, origin=mesh.origin, unit=mesh.diagonal)
         self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
         self._softened = softened
         self._made: Linear | None = None
@@ -103,8 +98,6 @@ class Descent:
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
         self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
-        if self.slides:
-            self.slides.aim(targets)
         self.aim_volume(volume_goal)
 
     def begin(self, tolerance: float) -> None:
@@ -112,15 +105,12 @@ class Descent:
         self.constraints.begin(tolerance)
         if self._quasi_newton:
             self._quasi_newton.cut()
-        if self.slides:
-            self.slides.restore(self.u, self._apply)
         self.value = self.initial_value = self._local_step()
         self.rejected = 0
 
     def _local_step(self, *, restored: bool = False) -> float:
         """Fit the rotations; return the energy. If `restored`, :meth:`restore` has just been called."""
-        value = self.energy.local_step(self.u) + self.constraints.penalty(self.u, restored=restored)
-        return value + self.slides.penalty(self.u) if self.slides else value
+        return self.energy.local_step(self.u) + self.constraints.penalty(self.u, restored=restored)
 
     @property
     def _linear(self) -> Linear:
@@ -134,10 +124,8 @@ class Descent:
         u, g, B, constraints = self.u, self._g, self.energy.forces, self.constraints
         if constraints:
             constraints.add_forces(u, B)
-        self._apply(B, g)
+        self._linear.solve(B, g, self._team)
         g += u
-        if self.slides:
-            self.slides.project(g, u, B, self._apply)
         if constraints:
             constraints.project(g, u, self._solve)
         return float(largest_move(g, u)) / self._system.mesh.diagonal
@@ -147,26 +135,21 @@ class Descent:
         """Whether the linear solve has the Laplacian with strain weights, by a factorisation of its own."""
         return self._softened and self._system.softens(self.energy.weight)
 
-    def _apply(self, B: np.ndarray, X: np.ndarray) -> None:
-        self._linear.solve(B, X, self._team)
-
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
-        """Write directions M B_q along the slides to X_q, for B and X (q, n, 3)."""
-        # Slides and V-cycles have work arrays of their own.
-        if self.slides is None and isinstance(self._linear, Factorised) and len(B) > 1:
+        """Write directions M B_q to X_q, for B and X (q, n, 3)."""
+        # V-cycles have work arrays of their own.
+        if isinstance(self._linear, Factorised) and len(B) > 1:
             self._team(lambda q: self._linear.solve(B[q], X[q]), len(B))
             return
         for q in range(len(B)):
-            self._apply(B[q], X[q])
-            if self.slides:
-                self.slides.restrict(X[q], self._apply)
+            self._linear.solve(B[q], X[q], self._team)
 
     def end_step(self, short: bool) -> bool:
         return self._linear.end_step(short)
 
     def move(self, *, last: bool) -> None:
         before, accelerated = self._corrected + self._slack, self._advance(last)
-        restores = accelerated or last or self.slides is not None
+        restores = accelerated or last
         fits = self.restore(exactly=last) if restores else True
         self.value = self._local_step(restored=restores)
         if accelerated and self._quasi_newton and not (self._corrected <= before and fits):
@@ -176,8 +159,8 @@ class Descent:
             self.value = self._local_step(restored=True)
             if not (self._corrected <= before and fits):
                 self._quasi_newton.fall_back(self.u)
-                if last or self.slides:
-                    self.restore(exactly=last)
+                if last:
+                    self.restore(exactly=True)
                 self.value = self._local_step()
 
     @property
@@ -195,12 +178,10 @@ class Descent:
         return self._quasi_newton.advance(self.u, self._g, self.energy.forces)
 
     def restore(self, *, exactly: bool = False) -> bool:
-        """Project the iterate onto slides and constraints, along known directions; False if missed.
+        """Project the iterate onto the exact constraints, along known directions; False if missed.
 
-        Errors of the constraints as of :meth:`sshade.solver.constraints.Constraints.restore`.
+        Errors as of :meth:`sshade.solver.constraints.Constraints.restore`.
         """
-        if self.slides:
-            self.slides.restore(self.u, self._apply)
         return self.constraints.restore(self.u, exactly=exactly)
 
     def aim_volume(self, goal: float) -> None:
@@ -210,8 +191,6 @@ class Descent:
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""
-        if self.slides:
-            self.slides.restore(self.u, self._apply)
         if self.constraints:
             self.constraints.renew_directions(self.u, self._solve)
             self.restore(exactly=True)

@@ -105,8 +105,7 @@ class LocalGlobal(System):
         softened : bool
             Factorise the Laplacian with the strain weights of `start`, which must be near the minimum. The
             same energy then takes fewer iterations. Iteration stops at :data:`SOFTENED` times the tolerance,
-            because steps along soft triangles are longer. No effect without softening, with multigrid, or
-            where handles slide.
+            because steps along soft triangles are longer. No effect without softening or with multigrid.
         progress : Progress
         **energy
             Weights of the constraints, and softening: the options :data:`sshade.options.ENERGY` of
@@ -143,9 +142,6 @@ class LocalGlobal(System):
     def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
         """Return the result of a finished run, in the mesh's order of vertices."""
         positions = self.from_system(state.u, targets)
-        if state.slides:
-            vertex, on = state.slides.positions(state.u)
-            positions[vertex] = on
         return Solution(
             positions=positions,
             rotations=np.take(state.energy.R, self.place, axis=0).reshape(-1, 3, 3),
@@ -224,7 +220,6 @@ def bind_task(
     energy: Energy = "spokes_and_rims",
     factorised: bool | None = None,
     exact_steps: int = EXACT_STEPS,
-    hold_slides: bool = False,
 ) -> Bound:
     """Bind a solver to the mesh and the handles of a task.
 
@@ -234,29 +229,21 @@ def bind_task(
         As of :func:`local_global`.
     exact_steps : int
         See :class:`sshade.solver.system.System`.
-    hold_slides : bool
-        Handles that slide stay at targets which the caller writes; handles with a rotation alone stay free.
     """
     begin = perf_counter()
-    needed = options.bending > 0 or task.handles.slide is not None
-    multigrid = not factorised if factorised is not None else task.mesh.n > FACTORISED and not needed
+    if factorised is None:
+        factorised = task.mesh.n <= FACTORISED or options.bending > 0
     attachment = Attachment(task.mesh, task.handles, options.attachment)
     targets, fraction = attachment.pulls(task.handles.target, task.handles.rotation)
     # The targets stay, so vertices without a pull are left out of the system.
     pulled = fraction > 0
     targets, stiffness = targets[pulled], (attachment.stiffness * fraction)[pulled]
-    slide = None if attachment.slide is None else attachment.slide[pulled]
-    if hold_slides and slide is not None:
-        free = np.array([one is not None and one.free for one in slide])
-        stiffness = stiffness if free.all() else np.where(free, 0.0, stiffness)
-        slide = None
     solver = LocalGlobal(
         task.mesh,
         attachment.vertex[pulled],
         energy=energy,
         stiffness=stiffness,
-        slide=slide,
-        multigrid=multigrid,
+        multigrid=not factorised,
         exact_steps=exact_steps,
         bending=options.bending,
         thickness=options.thickness,
@@ -291,8 +278,7 @@ def local_global(
     factorised : bool, optional
         Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
         need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
-        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending or sliding
-        handles.
+        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
     bound : Bound, optional
         Result of :func:`bind_task` for the same mesh, handles and options; bound here if missing.
     volume_goal : float

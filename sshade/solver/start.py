@@ -11,8 +11,6 @@ from sshade.task import DeformationTask
 
 #: Distance of the auxiliary points beside a handle with a prescribed rotation, as a fraction of the diagonal.
 BESIDE = 1e-3
-#: Rounds in which the rigid start and the positions of sliding handles are found.
-SLIDING_ROUNDS = 20
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
@@ -45,9 +43,7 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
     else:
         # The weighted fit of soft handles is the minimum of the energy over all rigid motions.
         source, target = V[handles.index], handles.target
-        weights = None if handles.exact.any() else handles.stiffness
-        if handles.slide is not None:
-            target = _slid(task, weights)
+        weights = None if handles.hard.any() else handles.stiffness
         if prescribed := handles.prescribed_rotations:
             # Three auxiliary points beside each such handle, near enough not to disturb the fit of positions.
             vertex, turns = prescribed
@@ -62,17 +58,3 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
         U = V @ R.T + t
     U[handles.index[handles.hard]] = handles.target[handles.hard]
     return U
-
-
-def _slid(task: DeformationTask, weights: np.ndarray | None) -> np.ndarray:
-    """Return the targets (k, 3) of all handles, with slides where the best rigid motion brings them.
-
-    The motion and the nearest allowed positions are found in turn, as by iterated closest points.
-    """
-    V, handles = task.mesh.V, task.handles
-    U = V
-    for _ in range(SLIDING_ROUNDS):
-        target = handles.goals(U)
-        R, t = rigid_motion(V[handles.index], target, weights=weights)
-        U = V @ R.T + t
-    return handles.goals(U)

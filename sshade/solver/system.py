@@ -10,11 +10,11 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
-from threading import RLock
+from threading import Lock
 from typing import Self, TypeGuard
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 from sshade.errors import InputError
 from sshade.handle_checks import checked_index
@@ -32,7 +32,6 @@ from sshade.solver.order import (
     vertex_ranges,
     weighted_laplacian,
 )
-from sshade.solver.sliding import PROXIMAL, Sliding
 from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
 from sshade.solver.terms.pulls import Springs
@@ -66,8 +65,6 @@ class System:
     stiffness : (k,) float64, optional
         Stiffness of soft handles, see :attr:`sshade.Handles.stiffness`; inf, the default, for hard handles.
         The option `stiffness` of a solve is something else: the residual stiffness of strained triangles.
-    slide : (k,) object, optional
-        Slides of handles, see :attr:`sshade.Handles.slide`. They need a factorisation.
     multigrid : bool
         Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
@@ -96,8 +93,6 @@ class System:
         Places of the hard handles.
     springs : Springs
         The soft handles and attached vertices.
-    sliding : Sliding or None
-        The handles that slide; they are neither in `hard` nor in `springs`.
     multigrid : bool
         Whether V-cycles take the place of a factorisation.
     corners : int
@@ -119,15 +114,12 @@ class System:
         Laplacian with stiffness of pulls and bending, in the mesh's order. None with multigrid.
     factorised : Factorised or None
         Of `matrix`; made when first asked for, which a softened solve never does. None with multigrid.
-    response : (s, s) float64 or None
-        See :meth:`sshade.solver.sliding.Sliding.response`.
 
     Raises
     ------
     InputError
-        On an unknown energy, slides with multigrid, or handle vertices that are out of range, given twice or
-        missing in a component. A factorisation raises it for a Laplacian that is not positive definite to
-        rounding.
+        On an unknown energy, or handle vertices that are out of range, given twice or missing in a component.
+        A factorisation raises it for a Laplacian that is not positive definite to rounding.
     """
 
     def __init__(
@@ -137,7 +129,6 @@ class System:
         *,
         energy: Energy = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
-        slide: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
         bending: float = 0.0,
@@ -145,13 +136,11 @@ class System:
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
-        if slide is not None and multigrid:
-            raise InputError("sliding handles need a factorisation, not multigrid")
         self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
-        self._take_handles(index, stiffness, slide)
+        self._take_handles(index, stiffness)
         h = half_cotangents(mesh)
         self.multigrid = multigrid
         needed = bending > 0 or not multigrid
@@ -164,39 +153,26 @@ class System:
             bound.result()
         self.rest_energy = self._total_rest_energy()
 
-    def with_handles(
-        self, index: np.ndarray, *, stiffness: np.ndarray | None = None, slide: np.ndarray | None = None
-    ) -> Self:
+    def with_handles(self, index: np.ndarray, *, stiffness: np.ndarray | None = None) -> Self:
         """Bind other handles of the same mesh and energy, by a new factorisation.
 
         Both systems stay usable, and share all data that do not depend on handles. Parameters and errors as
         for the class and a factorisation, without multigrid.
         """
         other = copy(self)
-        other._take_handles(index, stiffness, slide)
+        other._take_handles(index, stiffness)
         other._bind()
         other.rest_energy = other._total_rest_energy()
         other.factorise()
         return other
 
-    def _take_handles(
-        self, index: np.ndarray, stiffness: np.ndarray | None, slide: np.ndarray | None
-    ) -> None:
+    def _take_handles(self, index: np.ndarray, stiffness: np.ndarray | None) -> None:
         index = checked_index(index, once=True)
         self.mesh.require_handles(index)
         stiffness = np.full(len(index), np.inf) if stiffness is None else stiffness
-        slides = np.zeros(len(index), dtype=bool)
-        self.index, self.sliding, self._loose = index, None, index[:0]
-        if slide is not None:
-            slides = np.array([one is not None for one in slide])
-            handle, component = np.flatnonzero(slides), self.mesh.component
-            vertex = index[handle]
-            compliance = 1.0 / stiffness[handle]
-            self.sliding = Sliding(handle, vertex, self.place[vertex], slide[handle], compliance)
-            self._loose = vertex[~np.isin(component[vertex], component[index[~slides]])]
-        self.hard, soft = np.flatnonzero(np.isinf(stiffness) & ~slides), np.isfinite(stiffness) & ~slides
+        self.index, self.hard = index, np.flatnonzero(np.isinf(stiffness))
         self.fixed = self.place[index[self.hard]]
-        handle = np.flatnonzero(soft)
+        handle = np.flatnonzero(np.isfinite(stiffness))
         handle = handle[np.argsort(self.place[index[handle]])]
         self.springs = Springs(handle, index[handle], self.place[index[handle]], stiffness[handle])
 
@@ -205,8 +181,7 @@ class System:
         self.matrix, self.plate = None, None
         # A cached_property of Python 3.11 would let one system wait for the factorisation of another.
         self._factorised: Factorised | None = None
-        self._response: np.ndarray | None = None
-        self._lock = RLock()
+        self._lock = Lock()
         laplacian, fixed = self._laplacian, self.index[self.hard]
         if laplacian is None:
             return
@@ -221,9 +196,6 @@ class System:
         self.matrix = laplacian
         if len(self.springs.vertex):
             self.matrix = csr_array(self.matrix + self.springs.matrix(self.mesh.n))
-        if len(self._loose):
-            proximal = np.full(len(self._loose), PROXIMAL), (self._loose, self._loose)
-            self.matrix = csr_array(self.matrix + coo_array(proximal, shape=self.matrix.shape))
         if self.struts:
             self.matrix = csr_array(self.matrix + self.struts.matrix(self.mesh.n))
         if self._length:
@@ -231,9 +203,7 @@ class System:
 
     def factorise(self) -> None:
         """Factorise now instead of in the first solve. Errors as of the class."""
-        with self._lock:
-            if self._response is None and self.factorised and self.sliding:
-                self._response = self.sliding.response(self.factorised, self.mesh.n)
+        self.factorised  # noqa: B018 - made here
 
     @property
     def factorised(self) -> Factorised | None:
@@ -241,11 +211,6 @@ class System:
             if self._factorised is None and self.matrix is not None:
                 self._factorised = Factorised(self.matrix, self.index[self.hard], self.place)
             return self._factorised
-
-    @property
-    def response(self) -> np.ndarray | None:
-        self.factorise()
-        return self._response
 
     def _list_elements(self, h: np.ndarray) -> None:
         """List edges or triangles for half cotangents h (m, 3)."""
@@ -288,8 +253,8 @@ class System:
         return L
 
     def softens(self, weight: np.ndarray | None) -> TypeGuard[np.ndarray]:
-        """Whether a Laplacian with strain weights can be factorised: there are some, and no handle slides."""
-        return weight is not None and not self.multigrid and self.sliding is None
+        """Whether there is a Laplacian with strain weights to factorise."""
+        return weight is not None and not self.multigrid
 
     def linear(self, weight: np.ndarray | None, *, team: ThreadTeam, softened: bool = False) -> Linear:
         """Return the linear solve of a global step, for strain weights (m,) where the solve begins.

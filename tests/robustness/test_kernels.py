@@ -20,7 +20,7 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Handles, Mesh, Slide, bind, bind_points, deform, transfer_pose
+from sshade import DeformationTask, Deformer, Handles, Mesh, bind, bind_points, deform, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_file, write_file
 from sshade.io.splats import moved_shapes, turned_harmonics
@@ -59,8 +59,7 @@ def _bound(frames: str) -> np.ndarray:
 
 def _dragged() -> np.ndarray:
     handles = pose(BODY.V)
-    slide = [Slide.plane([0, 0, 1]), *[None] * (len(handles) - 1)]
-    return Deformer(BODY, handles.index, vertices=50, slide=slide)(handles.target, max_iterations=4).vertices
+    return Deformer(BODY, handles.index, vertices=50)(handles.target, max_iterations=4).vertices
 
 
 def _with_regions() -> np.ndarray:

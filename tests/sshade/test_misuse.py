@@ -8,7 +8,7 @@ import pytest
 
 import sshade
 from baselines.arap import arap
-from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, Slide, TransferTask
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
 from sshade.carry.binding_file import load_binding, save_binding
 from sshade.io.handles import write_handles
 from sshade.pipeline.retarget import Retargeting
@@ -68,10 +68,6 @@ WRONG = {
     "one rotation of two": (
         lambda: Handles([5, 5], BODY.V[[5, 5]], rotation=[FREE, TURN]),
         "two rotations, or is given with a rotation and without",
-    ),
-    "other slides": (
-        lambda: Handles([5, 5], BODY.V[[5, 5]], slide=[Slide.axes("x"), Slide.axes("y")]),
-        "two slides",
     ),
     "dynamic": (
         lambda: Handles.from_positions(BODY, TWO, TWO, dynamic=[1, 2]),
@@ -143,23 +139,6 @@ def test_faces_of_another_mesh_are_refused_beside_a_file(tmp_path):
     np.testing.assert_array_equal(sshade.read(tmp_path / "b.ply").V, BODY.V + 1)
     with pytest.raises(InputError, match="has other faces"):
         sshade.write(tmp_path / "b.ply", BODY.V, BODY.F[:2], like=tmp_path / "a.ply")
-
-
-def test_equal_slides_are_one_slide_and_poses_need_the_same():
-    def handles(make, index=(0, 3)) -> Handles:
-        return Handles(index, BODY.V[list(index)], slide=[make(), None])
-
-    # Two equal planes of one vertex agree.
-    planes = [Slide.plane([0, 0, 1]), Slide.plane([0, 0, 2])]
-    assert len(Handles([5, 5], BODY.V[[5, 5]], slide=planes)) == 1
-    first, unnamed = handles(lambda: Slide.plane([0, 0, 1])), handles(lambda: Slide(np.eye(3)[:1]))
-    first.require_same(handles(lambda: Slide.plane([0, 0, 3])))
-    for other in (unnamed, handles(lambda: Slide.on(BODY)), handles(lambda: None)):
-        with pytest.raises(InputError, match="other slides"):
-            first.require_same(other)
-    handles(lambda: Slide.on(BODY)).require_same(handles(lambda: Slide.on(Mesh(BODY.V, BODY.F))))
-    with pytest.raises(InputError, match="other slides"):
-        handles(lambda: Slide.on(BODY)).require_same(handles(lambda: Slide.on(shifted(BODY, [1, 0, 0]))))
 
 
 def test_meshes_and_handles_stay_read_only_in_views_and_copies():

@@ -1,6 +1,5 @@
 // Translate pointers and buttons into commands, and answers into the shown mesh and panel.
 /* global THREE */
-import { Guides } from "./guides.js";
 import { Look } from "./look.js";
 import { Panel, byId, checked, say } from "./panel.js";
 import { Picking } from "./picking.js";
@@ -40,7 +39,6 @@ try {
   throw new Error("no WebGL");
 }
 const look = new Look(view, arrays, () => facts);
-const guides = new Guides(view, request);
 const panel = new Panel(ask, choose, shift);
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
@@ -130,7 +128,6 @@ function refresh() {
   else if (!view.gizmo.dragging) attach(group);
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
-  guides.show(facts.groups);
   look.draw();
   stage.dataset.state = facts.converged ? "converged" : "computing";
   stage.dataset.picked = facts.picked;

@@ -26,11 +26,6 @@ export function say(sentence) {
 }
 
 const WORDS = { static: "Fixed", moving: "Movable" };
-// Ways in which a group moves, by the key of its slide.
-const SLIDES = {
-  "": "keeps its place", plane: "on a plane", line: "on a line", axes: "along axes",
-  rest: "on the rest surface", free: "rotation only",
-};
 
 // `ask(command, args)` sends a command; `choose(number)` shows the details of a group and moves the gizmo to it;
 // `shift(number, move, degrees)` moves a group.
@@ -94,13 +89,13 @@ export class Panel {
     this.listed = text;
     byId("quit").textContent = returns ? "Return to Python" : "End";
     const at = document.activeElement?.dataset.at; // the same place keeps the focus
-    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, { files, scale })));
+    byId("groups").replaceChildren(...groups.map((group) => this.entry(group, group.number === active, scale)));
     if (active !== this.active) byId("groups").querySelector(".active")?.scrollIntoView({ block: "nearest" });
     this.active = active;
     if (at) byId("groups").querySelector(`[data-at="${at}"]`)?.focus();
   }
 
-  entry(group, active, around) {
+  entry(group, active, scale) {
     const { number, kind } = group;
     const button = (label, title, press) => element("button", { type: "button", textContent: label, title, onclick: press });
     const name = element("input", { type: "text", className: "name", value: group.name, title: "name of the group" });
@@ -126,12 +121,12 @@ export class Panel {
     const head = element("div", { className: "head" }, choose, name,
       element("span", { className: "small", textContent: whole(group.vertices) }));
     const made = element("li", { className: `${kind}${active ? " active" : ""}` }, head, element("div", { className: "row small" }, kinds, remove));
-    if (active) made.append(...this.details(group, around, button));
+    if (active) made.append(...this.details(group, scale, button));
     return made;
   }
 
   // What can be done with the chosen group.
-  details(group, { files, scale }, button) {
+  details(group, scale, button) {
     const { number, kind } = group;
     const input = (label, fields) => {
       const made = element("input", { type: "number", step: "any", ...fields });
@@ -148,7 +143,6 @@ export class Panel {
       this.far = far.value; // also for the next group
     };
     const rows = [
-      this.slide(group, files),
       element("div", { className: "row small" }, element("label", {}, "weight ", weight),
         button("pick", "pick the vertices of the group", () => this.ask("pick", { group: number })),
         button("to rest", "move the group back to its rest positions", () => this.ask("restore", { group: number }))),
@@ -168,32 +162,5 @@ export class Panel {
     rows.push(form, element("div", { className: "row small" },
       button("limit to", "fix everything farther away than this distance along the edges", () => this.ask("limit", { group: number, distance: Number(far.value) })), far));
     return rows;
-  }
-
-  // A list of the ways in which the group moves, and the direction of its plane or line, or its axes.
-  slide({ number, slide }, files) {
-    const send = (value) => this.ask("alter", { group: number, slide: value });
-    const [[key, value]] = slide === null ? [[""]] : slide === "free" ? [["free"]] : Object.entries(slide);
-    const way = key === "surface" ? (value === "rest" ? "rest" : "file") : key;
-    const ways = { ...SLIDES, ...Object.fromEntries(files.map((name) => [`file ${name}`, `on ${name}`])) };
-    if (way === "file") ways.file = `on ${value.split(/[/\\]/).pop()}`;
-    const select = element("select", { title: "how the group moves" },
-      ...Object.entries(ways).map(([name, label]) => element("option", { value: name, textContent: label })));
-    select.value = way;
-    select.setAttribute("aria-label", "how the group moves");
-    const first = { "": null, plane: { plane: null }, line: { line: null }, axes: { axes: "xy" }, rest: { surface: "rest" }, free: "free" };
-    select.onchange = () => {
-      const { value: chosen } = select;
-      send(chosen.startsWith("file ") ? { surface: chosen.slice(5) } : first[chosen]);
-    };
-    const row = element("div", { className: "row small" }, select);
-    if (!["plane", "line", "axes"].includes(way)) return row;
-    const axes = way === "axes";
-    const text = element("input", { type: "text", value: axes ? value : value.map((x) => Number(x.toFixed(3))).join(" ") });
-    text.title = axes ? "one or two axes along which the group slides, such as xz" : `x y z of the ${way === "plane" ? "normal of the plane" : "direction of the line"}`;
-    text.setAttribute("aria-label", axes ? "axes" : "direction");
-    text.onchange = () => send({ [way]: axes ? text.value.trim() : text.value.trim().split(/[\s,]+/).map(Number) });
-    row.append(text);
-    return row;
   }
 }

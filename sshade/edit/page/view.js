@@ -4,8 +4,6 @@
 const FAR = 50;
 const UP = { y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) };
 const TOWARDS = { y: new THREE.Vector3(0.5, 0.25, 1), z: new THREE.Vector3(0.5, -1, 0.25) };
-// Half the length of the planes and lines on which groups slide, and half the width of their lines.
-const GUIDE = 0.2, THIN = 0.0015;
 // Milliseconds: pictures that take longer than SLOW are drawn only after the view has rested for REST.
 const SLOW = 50, REST = 400;
 
@@ -57,51 +55,6 @@ function place(geometry, positions) {
   position.array.set(positions);
   addNormals(geometry.index.array, position.array, normal.array);
   position.needsUpdate = normal.needsUpdate = true;
-}
-
-// Return two crossing ribbons along each segment [a, b].
-function ribbons(segments) {
-  const P = [], F = [];
-  for (const [a, b] of segments) {
-    const along = b.clone().sub(a).normalize();
-    const side = Math.abs(along.x) < 0.7 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
-    side.cross(along).normalize().multiplyScalar(THIN);
-    for (const off of [side, side.clone().cross(along)]) {
-      const k = P.length / 3;
-      for (const [at, sign] of [[a, 1], [a, -1], [b, -1], [b, 1]]) P.push(...at.clone().addScaledVector(off, sign).toArray());
-      F.push(k, k + 1, k + 2, k, k + 2, k + 3);
-    }
-  }
-  return [P, F];
-}
-
-// Return translucent meshes for a plane, a line or a surface on which a group slides.
-function guide({ kind, at, direction, positions, faces, colour }) {
-  const made = (P, F, opacity) => {
-    const geometry = emptyGeometry(Uint32Array.from(F), P.length / 3);
-    place(geometry, P);
-    // A surface at the place of the mesh lies behind it.
-    const offset = kind === "surface" ? 1 : 0;
-    const material = new THREE.MeshLambertMaterial({
-      color: colour, side: 2, transparent: true, opacity, depthWrite: false,
-      polygonOffset: offset > 0, polygonOffsetFactor: offset, polygonOffsetUnits: offset,
-    });
-    const mesh = new THREE.Mesh(geometry, material);
-    mesh.frustumCulled = false;
-    mesh.userData.isSurface = kind === "surface";
-    return mesh;
-  };
-  if (kind === "surface") return [made(positions, faces, 0.3)];
-  const centre = new THREE.Vector3(...at), d = new THREE.Vector3(...direction).normalize().multiplyScalar(GUIDE);
-  if (kind === "line") return [made(...ribbons([[centre.clone().sub(d), centre.clone().add(d)]]), 0.9)];
-  const u = Math.abs(d.x) < 0.7 * GUIDE ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
-  u.cross(d).normalize().multiplyScalar(GUIDE);
-  const v = d.clone().cross(u).normalize().multiplyScalar(GUIDE);
-  const corner = ([a, b]) => centre.clone().addScaledVector(u, a).addScaledVector(v, b);
-  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(corner);
-  const lines = corners.map((from, i) => [from, corners[(i + 1) % 4]]);
-  lines.push([corner([-1, 0]), corner([1, 0])], [corner([0, -1]), corner([0, 1])]);
-  return [made(corners.flatMap((p) => p.toArray()), [0, 1, 2, 0, 2, 3], 0.2), made(...ribbons(lines), 0.9)];
 }
 
 // Copy three numbers for each of some vertices.
@@ -169,7 +122,6 @@ export class View {
     this.lamp = new THREE.DirectionalLight(0xffffff, 1.5);
     this.scene.add(this.lamp, this.lamp.target);
     this.surface = surface;
-    this.guides = [];
     this.setUp("y");
     this.pivot = new THREE.Object3D();
     this.scene.add(this.pivot);
@@ -347,17 +299,6 @@ export class View {
     this.draw();
   }
 
-  // Show planes, lines and surfaces on which groups slide.
-  setGuides(guides) {
-    for (const old of this.guides) {
-      this.scene.remove(old);
-      old.geometry.dispose();
-    }
-    this.guides = guides.flatMap(guide);
-    for (const made of this.guides) this.scene.add(made);
-    this.draw();
-  }
-
   // Move the gizmo to a point, with the axes of a quaternion.
   attach(pivot, quaternion = [0, 0, 0, 1]) {
     this.pivot.position.fromArray(pivot);
@@ -409,8 +350,6 @@ export class View {
     if (this.coarse) {
       this.coarse.visible = !whole;
       if (this.wires) this.wires.visible = whole;
-      // The rest surface would shine through the preview.
-      for (const made of this.guides) made.visible = whole || !made.userData.isSurface;
       const fine = whole || this.drawn === "card";
       if (fine !== this.fine) {
         this.fine = fine;

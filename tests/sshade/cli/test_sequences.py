@@ -141,32 +141,7 @@ def test_files_of_other_inputs_and_changed_files_are_computed_again(folder, monk
     assert written("--seed", "1") == names
 
 
-def slide_on(path: str) -> None:
-    """Let the upper group of two poses slide on a mesh file."""
-    for number in (0, 1):
-        data = json.loads(Path(f"pose_{number}.json").read_text())
-        data["handles"][1]["slide"] = {"surface": path}
-        Path(f"slide_{number}.json").write_text(json.dumps(data))
-
-
-def test_surfaces_and_buffers_are_inputs_too(folder, capsys):
-    floor = bumpy(1)
-    for surface, output in (
-        ("floor.ply", ["floor.ply"]),
-        ("out_floor.ply", ["out.ply", "--with", "floor.ply"]),
-    ):
-        write_mesh(surface, floor.V * 1.5, floor.F)
-        slide_on(surface)
-        line = ["deform", "body.ply", "slide_0.json", "-o", *output, *FAST]
-        assert_refused("sshade", line, f"{surface}: is the input")
-    slide_on("floor.ply")
-    command = ["deform", "body.ply", "slide_0.json", "slide_1.json", "-o", "on_%d.ply", *FAST]
-    assert main(command) == 0
-    before = vertices("on_?.ply")
-    assert main(command) == 0 and "2 of them kept" in capsys.readouterr().err
-    write_mesh("floor.ply", floor.V * 1.6, floor.F)
-    assert main(command) == 0 and "kept" not in capsys.readouterr().err
-    assert np.abs(np.subtract(before, vertices("on_?.ply"))).max() > 0.05
+def test_buffers_are_inputs_too(folder, capsys):
     # A .gltf with its buffer beside it.
     write_mesh("part.gltf", BODY.V, BODY.F)
     content = buffer_beside("part.gltf")

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sshade import Mesh, Slide
+from sshade import Mesh
 from sshade.edit.groups import Group, Motion
 from sshade.edit.session import Session
 from sshade.io.meshes import write_mesh
@@ -82,10 +82,6 @@ def assert_same_groups(groups: tuple[Group, ...], others: tuple[Group, ...]) -> 
     for one, new in zip(groups, others, strict=True):
         assert (one.name, one.kind, one.weight) == (new.name, new.kind, new.weight)
         assert np.array_equal(one.vertices, new.vertices) and np.array_equal(one.target, new.target)
-        assert (one.slide is None) == (new.slide is None)
-        assert one.slide is None or (
-            one.slide.record == new.slide.record and one.slide.free == new.slide.free
-        )
 
 
 def settled(session: Session, number: int, motion: Motion) -> np.ndarray:
@@ -107,11 +103,8 @@ SWITCHED = {
     "fixed": ([0, 0, -1], {"kind": "static"}),
     "turned": ([0, 0, 1], {}),
     "soft": ([0, 1, 0], {"weight": 4.0}),
-    "plane": ([0, -1, 0], {"slide": Slide.plane([0.1, 1, 0]), "kind": "static"}),
-    "line": ([1, 0, 0.2], {"slide": Slide.line([0, 1, 1]), "weight": 30.0}),
-    "axes": ([-1, 0.2, 0], {"slide": Slide.axes("xz")}),
-    "rest": ([-1, -1, 1], {"slide": Slide.on(BODY, name="rest")}),
-    "free": ([1, 1, 1], {"slide": Slide.anywhere()}),
+    "fixed elsewhere": ([0, -1, 0], {"kind": "static"}),
+    "stiff": ([1, 0, 0.2], {"weight": 30.0}),
 }
 
 
@@ -130,6 +123,6 @@ def switched(*, single: bool) -> Session:
         near = unit @ (np.array(direction) / np.linalg.norm(direction))
         number = added(session, np.flatnonzero(near >= (near.max() if single else 0.95)), "moving")
         if name != "fixed":
-            session.release(number, turned(BODY.V, 0.2 if name in ("turned", "free") else 0.05))
+            session.release(number, turned(BODY.V, 0.2 if name == "turned" else 0.05))
         session.alter(number, name=name, **fields)
     return session

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 import sshade
-from sshade import DeformationTask, Handles, InputError, Slide
+from sshade import DeformationTask, Handles, InputError
 from sshade.edit import call
 from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy, torn
@@ -86,17 +86,14 @@ def test_handles_that_it_begins_with_come_back_with_everything(user):
     moves = np.isin(index, HIGH)
     rotation = np.full((len(index), 3, 3), np.nan)
     rotation[moves] = np.eye(3)
-    slide = [Slide.plane([0, 0, 1]) if one else None for one in moves]
     weight = np.where(moves, 3.0, inf)
     target = BODY.V[index] + [[0, 0, 0.1]] * moves[:, None]
-    kinds = {"weight": weight, "rotation": rotation, "slide": slide}
-    begun = Handles(index, target, dynamic=moves, group=5 * moves, **kinds)
+    begun = Handles(index, target, dynamic=moves, group=5 * moves, weight=weight, rotation=rotation)
     user(lambda server: None)
     ended = sshade.edit_handles(BODY, begun)
     for name in ("index", "target", "dynamic", "weight", "rotation"):
         assert np.array_equal(getattr(ended, name), getattr(begun, name), equal_nan=name == "rotation"), name
     assert (ended.group == moves).all()
-    assert [one is not None for one in ended.slide] == moves.tolist()
 
 
 def test_copies_along_a_seam_all_have_handles(user):

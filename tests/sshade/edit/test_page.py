@@ -8,12 +8,10 @@ import igl
 import numpy as np
 import pytest
 
-from sshade import InputError
 from sshade.cli.main import main
 from sshade.edit import preview
-from sshade.edit.commands import Commands
 from sshade.edit.session import Session
-from sshade.io.meshes import read_arrays, write_mesh
+from sshade.io.meshes import read_arrays
 from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.shapes import bumpy
@@ -250,17 +248,13 @@ def test_a_gizmo_turns_a_group_and_a_mistake_is_told_on_the_page(page, session):
     assert all("400" in text for text in page.said)
 
 
-def test_a_group_that_turns_only_is_chosen_on_the_page_and_repeated_by_the_command(page, session):
+def test_a_turned_group_is_repeated_by_the_command(page, session):
     mark(page, session, where(page, session.mesh.V, session.mesh.V))
-    way = page.get_by_label("how the group moves")
-    asked(page, "alter", lambda: way.select_option("plane"))
-    assert page.get_by_label("direction").input_value() and len(session.state.groups[1].slide.across) == 1
-    asked(page, "alter", lambda: page.get_by_label("how the group moves").select_option("free"))
     page.locator("#gizmo-bar label", has_text="Turn").click()
     drag(page, where(page, session.mesh.V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
     release(page)
     group = session.state.groups[1]
-    assert group.slide.free and np.arccos((np.trace(group.rotation) - 1) / 2) > 0.1
+    assert np.arccos((np.trace(group.turn) - 1) / 2) > 0.1
     page.locator("#volume").uncheck()
     page.wait_for_selector("#stage[data-state=converged]")
     asked(page, "save", page.get_by_role("button", name="Save handles").click)
@@ -311,30 +305,6 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     assert changed(following, pixels(stage)) < 0.1
     group = session.state.groups[1]
     assert np.array_equal(session.shown[group.vertices], group.target)
-    assert page.said == []
-
-
-def test_slides_are_drawn_and_a_surface_beside_the_mesh_can_be_chosen(page, session):
-    tool = bumpy(2)
-    write_mesh("tool.ply", 1.1 * tool.V[:, [1, 2, 0]], tool.F)
-    mark(page, session, where(page, session.mesh.V, session.mesh.V))  # each answer lists the files
-    stage, way = page.locator("#stage"), page.get_by_label("how the group moves")
-    before = pixels(stage)
-    drawn = {"plane": "plane", "line": "line", "axes": "plane", "file tool.ply": "surface"}
-    for option, kind in drawn.items():
-        asked(page, "alter", lambda option=option: way.select_option(option))
-        page.wait_for_selector(f"#stage[data-guides={kind}]")
-        page.wait_for_timeout(200)
-        assert (1e-4 if kind == "line" else 2e-3) < changed(before, pixels(stage)) < 0.5
-    (group,) = (group for group in session.state.groups if group.slide)
-    assert group.slide.surface.n == tool.n and group.slide.record["slide"]["surface"].endswith("tool.ply")
-    page.wait_for_selector("#stage[data-state=converged]")
-    on_tool = group.slide.nearest(session.shown[group.vertices], group.target).position
-    assert abs(on_tool - group.target).max() > 0 and abs(session.shown[group.vertices] - on_tool).max() < 1e-9
-    asked(page, "alter", lambda: way.select_option("free"))
-    page.wait_for_selector("#stage[data-guides='']")
-    with pytest.raises(InputError, match="no mesh file in the folder"):
-        Commands(session)("alter", {"group": group.number, "slide": {"surface": "../tool.ply"}})
     assert page.said == []
 
 

@@ -5,12 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import InputError, Slide
+from sshade import InputError
 from sshade.edit import recovery
-from sshade.edit.recovery import slide_of
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
-from sshade.io.meshes import write_mesh
 from tests.shapes import bumpy
 from tests.sshade.edit.sessions import BODY, SWITCHED, added, assert_same_groups, begun, switched, turned
 
@@ -98,19 +96,6 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
             call()
 
 
-def test_a_surface_that_vanished_is_told_and_its_recovery_file_stays(monkeypatch):
-    write_mesh("tool.ply", 2 * BODY.V, BODY.F)
-    session = begun()
-    number = added(session, np.arange(5), "moving")
-    session.alter(number, slide=Slide.on(bumpy(3), name=str(Path("tool.ply").resolve())))
-    path = abandoned(session, monkeypatch)
-    Path("tool.ply").unlink()
-    again = begun()
-    with pytest.raises(InputError, match=r"tool\.ply: there is no such file"):
-        again.recover()
-    assert path.exists() and again.state.groups == ()
-
-
 def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(monkeypatch):
     session = begun()
 
@@ -128,15 +113,3 @@ def test_the_file_is_beside_the_mesh_where_the_next_session_looks(monkeypatch):
     added(session, np.arange(5), "moving")
     assert abandoned(session, monkeypatch).parent == Path() and files() == [session.recovery.path]
     assert [offer.path for offer in Session(Path("body.ply")).recovery.offers] == [session.recovery.path]
-
-
-def test_a_surface_beside_the_handles_is_named_from_there():
-    write_mesh("tool.ply", BODY.V * 1.2, BODY.F)
-    session = begun(BODY)
-    number = added(session, np.arange(5), "moving")
-    added(session, np.arange(20, 30), "static")
-    session.alter(number, slide=slide_of({"slide": {"surface": "tool.ply"}}, session.mesh, Path().resolve()))
-    session.save("handles", "pose.json")
-    assert '{"surface": "tool.ply"}' in Path("pose.json").read_text()
-    again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert again.state.groups[0].slide.moves_as(session.state.groups[0].slide)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import Mesh, Slide
+from sshade import Mesh
 from sshade.cli.main import main
 from sshade.edit import follower, state, work
 from sshade.edit.groups import Motion
@@ -183,19 +183,6 @@ def test_free_constraints_change_the_shape_and_are_written_down():
     assert made == {"method": "fast", "volume": 0.0}
     session.undo()
     assert session.shown is shape
-
-
-def test_a_group_slides_from_where_it_is_and_stays_where_it_slid():
-    session, number = ready()
-    top = int(np.argmax(BODY.V[:, 2]))
-    tip = added(session, np.array([top]), "moving")
-    session.alter(tip, slide=Slide.plane(session.normal(tip)))
-    settled(session, number, LIFT)
-    there = session.shown[top]
-    assert np.linalg.norm(there - BODY.V[top]) > 0.01
-    session.alter(tip, slide=None)
-    session.settle()
-    assert np.allclose(session.shown[top], there, rtol=0, atol=1e-12)
 
 
 def test_of_two_components_the_one_that_is_dragged_follows_at_once():

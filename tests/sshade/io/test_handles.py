@@ -76,6 +76,9 @@ def test_a_region_is_all_vertices_in_its_boxes(write, body):
         ({"boxes": [[[0, 0, 0]]]}, '"boxes" must be a list of pairs of points'),
         ({"boxes": [[[0, 0, 0], [1, 1, float("nan")]]]}, '"boxes" has a NaN or infinite position'),
         ({"rotation": [[1, 0], [0, 1]]}, '"rotation" must be three rows of three numbers'),
+        ({"rotation": (2 * np.eye(3)).tolist()}, "its rows must have length 1 and be perpendicular"),
+        ({"rotation": (-np.eye(3)).tolist()}, "it mirrors"),
+        ({"rotation": [0, 0, 0, 2]}, "a quaternion has length 1, not 2"),
         ({"translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
         ({"vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
         ({"target": [[0, 0, 0]]}, '"boxes" have no "target"'),
@@ -146,6 +149,16 @@ def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(write, body):
         file = read_handle_file(write(entries))
         notes = handle_notes(file, on_mesh(file, body), body)
         assert len(notes) == len(words) and all(a in b for a, b in zip(words, notes, strict=True)), notes
+
+
+@pytest.mark.parametrize(
+    "more", [{"slide": {"plane": [0, 0, 1]}}, {"free": "position", "rotation": [0, 0, 0, 1]}]
+)
+def test_handles_without_a_position_are_refused_with_what_to_use(write, body, more):
+    with pytest.raises(
+        InputError, match="entry 0: .* are no longer supported; use a soft handle, with a targ"
+    ):
+        read_handles(write([{"vertices": [1], **more}]), body)
 
 
 @pytest.mark.parametrize(

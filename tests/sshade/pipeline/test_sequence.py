@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Handles, InputError, Slide, deform, deform_sequence
+from sshade import DeformationTask, Handles, InputError, deform, deform_sequence
 from sshade.pipeline import engine
 from sshade.pipeline.sequence import NEAR_POSE, Sequence
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
@@ -179,7 +179,6 @@ def test_poses_with_other_handles_are_refused():
         "vertices": Handles(handles.index[1:], handles.target[1:]),
         "groups": replace(handles, group=handles.group + 1),
         "weights": replace(handles, weight=np.full(len(handles), 2.0)),
-        "slides": replace(handles, slide=Slide.axes("x")),
     }
     for name, other in others.items():
         with pytest.raises(InputError, match=f"other {name} than the handles of the first pose"):
