@@ -188,25 +188,3 @@ def write_key(obj: bpy.types.Object, key: bpy.types.ShapeKey, V: np.ndarray) -> 
     """Give a shape key the positions V (n, 3) float32."""
     key.points.foreach_set("co", V.ravel())
     obj.data.update_tag()
-
-
-def write_in_place(obj: bpy.types.Object, V: np.ndarray) -> None:
-    """Give a mesh the rest positions V (n, 3) float32, and its handles their present places as rest places.
-
-    Shape keys keep their differences to the rest, and those of this extension are switched off.
-    """
-    mesh = obj.data
-    switch_off(obj)
-    if mesh.shape_keys is not None:
-        change = V - rest_positions(mesh)
-        for key in mesh.shape_keys.key_blocks:
-            U = V.copy()
-            if key != mesh.shape_keys.reference_key:
-                key.points.foreach_get("co", U.ravel())
-                U += change
-            key.points.foreach_set("co", U.ravel())
-    mesh.attributes["position"].data.foreach_set("vector", V.ravel())
-    mesh.update()
-    for handle in obj.sshade.handles:
-        if handle.empty is not None:
-            handle.rest_here()

@@ -14,16 +14,7 @@ from bpy.app.handlers import persistent
 from sshade.edit.groups import Motion
 from sshade.errors import InputError
 
-from .data import (
-    add_key,
-    corners,
-    read_motions,
-    read_rig,
-    rest_positions,
-    switch_off,
-    write_in_place,
-    write_key,
-)
+from .data import add_key, corners, read_motions, read_rig, rest_positions, switch_off, write_key
 from .rig import Drag
 
 #: Errors of computations that end a live mode with a message.
@@ -127,15 +118,10 @@ class Live:
             self._drag.forget()
             self.key(obj).points.foreach_get("co", self._shape.ravel())
 
-    def finish(self, obj: bpy.types.Object, method: str, output: str) -> None:
+    def finish(self, obj: bpy.types.Object, method: str) -> None:
         """Write the converged shape of the present handles, as the operator Deform computes it."""
         rig = read_rig(obj)  # weights may be others than at the start
-        V = rig.deform(read_motions(obj), method=method)
-        if output == "KEY":
-            write_key(obj, self.key(obj), V)
-        else:
-            self.cancel(obj)
-            write_in_place(obj, V)
+        write_key(obj, self.key(obj), rig.deform(read_motions(obj), method=method))
 
     def cancel(self, obj: bpy.types.Object) -> None:
         """Remove the shape key, and switch earlier keys of this extension on again."""

@@ -8,7 +8,7 @@ import bpy
 from sshade.errors import InputError
 
 from . import live
-from .data import add_key, read_motions, read_rig, write_in_place, write_key
+from .data import add_key, read_motions, read_rig, write_key
 from .live import FAILURES
 
 
@@ -59,12 +59,8 @@ class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
     bl_idname, bl_label = "sshade.deform", "Deform"
 
     def run(self, obj: bpy.types.Object) -> None:
-        rig, settings = read_rig(obj), obj.sshade
-        V = rig.deform(read_motions(obj), method=settings.method, progress=_show)
-        if settings.output == "KEY":
-            write_key(obj, add_key(obj), V)
-        else:
-            write_in_place(obj, V)
+        V = read_rig(obj).deform(read_motions(obj), method=obj.sshade.method, progress=_show)
+        write_key(obj, add_key(obj), V)
 
 
 def _show(stage: str, done: int, total: int, note: str = "") -> None:
@@ -94,7 +90,7 @@ class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
         except InputError:  # the mode cannot go on
             del live.RUNNING[obj.session_uid]
             raise
-        running.finish(obj, obj.sshade.method, obj.sshade.output)
+        running.finish(obj, obj.sshade.method)
         del live.RUNNING[obj.session_uid]
 
 

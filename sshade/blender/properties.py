@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT OR GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Properties of objects: the list of handles, the method, and the output."""
+"""Properties of objects: the list of handles and the method."""
 
 import bpy
 from bpy.props import (
@@ -18,8 +18,10 @@ IDENTITY = tuple(tuple(float(row == column) for column in range(4)) for row in r
 
 
 def _choose_empty(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> None:
+    """Make the present place of the empty the place at which the mesh is at rest."""
     if handle.empty is not None:
-        handle.rest_here()
+        bpy.context.view_layer.update()  # a script may have moved the empty just now
+        handle.rest = relative(handle.id_data, handle.empty).inverted_safe()
 
 
 class SSHADE_PG_handle(bpy.types.PropertyGroup):
@@ -41,11 +43,6 @@ class SSHADE_PG_handle(bpy.types.PropertyGroup):
     )
     rest: FloatVectorProperty(size=(4, 4), subtype="MATRIX", default=IDENTITY, options={"HIDDEN"})
 
-    def rest_here(self) -> None:
-        """Make the present place of the empty the place at which the mesh is at rest."""
-        bpy.context.view_layer.update()  # a script may have moved the empty just now
-        self.rest = relative(self.id_data, self.empty).inverted_safe()
-
 
 class SSHADE_PG_object(bpy.types.PropertyGroup):
     """Settings of an object."""
@@ -58,14 +55,6 @@ class SSHADE_PG_object(bpy.types.PropertyGroup):
         items=(
             ("fast", "Fast", "Solve a small proxy of the mesh"),
             ("fine", "Fine", "Polish the result at full resolution, in ten times the time"),
-        ),
-    )
-    output: EnumProperty(
-        name="Output",
-        description="Where the deformed positions go",
-        items=(
-            ("KEY", "Shape key", "Add a shape key; the rest shape stays"),
-            ("MESH", "In place", "Change the rest shape; other shape keys keep their differences to it"),
         ),
     )
     message: StringProperty(options={"SKIP_SAVE"})

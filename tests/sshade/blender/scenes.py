@@ -159,26 +159,6 @@ def scene_quads():
     return {"fast": bool((goal == U).all()), "live": bool((same == U).all())}
 
 
-def scene_in_place():
-    """Change the rest shape; another shape key keeps its difference, and a second time nothing moves."""
-    obj, V, F = fresh()
-    obj.shape_key_add(name="Basis")
-    smile = obj.shape_key_add(name="Smile")
-    shift = np.random.default_rng(2).normal(scale=0.01, size=V.shape).astype(np.float32)
-    smile.points.foreach_set("co", (V + shift).ravel())
-    fixed, moving = with_handles(obj, V)
-    before, goal = contents(obj), expected(obj, V, F, fixed, moving)
-    obj.sshade.output = "MESH"
-    bpy.ops.sshade.deform()
-    facts = {"rest": bool((rest(obj) == goal).all()), "kept": contents(obj) == before}
-    facts["keys"] = obj.data.shape_keys.key_blocks.keys()
-    difference = points(obj.data.shape_keys.key_blocks["Smile"]) - goal
-    facts["difference"] = float(np.abs(difference - shift).max())
-    bpy.ops.sshade.deform()
-    facts["again"] = float(np.abs(rest(obj) - goal).max())
-    return facts
-
-
 def scene_live():
     """Follow an empty; the finished shape is the operator's."""
     obj, V, F = fresh()
@@ -246,7 +226,7 @@ def scene_cancel():
 
 
 def scene_earlier_keys():
-    """A live mode that is cancelled restores earlier keys, and a change in place switches them off."""
+    """A live mode that is cancelled restores earlier keys."""
     obj, V, F = fresh()
     with_handles(obj, V)
     obj.shape_key_add(name="Basis")
@@ -256,9 +236,7 @@ def scene_earlier_keys():
         bpy.ops.sshade.live_cancel()
         facts[begin] = {key.name: key.value for key in obj.data.shape_keys.key_blocks}
         bpy.ops.sshade.deform()
-    obj.sshade.output = "MESH"
-    bpy.ops.sshade.deform()
-    return facts | {"in place": [key.value for key in obj.data.shape_keys.key_blocks]}
+    return facts
 
 
 def scene_scaled_in_live_mode():

@@ -46,7 +46,7 @@ def test_results_are_bit_for_bit_the_ones_of_the_package(report):
     assert facts["keys"] == ["Basis", "SShaDe", "SShaDe.001"] and facts["value"] == 1
 
 
-@pytest.mark.parametrize("scene", ["operator", "in_place", "live", "cancel"])
+@pytest.mark.parametrize("scene", ["operator", "live", "cancel"])
 def test_everything_but_the_positions_stays(report, scene):
     """UVs, colours, materials, vertex groups, custom normals and modifiers."""
     assert report[scene]["kept"] is True
@@ -63,12 +63,6 @@ def test_weights_in_the_group_make_handles_soft(report):
 def test_quads(report):
     facts = report["quads"]
     assert facts["fast"] and facts["live"]
-
-
-def test_in_place_other_shape_keys_keep_their_differences(report):
-    facts = report["in_place"]
-    assert facts["rest"] and facts["keys"] == ["Basis", "Smile"] and facts["difference"] < 1e-6
-    assert facts["again"] < 1e-6  # empties begin anew at their places
 
 
 def test_the_live_mode_follows_and_ends_at_the_result_of_the_operator(report):
@@ -88,10 +82,9 @@ def test_cancel_restores_the_object(report):
     assert facts["twice"] == [False, False]  # no second live mode, and no operator meanwhile
 
 
-def test_cancel_restores_earlier_keys_and_a_change_in_place_switches_them_off(report):
+def test_cancel_restores_earlier_keys(report):
     facts = report["earlier_keys"]
     assert facts["basis"] == {"Basis": 1} and facts["deformed"] == {"Basis": 1, "SShaDe": 1}
-    assert facts["in place"] == [1, 0, 0]
 
 
 def test_undo_and_redo(report):
