@@ -250,7 +250,6 @@ class Commands:
             "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
             "scale": self._scale,
             "version": session.version,
-            "files": session.document.neighbours,
             "returns": session.document.is_in_memory,
             "picked": len(state.selection),
             "settings": state.settings._asdict(),

@@ -32,8 +32,6 @@ from sshade.task import DeformationTask
 FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
 #: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
-#: Greatest number of files that a page lists.
-MANY = 200
 
 
 class FileExists(InputError):
@@ -288,26 +286,13 @@ class Document:
         return list(map(_signature, self._files)) != self._opened
 
     @property
-    def neighbours(self) -> list[str]:
-        """Names of the mesh files in the folder of the mesh."""
-        with suppress(OSError):
-            found = [path.name for path in self.folder.iterdir() if path.suffix.lower() in SUFFIXES]
-            return sorted(name for name in found if not name.startswith("."))[:MANY]
-        return []
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the mesh."""
-        return self._path.parent
-
-    @property
     def recovery_folders(self) -> list[Path]:
         """Folders with recovery files, the folder of this session's first.
 
         It is the folder of the mesh, where each later session looks; the folder of the handles if the mesh is
         in memory or its folder is read-only.
         """
-        handles, mesh = self.outputs["handles"].parent, self.folder
+        handles, mesh = self.outputs["handles"].parent, self._path.parent
         first = handles if self.is_in_memory or not os.access(mesh, os.W_OK) else mesh
         return list(dict.fromkeys((first, handles, mesh)))
 

@@ -83,8 +83,8 @@ export class Panel {
     this.listed = null;
   }
 
-  list({ groups, files, scale, returns }, active) {
-    const text = JSON.stringify([groups, files, active]);
+  list({ groups, scale, returns }, active) {
+    const text = JSON.stringify([groups, active]);
     if (text === this.listed) return; // keep an input in which the user is typing
     this.listed = text;
     byId("quit").textContent = returns ? "Return to Python" : "End";
