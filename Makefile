@@ -3,7 +3,6 @@
 # make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
 # make scaling      the cost model of docs/scaling.md (a quarter of an hour)
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
-# make corpus       mesh and handle files of all kinds by three methods, checked (a minute or two)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
 # make cover        the picture of the README, by methods at full size (ten minutes)
@@ -44,7 +43,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test ci-benchmark bench scaling robustness corpus ablations transfers cover verify docs release clean
+.PHONY: tables test ci-benchmark bench scaling robustness ablations transfers cover verify docs release clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -105,10 +104,6 @@ robustness: $(READY)
 	for package in sshade baselines defaust eval; do \
 	  $(BIN)/coverage report --skip-covered --include="$$package/*" --fail-under=95 || exit 1; done
 	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2
-
-# OWN="--own FOLDER" tries the mesh files of a folder instead.
-corpus: $(READY)
-	$(BIN)/python -m tools.corpus $(OWN)
 
 ablations: $(READY) $(QUICK)/dataset.json
 	for name in $(ABLATIONS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done

@@ -1,4 +1,4 @@
-"""Cases: results that are promised exactly. The corpus has all other meshes."""
+"""Cases: results that are promised exactly. :mod:`tests.sshade.files` has all other meshes."""
 
 from collections.abc import Callable
 

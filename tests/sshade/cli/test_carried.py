@@ -9,7 +9,7 @@ from sshade.io.splats import read_points
 from tests.robustness.case import run
 from tests.robustness.inputs import BODY
 from tests.sshade.io.test_splats import write_splats
-from tools.corpus.write import lines, rows
+from tests.write import lines, rows
 
 CALL = "sshade deform body.ply pose.json -o posed.ply --with {}"
 

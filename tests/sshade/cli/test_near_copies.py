@@ -14,8 +14,7 @@ from sshade.cli.main import main
 from sshade.io.meshes import read_arrays
 from sshade.io.objects import opened
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
-from tools.corpus.plain import content
-from tools.corpus.shapes import shuffled, split
+from tests.write import mesh_ply, obj
 
 SHAPES = {
     "sphere": bumpy(2),
@@ -28,11 +27,37 @@ SHAPES = {
 }
 
 
+def split(V: np.ndarray, F: np.ndarray, share: float, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Give some corners a copy of their vertex."""
+    chosen = rng.random(F.shape) < share
+    G = F.copy()
+    G[chosen] = len(V) + np.arange(chosen.sum())
+    W = np.concatenate([V, V[F[chosen]]])
+    used = np.unique(G)
+    return W[used], np.searchsorted(used, G)
+
+
+def shuffled(V: np.ndarray, F: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Change the order of vertices and faces, and the first corners of faces."""
+    order = rng.permutation(len(V))
+    F = np.argsort(order)[F[rng.permutation(len(F))]]
+    turn = (np.arange(3) + rng.integers(3, size=(len(F), 1))) % 3
+    return V[order], np.take_along_axis(F, turn, axis=1)
+
+
+def written(name: str, V: np.ndarray, F: np.ndarray) -> bytes:
+    """Return the content of a file with all vertices."""
+    kind = Path(name).suffix[1:]
+    if kind == "ply":
+        return mesh_ply(V, F, kind=Path(name).stem)
+    return obj(V, F) if kind == "obj" else trimesh.Trimesh(V, F, process=False).export(file_type=kind)
+
+
 def noisy(mesh: Mesh, *, whole: bool, single: bool, rng) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, faces, and the vertex of `mesh` for each vertex: split, with noise, shuffled, turned."""
-    numbered = np.column_stack([mesh.V, np.arange(mesh.n)]), mesh.F
+    numbered = np.column_stack([mesh.V, np.arange(mesh.n)])
     share = 1.0 if whole else rng.choice([0.1, 0.5, 0.9])
-    V, F = shuffled(split(numbered, share, rng), rng)
+    V, F = shuffled(*split(numbered, mesh.F, share, rng), rng)
     V, origin = V[:, :3], V[:, 3].astype(np.int64)
     if single:
         steps = np.spacing(np.abs(V).max(axis=0).astype(np.float32))
@@ -54,7 +79,7 @@ def test_split_and_noisy_vertices_stay_together(here, shape, name):
     mesh, single = SHAPES[shape], name in ("soup.stl", "float.ply", "mesh.glb")
     rng = np.random.default_rng(sum(map(ord, shape + name)))
     V, F, origin = noisy(mesh, whole=name.endswith(".stl"), single=single, rng=rng)
-    Path(name).write_bytes(content((V, F), "f4.ply" if name == "float.ply" else Path(name).suffix))
+    Path(name).write_bytes(written(name, V, F))
     low, high = mesh.V.min(axis=0) - 0.01 * mesh.diagonal, mesh.V.max(axis=0) + 0.01 * mesh.diagonal
     third = (high[1] - low[1]) / 3
     down = {"boxes": [[low.tolist(), [high[0], low[1] + third, high[2]]]]}

@@ -8,7 +8,7 @@ import pytest
 from sshade.edit.document import Document
 from sshade.io.meshes import read_file, write_mesh
 from tests.shapes import icosphere
-from tools.corpus.write import columns, mesh_ply, obj, rows
+from tests.write import columns, mesh_ply, obj, rows
 
 pytestmark = pytest.mark.usefixtures("here")
 

@@ -15,7 +15,7 @@ from sshade.io.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.shapes import end_handles, icosphere
 from tests.sshade.io.test_formats import OFF, STL
 from tests.sshade.io.test_ply import SQUARE, ply
-from tools.corpus.write import columns, mesh_ply
+from tests.write import columns, mesh_ply
 
 #: A rotation without rounding errors (x to y, y to z, z to x), and a shift.
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])

@@ -10,8 +10,8 @@ import trimesh
 from sshade.io.document import MeshFile
 from sshade.io.meshes import read_file, write_file
 from sshade.io.ply import parsed, read_ply
-from tools.corpus import write
-from tools.corpus.write import columns
+from tests import write
+from tests.write import columns
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
 POLYGONS = [(0, 1, 2, 3), (1, 4, 2), (3, 2, 1, 0), (4, 1, 0)]

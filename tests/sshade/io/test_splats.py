@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from sshade import InputError
 from sshade.io.meshes import read_surface
 from sshade.io.splats import harmonics, moved_shapes, read_points, turned_harmonics
-from tools.corpus.write import columns, ply
+from tests.write import columns, ply
 
 RNG = np.random.default_rng(0)
 NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 {} opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"

@@ -1,0 +1,328 @@
+"""The command deforms files of all dialects; other libraries then read only new positions and normals."""
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from scipy.spatial import cKDTree
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+import sshade
+from sshade import DeformationTask, Mesh
+from tests.files import contents
+from tests.gltf import taken_apart, with_arrays
+from tests.robustness.case import run
+from tests.shapes import beside, bumpy, shifted, tube
+from tests.sshade.files.posing import TURN, given, whole, write_handles
+from tests.sshade.files.reading import Content, by_meshio, by_text, by_trimesh
+from tests.write import columns, lines, mesh_ply, obj, off, ply, rows
+
+
+def single(mesh: Mesh) -> Mesh:
+    """Round positions to single precision, so that all formats hold the same numbers."""
+    return Mesh(mesh.V.astype(np.float32).astype(np.float64), mesh.F)
+
+
+BODY = single(bumpy(2))
+PAIR = single(beside(BODY, shifted(BODY, [4.0, 0, 0])))
+TUBE = single(tube(12, 16))
+V, F = BODY.V, BODY.F
+N = V / np.linalg.norm(V, axis=1, keepdims=True)
+UV = np.column_stack([np.arctan2(V[:, 1], V[:, 0]) / 7 + 0.5, V[:, 2] / 5 + 0.5])
+COLOUR = (40 * (V - V.min(axis=0))).astype(int)
+#: The tube in quadrilaterals; and with half of its quadrilaterals cut, and a polygon at each end.
+SQUARES = TUBE.F.reshape(-1, 6)[:, :4].tolist()
+CAPS = [list(range(12)), list(range(TUBE.n - 1, TUBE.n - 13, -1))]
+MIXED = [*SQUARES[1::2], *(part for q in SQUARES[::2] for part in (q[:3], [q[0], *q[2:]])), *CAPS]
+CAPPED = Mesh(TUBE.V, [[face[0], *face[k : k + 2]] for face in MIXED for k in range(1, len(face) - 1)])
+#: The smallest possible PNG file.
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg=="
+)
+
+XYZ = columns("float", "x y z", V)
+NORMALS = columns("float", "nx ny nz", N)
+ST = columns("float", "s t", UV)
+RGBA = columns("uchar", "red green blue alpha", np.column_stack([COLOUR, COLOUR[:, 0]]))
+FACES = ("vertex_indices", "uchar int", F)
+CAMERA = [("view_px", "float", [1.5]), ("name", "uchar int", [[65, 66]])]
+FLAGS = [("flags", "short", F[:, 0] % 9), ("weight", "double", UV[F[:, 0], 0])]
+ORDERS = {"ascii": "", "little endian": "<", "big endian": ">"}
+#: The content of each file, or of several files by name of which the first is the mesh.
+Table = dict[str, bytes | dict[str, bytes]]
+
+PLY: Table = {
+    **{f"{order} floats": mesh_ply(V, F, ORDERS[order], "float") for order in ORDERS},
+    **{f"{order} doubles": mesh_ply(V, F, ORDERS[order], "double") for order in ORDERS},
+    "colours, normals, coordinates": ply("<", {"vertex": [*XYZ, *NORMALS, *RGBA, *ST], "face": [FACES]}),
+    "ascii normals first": ply("", {"vertex": [*NORMALS, *RGBA, *XYZ], "face": [FACES]}),
+    "further elements": ply("<", {"camera": CAMERA, "vertex": XYZ, "face": [FACES], "tail": CAMERA}),
+    "faces first": ply(">", {"face": [FACES], "vertex": XYZ}),
+    "values of faces": mesh_ply(V, F, "<", face=FLAGS),
+    "axes apart": ply("<", {"vertex": [XYZ[2], RGBA[0], XYZ[0], ST[1], XYZ[1]], "face": [FACES]}),
+    "comments": mesh_ply(V, F, "", comments=["comment made by hand", "obj_info a scan", "comment ä"]),
+    "vertex_index": ply("<", {"vertex": XYZ, "face": [("vertex_index", "uint uint", F)]}),
+    "lines of Windows": mesh_ply(V, F, "", end="\r\n"),
+    "squares": mesh_ply(TUBE.V, SQUARES, "<"),
+    "polygons": mesh_ply(TUBE.V, MIXED, "", "float"),
+}
+
+
+def corners(pattern: str, faces: np.ndarray = F) -> list[str]:
+    """Return lines of faces, whose corners have a pattern such as {0}//{0}."""
+    return ["f " + " ".join(pattern.format(i + 1) for i in face) for face in faces.tolist()]
+
+
+def seams() -> dict[str, bytes]:
+    """Texture coordinates of each corner, several for a vertex; a library of materials, and a picture."""
+    apart = UV[F].reshape(-1, 2) + 0.01 * np.arange(3 * len(F))[:, None] % 0.5
+    places = np.arange(1, 3 * len(F) + 1).reshape(-1, 3).tolist()
+    pairs = zip((F + 1).tolist(), places, strict=True)
+    faces = [f"f {a}/{i} {b}/{j} {c}/{k}" for (a, b, c), (i, j, k) in pairs]
+    text = lines(["mtllib skin.mtl"], rows("v ", V), rows("vt ", apart), ["usemtl skin"], faces)
+    return {"mesh.obj": text, "skin.mtl": b"newmtl skin\nmap_Kd skin.png\n", "skin.png": PIXEL}
+
+
+def groups() -> bytes:
+    parts = [["o body", "g skin left", "s 1", "usemtl a"], corners("{0}", F[:99])]
+    parts += [["g", "s off", "usemtl b"], corners("{0}", F[99:]), ["o rest", "l 1 2 3", "p 7"]]
+    return lines(["# made by hand", "mtllib a.mtl", ""], rows("v ", V), *parts)
+
+
+def backwards() -> bytes:
+    """Two parts whose faces count from the last vertex."""
+    faces = [f"f {a} {b} {c}" for a, b, c in (F - len(V)).tolist()]
+    return lines(rows("v ", V), faces, rows("v ", PAIR.V[len(V) :]), faces)
+
+
+OBJ: Table = {
+    "plain": obj(V, F),
+    "seams of textures": seams(),
+    "normals": lines(rows("v ", V), rows("vn ", N), corners("{0}//{0}")),
+    "all attributes": lines(rows("v ", V), rows("vt ", UV), rows("vn ", N), corners("{0}/{0}/{0}")),
+    "groups and materials": groups(),
+    "negative ids": backwards(),
+    "squares": obj(TUBE.V, SQUARES),
+    "polygons": obj(TUBE.V, MIXED),
+    "lines of Windows": obj(V, F, end="\r\n"),
+    "colours": lines(rows("v ", np.column_stack([V, COLOUR / 255])), corners("{0}")),
+    "tabs and blanks": obj(V, F).replace(b"f ", b"f\t ").replace(b"v ", b"v   "),
+    "exponents": lines([f"v {x:.9e} {y:.9E} {z:+.9e}" for x, y, z in V.tolist()], corners("{0}")),
+    "other scripts": lines(["# Körper 体", "o Körper"], rows("v ", V), ["usemtl кожа"], corners("{0}")),
+    "unused vertices": lines(rows("v ", np.vstack([V, V[:5] + 9])), corners("{0}")),
+    "no end of the last line": obj(V, F).rstrip(),
+    "coordinates behind faces": lines(rows("v ", V), corners("{0}"), rows("vt ", UV)),
+}
+COLOURED = [f"3 {a} {b} {c} 255 {a} 0" for a, b, c in F.tolist()]
+OFF: Table = {
+    "plain": off(V, F),
+    "COFF": off(np.column_stack([V, COLOUR / 255, np.ones(len(V))]), F, keyword="COFF"),
+    "NOFF": off(np.column_stack([V, N]), F, keyword="NOFF"),
+    "colours of faces": lines(["OFF", f"{len(V)} {len(F)} 0"], rows("", V), COLOURED),
+    "comments": off(V, F).replace(b"OFF\n", b"OFF # by hand\n# a body\n\n"),
+    "counts on the first line": off(V, F).replace(b"OFF\n", b"OFF "),
+    "squares": off(TUBE.V, SQUARES),
+    "polygons": off(TUBE.V, MIXED),
+}
+
+
+def stl(kind: str = "stl", W: np.ndarray = V) -> bytes:
+    data = trimesh.Trimesh(W, F, process=False).export(file_type=kind)
+    return data.encode() if isinstance(data, str) else data
+
+
+def attributed() -> bytes:
+    """A binary file that begins like a text, with a number for each facet."""
+    data = np.frombuffer(stl(), np.uint8).copy()
+    data[:20] = np.frombuffer(b"solid made by a tool", np.uint8)
+    data[84:].reshape(-1, 50)[:, 48:] = [0x1F, 0x7C]
+    return data.tobytes()
+
+
+SOLIDS = [stl("stl_ascii", W).replace(b"solid", b"solid part", 1) for W in (V, PAIR.V[len(V) :])]
+STL: Table = {
+    "binary": stl(),
+    "binary that begins with solid": attributed(),
+    "text": stl("stl_ascii"),
+    "capitals": stl("stl_ascii").upper(),
+    "several solids": b"".join(SOLIDS),
+}
+
+
+def exported(kind: str = "glb", *, normals: bool = False, **content: Any) -> Any:
+    """Return what trimesh writes."""
+    body = trimesh.Scene({"body": trimesh.Trimesh(V, F, process=False, **content)})
+    return body.export(file_type=kind, include_normals=normals)
+
+
+SKIN = PBRMaterial(name="skin", baseColorTexture=Image.new("RGB", (2, 2), (9, 120, 30)))
+TEXTURED = {"visual": TextureVisuals(uv=UV, material=SKIN), "vertex_normals": N, "normals": True}
+
+
+def beside_it() -> dict[str, bytes]:
+    """A .gltf file and its buffers."""
+    files = exported("gltf", **TEXTURED)
+    return {"mesh.gltf": files.pop("model.gltf"), **files}
+
+
+def split() -> bytes:
+    """Vertices along a meridian are there twice, with other texture coordinates."""
+    used, index = np.unique(F + len(V) * (V[F].mean(axis=1)[:, :1] > 0), return_inverse=True)
+    coordinates = UV[used % len(V)] + 0.5 * (used >= len(V))[:, None]
+    mesh = trimesh.Trimesh(V[used % len(V)], index.reshape(-1, 3), process=False)
+    mesh.visual = TextureVisuals(uv=coordinates)
+    return mesh.export(file_type="glb")
+
+
+def scene(*nodes: dict[str, Any], parts: Any = (F,), **more: Any) -> bytes:
+    """Return a .glb file of the body in one or several parts. Other arguments are keys of the JSON."""
+    nodes = nodes or ({"mesh": 0},)
+    attributes = {"POSITION": 0, "NORMAL": 1}
+    primitives = [{"attributes": attributes, "indices": 2 + k} for k in range(len(parts))]
+    tree = {"scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}], "nodes": list(nodes)}
+    tree |= {"meshes": [{"primitives": primitives}], **more}
+    return with_arrays(tree, V, N, *(part.reshape(-1, 1).astype(np.uint32) for part in parts))
+
+
+def unindexed() -> bytes:
+    tree, _ = taken_apart(scene())
+    del (
+        tree["meshes"][0]["primitives"][0]["indices"],
+        tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"],
+    )
+    return with_arrays(tree, V[F].reshape(-1, 3))
+
+
+def embedded() -> bytes:
+    tree, buffer = taken_apart(scene())
+    tree["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(buffer).decode()
+    return json.dumps(tree).encode()
+
+
+def placed(*matrices: np.ndarray) -> Mesh:
+    """Return the bodies that nodes place; mirrors turn their faces."""
+    turned = [F[:, ::-1] if np.linalg.det(M) < 0 else F for M in matrices]
+    return beside(*(Mesh(trimesh.transform_points(V, M), G) for M, G in zip(matrices, turned, strict=True)))
+
+
+HALF_TURN = {"mesh": 0, "rotation": [0, 0, 1, 0], "translation": [6, 0, 0], "scale": [2, 2, 2]}
+TURNED = np.array([[-2, 0, 0, 6], [0, -2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1.0]])
+SKEW = np.array([[1, 0.3, 0, 3], [0, 1, 0, -1], [0, 0, 2, 2], [0, 0, 0, 1]])
+NESTED = (
+    {"mesh": 0, "name": "arm", "translation": [0, 0, 3]},
+    {"children": [0], "scale": [1, 2, 1], "name": "hip"},
+    {"children": [1], "rotation": [0.5, 0.5, 0.5, 0.5]},
+)
+#: The place of the body in these nodes.
+NEST = np.array([[0, 0, 1, 3], [1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1.0]])
+KEPT = {"materials": [{"name": "skin", "extras": {"kept": [1.5, "ü"]}}], "extras": {"author": "nobody"}}
+GLTF: Table = {
+    "plain": exported(),
+    "colours": exported(vertex_colors=np.pad(COLOUR, ((0, 0), (0, 1)), constant_values=255).astype(np.uint8)),
+    "texture": exported(**TEXTURED),
+    "values of its own": exported(vertex_attributes={"_heat": UV[:, :1].astype(np.float32)}),
+    "seam": split(),
+    "external buffers": beside_it(),
+    "embedded buffer": {"mesh.gltf": embedded()},
+    "normals": scene(),
+    "two primitives": scene(parts=(F[:160], F[160:])),
+    "without indices": unindexed(),
+    "placed by a node": scene(HALF_TURN),
+    "placed by a matrix": scene({"mesh": 0, "matrix": SKEW.T.ravel().tolist()}),
+    "mirrored": scene({"mesh": 0, "scale": [-1, 1, 1]}),
+    "nested nodes": scene(*NESTED, scenes=[{"nodes": [2]}]),
+    "instances": scene({"mesh": 0, "name": "left"}, {**HALF_TURN, "name": "right"}),
+    "materials and extras": scene(**KEPT),
+}
+TABLES = {".ply": PLY, ".obj": OBJ, ".off": OFF, ".stl": STL, ".glb": GLTF}
+CASES = {f"{suffix} {name}": content for suffix, table in TABLES.items() for name, content in table.items()}
+#: The surfaces of files that hold another one than the body.
+SURFACES = {
+    **{f"{suffix} squares": TUBE for suffix in (".ply", ".obj", ".off")},
+    **{f"{suffix} polygons": CAPPED for suffix in (".ply", ".obj", ".off")},
+    ".obj negative ids": PAIR,
+    ".stl several solids": PAIR,
+    ".glb placed by a node": placed(TURNED),
+    ".glb placed by a matrix": placed(SKEW),
+    ".glb mirrored": placed(np.diag([-1.0, 1, 1, 1])),
+    ".glb nested nodes": placed(NEST),
+    ".glb instances": placed(np.eye(4), TURNED),
+}
+#: Files that a library does not read.
+UNREAD = {
+    by_trimesh: {".off polygons"},
+    by_meshio: {
+        *(f".ply {name}" for name in ("further elements", "faces first", "axes apart")),
+        *(f".ply {name}" for name in ("ascii normals first", "values of faces", "vertex_index")),
+        ".obj seams of textures",
+        *(f".off {name}" for name in OFF if name != "plain"),
+        *(f".stl {name}" for name in STL if name != "binary"),
+        *(f".glb {name}" for name in GLTF),
+    },
+    by_text: set(),
+}
+#: Accepted error of positions in single precision, as a fraction of the diagonal, and of normals.
+NEAR, ANGLE = 1e-6, 1e-5
+#: The same where copies of vertices or polygons give another order; neighbours are farther apart.
+BENT = 0.01
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_deformed_file_differs_in_positions_and_normals_alone(here, name):
+    mesh, files = SURFACES.get(name, BODY), CASES[name]
+    files = files if isinstance(files, dict) else {f"mesh{name.partition(' ')[0]}": files}
+    for file, data in files.items():
+        Path(file).write_bytes(data)
+    path = Path(next(iter(files)))
+    readers = [reader for reader, unread in UNREAD.items() if name not in unread]
+    rest = [reader(path) for reader in readers]
+    for motion in ("whole", "bend"):
+        handles = given(mesh, motion)
+        write_handles(mesh, handles)
+        expected = whole(mesh)
+        if motion == "bend":
+            expected = sshade.deform(DeformationTask("bend", mesh, handles)).vertices
+        before, posed = contents(), Path(f"posed{path.suffix}")
+        code, out, err = run(f"sshade deform {path} pose.json -o {posed}")
+        assert code == 0 and out == "" and "warning" not in err, err
+        after = contents()
+        assert before.items() <= after.items() and after.keys() - before.keys() <= {str(posed), "posed.bin"}
+        alike = motion == "whole" or (mesh is not CAPPED and all(len(c.V) <= mesh.n + 5 for c in rest))
+        for reader, old in zip(readers, rest, strict=True):
+            new = reader(posed)
+            check(old, new, mesh, expected, atol=(NEAR if alike else BENT) * mesh.diagonal)
+            if motion == "whole":
+                np.testing.assert_allclose(new.N, old.N @ TURN.T, rtol=0, atol=ANGLE)
+        for file in after.keys() - before.keys():
+            Path(file).unlink()
+
+
+def check(old: Content, new: Content, mesh: Mesh, expected: np.ndarray, *, atol: float) -> None:
+    """Compare two readings. Vertices that are not in `mesh` have no face, and stay."""
+    assert new.V.shape == old.V.shape and new.N.shape == old.N.shape
+    if len(old.V):
+        distance, vertex = cKDTree(mesh.V).query(old.V)
+        near = distance < NEAR * mesh.diagonal
+        here, first = np.unique(vertex[near], return_index=True)
+        assert len(here) == mesh.n
+        target = np.where(near[:, None], expected[vertex], old.V)
+        np.testing.assert_allclose(new.V, target, rtol=0, atol=atol)
+        joined = new.V[near][first][vertex[near]]
+        np.testing.assert_allclose(new.V[near], joined, rtol=0, atol=NEAR * mesh.diagonal)
+    np.testing.assert_equal(new.rest, old.rest)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".stl", ".glb", ".gltf"])
+def test_other_libraries_read_the_result_in_another_format(here, suffix):
+    Path("mesh.ply").write_bytes(mesh_ply(PAIR.V, PAIR.F))
+    write_handles(PAIR, given(PAIR, "whole"))
+    assert run(f"sshade deform mesh.ply pose.json -o posed{suffix}")[0] == 0
+    found = by_trimesh(Path(f"posed{suffix}"))
+    faces = found.rest[1]
+    np.testing.assert_allclose(found.V[faces], whole(PAIR)[PAIR.F], rtol=0, atol=NEAR * PAIR.diagonal)

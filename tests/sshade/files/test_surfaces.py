@@ -1,0 +1,112 @@
+"""The command moves surfaces of all kinds with their handles, and tears none of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from sshade import Mesh
+from tests.robustness.case import run
+from tests.shapes import beside, block, bumpy, double_torus, shifted, strip, tetrahedron, torus, unjoined
+from tests.sshade.files.posing import given, whole, write_handles
+from tests.sshade.mesh.test_cutting import klein_bottle, moebius
+from tests.write import mesh_ply
+
+BODY = bumpy(2)
+V, F = BODY.V, BODY.F
+RNG = np.random.default_rng(0)
+#: Accepted error of positions as a fraction of the diagonal, in double and in single precision.
+NEAR, SINGLE = 1e-8, 1e-6
+#: Greatest stretch of an edge. Edges count as at least a fraction of the median edge: proxies do not resolve
+#: shorter edges.
+STRETCH, SHORT = 2.5, 0.3
+
+
+def turned(chosen: np.ndarray) -> Mesh:
+    return Mesh(V, np.where(chosen[:, None], F[:, ::-1], F))
+
+
+def with_short_edges() -> Mesh:
+    W = V.copy()
+    edges = F[::25]
+    W[edges[:, 0]] = W[edges[:, 1]]
+    return Mesh(W, F)
+
+
+def page_of_three() -> Mesh:
+    """Three sheets that meet in an edge."""
+    sheet = strip(6, 4)
+    angles = np.radians([0, 120, 240])
+    sheets = [
+        Mesh(sheet.V @ np.array([[0, 0, 1], [np.cos(a), np.sin(a), 0], [0, 0, 0]]), sheet.F) for a in angles
+    ]
+    whole = beside(*sheets)
+    W, vertex = np.unique(np.round(whole.V, 9), axis=0, return_inverse=True)
+    return Mesh(W, vertex.ravel()[whole.F])
+
+
+SURFACES = {
+    "torus": torus(16, 8),
+    "two holes": double_torus(cells=2),
+    "open strip": strip(12, 3),
+    "Möbius strip": moebius(24),
+    "Klein bottle": klein_bottle(30, 12),
+    "cubes that share an edge": block(np.eye(2)[:, :, None], cells=3),
+    "cubes that share a vertex": block(np.array([[[1, 0], [0, 0]], [[0, 0], [0, 1]]]), cells=3),
+    "three sheets at an edge": page_of_three(),
+    "triangles that share a vertex": Mesh(
+        np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.0], [-1, 0, 0], [-1, -1, 0]]),
+        np.array([[0, 1, 2], [0, 3, 4]]),
+    ),
+    "faces that are there twice": Mesh(V, np.concatenate([F, F[::7], F[::9, ::-1]])),
+    "half inside out": turned(np.arange(len(F)) < 160),
+    "random faces turned": turned(RNG.random(len(F)) < 0.5),
+    "edges of length zero": with_short_edges(),
+    "slivers": Mesh(strip(2, 40).V * [1e-4, 1, 1], strip(2, 40).F),
+    "nested shells": beside(BODY, Mesh(0.8 * V, F), Mesh(-0.5 * V, F)),
+    "bodies that interpenetrate": beside(BODY, shifted(BODY, [0.5, 0.3, 0.2])),
+    "triangle": Mesh(np.eye(3), np.array([[0, 1, 2]])),
+    "tetrahedron": tetrahedron(),
+    "far away": shifted(BODY, [600.0, -640.0, 480.0]),
+    "tiny": Mesh(1e-12 * V, F),
+    "huge": Mesh(1e12 * V, F),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_moves_as_one_body_and_is_not_torn(here, name):
+    mesh = SURFACES[name]
+    Path("mesh.ply").write_bytes(mesh_ply(mesh.V, mesh.F))
+    check(mesh, "mesh.ply", NEAR)
+
+
+@pytest.mark.parametrize("name", ["torus", "nested shells", "Möbius strip", "random faces turned"])
+def test_so_does_a_soup_of_its_triangles_in_single_precision(here, name):
+    mesh = SURFACES[name]
+    mesh = Mesh(mesh.V.astype(np.float32).astype(np.float64), mesh.F)
+    soup = unjoined(mesh)
+    trimesh.Trimesh(soup.V, soup.F, process=False).export("mesh.stl")
+    check(mesh, "mesh.stl", SINGLE)
+
+
+def check(mesh: Mesh, file: str, near: float) -> None:
+    posed = f"posed{Path(file).suffix}"
+    for motion in ("whole", "bend"):
+        handles = given(mesh, motion, share=0.3 if mesh.n < 10 else 0.15)
+        write_handles(mesh, handles)
+        code, _, err = run(f"sshade deform {file} pose.json -o {posed}")
+        assert code == 0 and "warning" not in err, err
+        found = trimesh.load_mesh(posed, process=False)
+        moved = found.vertices[found.faces.ravel()]
+        atol = near * mesh.diagonal
+        if motion == "whole":
+            np.testing.assert_allclose(moved, whole(mesh)[mesh.F.ravel()], rtol=0, atol=atol)
+        _, corner = np.unique(mesh.F, return_index=True)
+        W = np.full_like(mesh.V, np.nan)
+        W[mesh.F.ravel()[corner]] = moved[corner]
+        np.testing.assert_allclose(moved, W[mesh.F.ravel()], rtol=0, atol=atol)
+        np.testing.assert_allclose(W[handles.index], handles.target, rtol=0, atol=atol)
+        a, b = np.concatenate([mesh.F[:, [0, 1]], mesh.F[:, [1, 2]], mesh.F[:, [2, 0]]]).T
+        before, after = (np.linalg.norm(X[a] - X[b], axis=1) for X in (mesh.V, W))
+        assert (after / np.maximum(before, SHORT * np.median(before))).max() < STRETCH
