@@ -10,12 +10,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sshade.carry.along import move_along as move_along
     from sshade.carry.binding import Binding as Binding
     from sshade.carry.binding_file import load_binding as load_binding
     from sshade.carry.binding_file import save_binding as save_binding
-    from sshade.carry.points import BoundPoints as BoundPoints
-    from sshade.carry.points import PosedPoints as PosedPoints
-    from sshade.carry.points import bind_points as bind_points
     from sshade.edit.call import edit_handles as edit_handles
     from sshade.errors import InputError as InputError
     from sshade.handles import Handles as Handles
@@ -37,9 +35,9 @@ if TYPE_CHECKING:
     __version__: str
 
 _MODULES = {
+    "carry.along": ["move_along"],
     "carry.binding": ["Binding"],
     "carry.binding_file": ["load_binding", "save_binding"],
-    "carry.points": ["BoundPoints", "PosedPoints", "bind_points"],
     "edit.call": ["edit_handles"],
     "errors": ["InputError"],
     "handles": ["Handles"],

@@ -27,8 +27,8 @@ Frames move groups by their names:
   {"handles": [{"landmark": "hand", "vertices": [12, 13, 14]}],
    "frames": [{"time": 0.5, "handles": [{"landmark": "hand", "translation": [x, y, z]}]}, ...]}
 
-Files after --with are carried with the mesh: clothes, hair, point clouds, Gaussian splats. They must lie on,
-inside or near the mesh. Each is written beside OUT, under a name that begins with OUT, with all its contents.
+Meshes after --with go along with MESH, such as clothes and hair. They must lie on, inside or near it. Each is
+written beside OUT, under a name that begins with OUT, with all its contents.
 
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
@@ -50,7 +50,7 @@ examples:
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
   sshade deform body.ply poses/*.json -o out_%04d.ply
   sshade deform body.ply hands.json --animation rig.glb -o out.glb
-  sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb scene.ply
+  sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli import carried
+from sshade.cli import along
 from sshade.cli.arguments import (
     CARRY,
     HANDLES,
@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "glTF file whose animated nodes move the groups of the same names (.glb, .gltf)"
     parser.add_argument("--animation", type=Path, metavar="FILE", help=text)
     add_fps(parser, "poses per second: samples of --animation, or times of handle files in OUT")
-    carried.add_arguments(parser)
+    along.add_arguments(parser)
     add_repair(parser)
 
 
@@ -129,9 +129,9 @@ def command(options: argparse.Namespace) -> int:
         check_outputs(options, output=SUFFIXES)
     elif options.fps is not None and options.animation is None and is_animation(options.handles[0]):
         raise InputError(f"the frames of {options.handles[0]} have times of their own; leave out --fps")
-    elif options.carried:
+    elif options.along:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
-    companions = carried.outputs(options, options.output)
+    companions = along.outputs(options, options.output)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) in PAPER:
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
@@ -173,14 +173,14 @@ def _deform(
     if options.weight is not None:
         handles = softened(handles, options.weight)
     task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
-    bound = carried.bind_files(options.carried, companions, mesh)
+    others = along.read_files(options.along, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
         result = deform(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     placed = whole.placed(V, result.vertices)
     write_file(options.output, file, placed)
-    carried.write_files(bound, result.vertices)
+    along.write_files(others, mesh, result.vertices)
     stored = stored_positions(options.output, file, placed)
     rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
     reach, error = reached(stored, whole, handles)

@@ -68,13 +68,17 @@ def surface_of(
     InputError
         When the file holds no surface. The message names `path`.
     """
-    if not len(file.F) and "property rot_0" in file.holds:
-        raise InputError(
-            f"{path}: holds Gaussian splats and no surface; give a mesh, and carry the splats with it: "
-            f"sshade deform MESH HANDLES -o OUT --with {Path(path).name}"
-        )
+    require_triangles(file, path)
     with naming(path):
         return surface(file.V, file.F, weld=weld, rounding=file.rounding, repair=repair)
+
+
+def require_triangles(file: MeshFile, path: str | os.PathLike[str]) -> None:
+    """Raise InputError if a file that was read from `path` holds points alone."""
+    if not len(file.F):
+        splats = "property rot_0" in file.holds
+        found = "Gaussian splats are no longer supported" if splats else "the file holds no triangles"
+        raise InputError(f"{path}: {found}; give a mesh with faces")
 
 
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:

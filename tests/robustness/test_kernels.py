@@ -20,10 +20,9 @@ from baselines.accelerated import accelerated_arap
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Handles, Mesh, bind, bind_points, deform, transfer_pose
+from sshade import DeformationTask, Deformer, Handles, Mesh, bind, deform, transfer_pose
 from sshade.carry.projection import _closest_in_triangle
 from sshade.io.meshes import read_file, write_file
-from sshade.io.splats import moved_shapes, turned_harmonics
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.sampling.coarse import sample_coarsely
@@ -67,15 +66,6 @@ def _with_regions() -> np.ndarray:
     target = np.concatenate([BODY.V[low], BODY.V[high] + [0.1, 0, 0.1]])
     handles = Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], [len(low), len(high)]))
     return deform(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
-
-
-def _carried() -> np.ndarray:
-    """Carry points that lie on, inside and outside the mesh."""
-    X = np.concatenate([BODY.V, 0.3 * BODY.V, 1.4 * BODY.V])
-    found = bind_points(BODY, X).with_maps(bent(BODY.V))
-    shapes = moved_shapes(np.tile(np.arange(1.0, 8.0), (len(X), 1)), found.maps)
-    colours = turned_harmonics(np.ones((len(X), 45)), found.rotations)
-    return np.concatenate([found.positions, found.maps.reshape(-1, 9), shapes, colours], axis=1)
 
 
 def _interpolated() -> np.ndarray:
@@ -167,7 +157,6 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "regions": _with_regions,
     "dragging": _dragged,
     "interpolate": _interpolated,
-    "carried": _carried,
     "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "sampling from coarse to fine": _sampled_coarsely,
     "cutting": _cut,

@@ -43,10 +43,8 @@ OUT = {
 
 @pytest.mark.parametrize("out", OUT.values(), ids=OUT)
 def test_no_kernel_writes_into_an_array_that_does_not_fit(out):
-    bound, points = sshade.bind(BODY, 40), sshade.bind_points(BODY, BODY.V)
-    drag = Deformer(BODY, HELD, vertices=40)
-    calls = [lambda: bound.carry(bound.proxy.V, out=out), lambda: points(BODY.V, out=out)]
-    for call in [*calls, lambda: drag(TARGETS, out=out)]:
+    bound, drag = sshade.bind(BODY, 40), Deformer(BODY, HELD, vertices=40)
+    for call in (lambda: bound.carry(bound.proxy.V, out=out), lambda: drag(TARGETS, out=out)):
         with pytest.raises(InputError, match="`out` must be a writable, contiguous float64 array"):
             call()
 
@@ -118,7 +116,7 @@ def test_a_wrong_argument_is_refused(name, here):
 NO_MESH = {
     "drag": lambda: Deformer(BODY.V, HELD),
     "bind": lambda: sshade.bind((BODY.V, BODY.F)),
-    "points": lambda: sshade.bind_points((BODY.V, BODY.F), BODY.V),
+    "along": lambda: sshade.move_along((BODY.V, BODY.F), BODY.V, BODY.V),
     "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),
     "task": lambda: TransferTask("t", BODY.V, BODY.V, BODY.V),
     "retargeting": lambda: Retargeting(BODY.V, BODY, np.zeros((4, 2), int)),

@@ -1,0 +1,92 @@
+"""``sshade deform --with``: move other meshes, such as clothes and hair, along with the mesh."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sshade.cli.arguments import read
+from sshade.cli.console import say
+from sshade.errors import InputError
+from sshade.io.document import SUFFIXES, MeshFile, check_input
+from sshade.io.files import check_output, naming
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
+
+
+class Companion(NamedTuple):
+    """A mesh file that goes along with the mesh, and the name of its output."""
+
+    source: Path
+    file: MeshFile
+    output: Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare --with."""
+    text = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
+    text += "with -o posed.ply, shirt.obj becomes posed_shirt.obj"
+    parser.add_argument("--with", dest="along", nargs="+", type=Path, default=[], metavar="FILE", help=text)
+
+
+def outputs(options: argparse.Namespace, output: Path) -> list[Path]:
+    """Return the names of the outputs of --with beside `output`, after a check that they can be written.
+
+    Raises
+    ------
+    InputError
+        When a file is missing or of another format, or an output is an input or another output.
+    """
+    names: list[Path] = []
+    inputs = [*(getattr(options, name) for name in options.inputs), *options.along]
+    for source in options.along:
+        check_input(source, SUFFIXES)
+        path = output.with_name(f"{output.stem}_{source.name}")
+        check_output(path, SUFFIXES, inputs=inputs, overwrite=None)
+        if path in names or path == output:
+            raise InputError(f"{path}: would be the output of two files; rename one of them")
+        names.append(path)
+    return names
+
+
+def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> list[Companion]:
+    """Read the files that go along with a mesh at rest.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read or holds no triangles, or a vertex is too far from the mesh. The message
+        names the file.
+    """
+    from sshade.carry.along import require_near
+    from sshade.io.meshes import require_triangles
+
+    found = []
+    for source, path in zip(sources, names, strict=True):
+        file = read(source)
+        require_triangles(file, source)
+        if source.suffix.lower() not in file.suffixes:
+            raise InputError(f"{source}: its coordinates are integers; save them as floating-point numbers")
+        with naming(source):
+            require_near(mesh, file.V)
+        found.append(Companion(source, file, path))
+    return found
+
+
+def write_files(companions: Sequence[Companion], mesh: Mesh, V: np.ndarray) -> None:
+    """Write the files in a pose V (n, 3) of the mesh, with all their contents."""
+    from sshade.carry.along import move_along
+    from sshade.io.meshes import write_file
+
+    if not companions:
+        return
+    moved = move_along(mesh, V, np.concatenate([one.file.V for one in companions]))
+    ends = np.cumsum([len(one.file.V) for one in companions])
+    for (source, file, path), positions in zip(companions, np.split(moved, ends[:-1]), strict=True):
+        write_file(path, file, positions)
+        say(f"{path}: {len(positions)} vertices of {source} moved along with the mesh")

@@ -1,0 +1,64 @@
+"""``sshade deform --with``: other meshes move along with the mesh and are written with all they hold."""
+
+import numpy as np
+import pytest
+
+from sshade import Mesh, move_along
+from sshade.io.meshes import read_file, read_mesh, write_mesh
+from tests.robustness.case import run
+from tests.robustness.inputs import BODY
+
+CALL = "sshade deform body.ply pose.json -o posed.ply --with {}"
+
+
+pytestmark = pytest.mark.usefixtures("sound")
+
+
+def shirt() -> Mesh:
+    middle = BODY.V.mean(axis=0)
+    return Mesh(middle + 1.05 * (BODY.V - middle), BODY.F)
+
+
+def rows(name: str, values: np.ndarray) -> list[str]:
+    return [f"{name} {x:.9g} {y:.9g} {z:.9g}" for x, y, z in values]
+
+
+def test_a_shirt_keeps_its_texture_and_turns_its_normals(tmp_path):
+    mesh = shirt()
+    faces = [f"f {a}/1/{i} {b}/1/{i} {c}/1/{i}" for i, (a, b, c) in enumerate((mesh.F + 1).tolist(), 1)]
+    head = ["mtllib shirt.mtl", "usemtl cloth", "vt 0.1 0.2"]
+    text = "\n".join([*head, *rows("v", mesh.V), *rows("vn", mesh.face_normals), *faces, ""])
+    (tmp_path / "shirt.obj").write_text(text)
+    write_mesh("hair.glb", mesh.V, mesh.F)
+    code, _, said = run(CALL.format("shirt.obj hair.glb"))
+    assert code == 0 and "posed_shirt.obj: 162 vertices of shirt.obj" in said
+    want = move_along(BODY, read_mesh("posed.ply").V, mesh.V)
+    posed = read_file("posed_shirt.obj")
+    assert pytest.approx(want, abs=1e-6) == posed.V
+    assert pytest.approx(want, abs=1e-6) == read_file("posed_hair.glb").V
+    lines = (tmp_path / "posed_shirt.obj").read_text().splitlines()
+    assert lines[:3] == head
+    normals = np.array([line.split()[1:] for line in lines if line.startswith("vn ")], dtype=float)
+    number = [int(line.split()[1].split("/")[2]) - 1 for line in lines if line.startswith("f ")]
+    assert (normals[number] * Mesh(posed.V, mesh.F).face_normals).sum(axis=1).min() > 0.9
+    assert sorted(path.name for path in tmp_path.iterdir() if "posed" in path.name) == [
+        "posed.ply",
+        "posed_hair.glb",
+        "posed_shirt.obj",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("properties", "found"),
+    [("", "the file holds no triangles"), (" rot_0 scale_0", "Gaussian splats are no longer supported")],
+)
+def test_files_of_points_are_refused_before_anything_is_written(tmp_path, properties, found):
+    names = "".join(f"property float {name}\n" for name in ("x y z" + properties).split())
+    points = "0 0 0 1 1\n"[: 6 + 2 * len(properties.split())] + "\n"
+    (tmp_path / "scene.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 1\n{names}end_header\n{points}"
+    )
+    for call in (CALL.format("scene.ply"), "sshade deform scene.ply pose.json -o posed.ply"):
+        code, _, said = run(call)
+        assert code == 2 and f"scene.ply: {found}; give a mesh with faces" in said
+    assert not (tmp_path / "posed.ply").exists()
