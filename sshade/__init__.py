@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sshade.pipeline.deform import deform as deform
     from sshade.pipeline.deformer import Deformer as Deformer
     from sshade.pipeline.proxies import bind as bind
-    from sshade.pipeline.retarget import retarget as retarget
     from sshade.pipeline.sequence import deform_sequence as deform_sequence
     from sshade.pipeline.transfer import transfer_pose as transfer_pose
     from sshade.plotting.figure import plot as plot
@@ -46,7 +45,6 @@ _MODULES = {
     "pipeline.deform": ["deform"],
     "pipeline.deformer": ["Deformer"],
     "pipeline.proxies": ["bind"],
-    "pipeline.retarget": ["retarget"],
     "pipeline.sequence": ["deform_sequence"],
     "pipeline.transfer": ["transfer_pose"],
     "plotting.figure": ["plot"],

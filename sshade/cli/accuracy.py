@@ -25,16 +25,6 @@ def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
     return read_file(path).V if file.stored is None else file.stored(V)
 
 
-def read_back(path: Path, file: MeshFile) -> np.ndarray:
-    """Return the positions in the order of a mesh file from a file that they were written to."""
-    V = read_file(path).V
-    if path.suffix.lower() != ".stl" or ".stl" in file.suffixes:
-        return V
-    placed = as_single(file.V)  # an STL holds the corners of faces, and no other vertices
-    placed[file.F.ravel()] = V
-    return placed
-
-
 def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, float]:
     """Return how near handles are to their targets, for the summary, and the error of the hard handles.
 

@@ -18,14 +18,9 @@ about as strongly as the surface resists. Beside targets, a rotation prescribes 
 the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
 other unknown keys are refused.
 
-Several handle files are a sequence of poses. So is a handle file with a list "frames", and a handle file
-with --animation. The mesh is bound once, and each pose starts from the pose before. OUT is a name with a
-number, as in out_%04d.ply; a .glb with a morph target for each pose and an animation; or a .pc2 or .mdd point
-cache. All poses have the same handles. If a run with numbered files is interrupted, the same command goes on.
-Frames move groups by their names:
-
-  {"handles": [{"landmark": "hand", "vertices": [12, 13, 14]}],
-   "frames": [{"time": 0.5, "handles": [{"landmark": "hand", "translation": [x, y, z]}]}, ...]}
+Several handle files are a sequence of poses. The mesh is bound once, and each pose starts from the pose
+before. OUT is a name with a number, as in out_%04d.ply, or a .glb with a morph target for each pose and an
+animation. All poses have the same handles.
 
 Meshes after --with go along with MESH, such as clothes and hair. They must lie on, inside or near it. Each is
 written beside OUT, under a name that begins with OUT, with all its contents.
@@ -49,7 +44,6 @@ examples:
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
   sshade deform body.ply poses/*.json -o out_%04d.ply
-  sshade deform body.ply hands.json --animation rig.glb -o out.glb
   sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb
 """
 
@@ -87,7 +81,6 @@ from sshade.errors import InputError
 from sshade.io.document import SUFFIXES, check_input
 from sshade.io.entries import HandleFile, read_handle_file
 from sshade.io.files import naming
-from sshade.io.poses import is_animation
 from sshade.options import GROUPS, PAPER, Options, require_method, resolve
 
 if TYPE_CHECKING:
@@ -113,9 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
     raw += "corrected by the snap, rotated with its group"
     add_flags(parser, {"--raw": raw, "--carry-unconstrained": CARRY})
-    text = "glTF file whose animated nodes move the groups of the same names (.glb, .gltf)"
-    parser.add_argument("--animation", type=Path, metavar="FILE", help=text)
-    add_fps(parser, "poses per second: samples of --animation, or times of handle files in OUT")
+    add_fps(parser)
     along.add_arguments(parser)
     add_repair(parser)
 
@@ -127,8 +118,6 @@ def command(options: argparse.Namespace) -> int:
         require_no_fps(options)
         (options.handles,) = options.handles
         check_outputs(options, output=SUFFIXES)
-    elif options.fps is not None and options.animation is None and is_animation(options.handles[0]):
-        raise InputError(f"the frames of {options.handles[0]} have times of their own; leave out --fps")
     elif options.along:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
     companions = along.outputs(options, options.output)

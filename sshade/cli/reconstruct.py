@@ -10,9 +10,8 @@ from __future__ import annotations
 import argparse
 
 from sshade.cli.arguments import REST, add_files, add_options, add_repair
-from sshade.cli.transfer_pose import POSED
+from sshade.cli.transfer_pose import DEFAULTS, OPTIONS, POSED
 from sshade.cli.transfer_pose import command as command
-from sshade.cli.transfer_sequence import DEFAULTS, OPTIONS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

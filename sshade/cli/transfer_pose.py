@@ -4,26 +4,11 @@
 
 moves edited.ply, an edited copy of rest.ply, into the pose of posed.ply. All files have the same number of
 vertices, in the same order. The output has the contents of EDITED.
-
-POSED may be several files, or a folder of meshes: a sequence of poses, in the order of their names, in which
-pose_2 comes before pose_10. OUT is then a name with a number, a .glb with a morph target for each pose and an
-animation, or a .pc2 or .mdd point cache:
-
-  sshade transfer-pose rest.ply poses/ edited.ply -o out_%04d.ply
-
-With --marks, EDITED is any other mesh. Its vertices need not correspond. Marks are places on MESH (source)
-and EDITED (target) that correspond, as ids of vertices or as positions:
-
-  sshade transfer-pose cat.ply walk/ horse.ply --marks marks.json -o horse.glb
-
-  {"marks": [{"name": "nose", "source": 12, "target": 345},
-             {"name": "left ear", "source": [x, y, z], "target": [x, y, z]}, ...]}
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -41,37 +26,32 @@ from sshade.cli.arguments import (
     read_surface,
 )
 from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.cli.sequence import add_fps, is_sequence_output, require_no_fps
-from sshade.cli.transfer_sequence import DEFAULTS, OPTIONS, posed_files, transfer_poses
 from sshade.errors import counted
 from sshade.io.document import SUFFIXES, check_input
-from sshade.options import PROXIES, checked
+from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
-POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices; with --marks, any mesh"
+POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices"
+#: Options of sampling and frames, with their defaults.
+DEFAULTS: dict[str, Any] = {
+    "vertices": Options.vertices,
+    "samplings": TRANSFER_SAMPLINGS,
+    "frames": "triangle",
+    "seed": 0,
+}
+OPTIONS = (*DEFAULTS, "workers")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    shapes = {"posed": f"{POSED}; several, or a folder, for a sequence", "edited": EDITED}
-    add_files(parser, output="OUT", several=("posed",), mesh=REST, **shapes)
+    add_files(parser, output="OUT", mesh=REST, posed=POSED, edited=EDITED)
     text = "transfer only the edit: vertices that were not edited end exactly at their places in POSED"
     add_flags(parser, {"--residual": text})
-    text = "places on MESH and on EDITED that correspond (.json); EDITED is then any mesh, deformed by the "
-    text += "method fast; of the options below, --seed and --workers apply"
-    parser.add_argument("--marks", type=Path, metavar="FILE", help=text)
-    add_fps(parser, "poses per second of a sequence in OUT")
     add_options(parser, OPTIONS, further=("residual",), **DEFAULTS)
     add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
-    if "marks" in options:
-        posed = posed_files(options.posed)
-        if len(posed) > 1 or options.marks is not None or is_sequence_output(options.output):
-            return transfer_poses(options, posed)
-        (options.posed,) = posed
-    require_no_fps(options)
     check_outputs(options, output=SUFFIXES)
     sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for name in ("mesh", "posed", "edited"):

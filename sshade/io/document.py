@@ -16,8 +16,8 @@ from sshade.io.skins import Skin
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
-#: Suffixes of files that hold a sequence: with morph targets, and point caches.
-MORPHS, CACHES = (".glb", ".gltf"), (".pc2", ".mdd")
+#: Suffixes of files that hold several poses, as morph targets.
+MORPHS = (".glb", ".gltf")
 
 
 def check_input(path: Path, suffixes: Collection[str]) -> None:

@@ -28,8 +28,8 @@ MOTION = {"rotation", "translation"}
 KEYS = ("landmark", "kind", *WAYS, "target", *sorted(MOTION), "center", "weight")
 #: Keys that are refused, and the handles that had them.
 REFUSED = {"slide": "handles that slide", "free": "rotations without a position"}
-#: Key of an animation; see :mod:`sshade.io.poses`.
-FRAMES = "frames"
+#: Keys of animations, which are refused.
+ANIMATION = ("frames", "keys")
 #: Keys that this project writes into entries and files, and that readers of handles ignore. "links" is in
 #: files of earlier editors.
 RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
@@ -108,8 +108,6 @@ def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> Hand
     with naming(path):
         if path.suffix.lower() == ".json":
             data = parsed_list(path.read_bytes(), "handles")
-            if FRAMES in data:
-                raise InputError(f'it holds an animation ("{FRAMES}"), and one pose is needed')
             return handle_file_of(data, raw=raw)
         from sshade.io.implicit_arap import read_implicit_arap
 
@@ -127,6 +125,11 @@ def handle_file_of(data: dict[str, Any], *, raw: bool) -> HandleFile:
             'volume goals of parts ("volumes") are no longer supported; use the option volume_goal, which is '
             "the goal of the whole mesh"
         )
+    for key in ANIMATION:
+        if key in data:
+            raise InputError(
+                f'animations ("{key}") are no longer supported; use one handle file for each pose'
+            )
     require_known(data, ("handles",), FILE_RECORDS)
     entries = []
     for number, entry in enumerate(data["handles"]):

@@ -81,7 +81,7 @@ def _require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None
     if size > LARGEST:
         raise InputError(
             f"{path}: {poses} poses take {size / 1e9:.1f} GB, and a glTF file holds {LARGEST / 1e9:.1f}; "
-            "write .pc2, .mdd or a file for each pose"
+            "write a file for each pose"
         )
 
 

@@ -44,7 +44,7 @@ import numpy as np
 from sshade.errors import InputError
 from sshade.handle_checks import SAME_TARGET, extent_of
 from sshade.handles import Handles
-from sshade.io.entries import FILE_RECORDS, FRAMES, Entry, HandleFile, entry_name, read_handle_file
+from sshade.io.entries import FILE_RECORDS, Entry, HandleFile, entry_name, read_handle_file
 from sshade.io.files import naming, replacing
 from sshade.io.implicit_arap import implicit_arap_frame
 from sshade.io.keys import require_known
@@ -237,7 +237,7 @@ def write_handles(
     """
     if Path(path).suffix.lower() != ".json":
         raise InputError(f"{path}: handles are written as .json")
-    require_known(about or (), (FRAMES,), FILE_RECORDS)
+    require_known(about or (), FILE_RECORDS)
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     rows = np.column_stack([handles.dynamic, handles.weight, np.nan_to_num(rotation)])

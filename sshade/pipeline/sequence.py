@@ -5,8 +5,7 @@ iterations of a single run, and stays in the same local minimum. A pose whose ha
 single run does, because a long way from another pose takes more iterations and may end in another local
 minimum.
 
-Nothing but the vertices goes from pose to pose: no multipliers, no quasi-Newton steps. A sequence may
-therefore be interrupted and go on from the last vertices, with the same bits.
+Nothing but the vertices goes from pose to pose: no multipliers, no quasi-Newton steps.
 """
 
 from __future__ import annotations

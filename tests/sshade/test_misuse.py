@@ -11,7 +11,6 @@ from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
 from sshade.carry.binding_file import load_binding, save_binding
 from sshade.io.handles import write_handles
-from sshade.pipeline.retarget import Retargeting
 from sshade.sampling.proxy import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import beside, bumpy, rotation, shifted
@@ -119,7 +118,6 @@ NO_MESH = {
     "along": lambda: sshade.move_along((BODY.V, BODY.F), BODY.V, BODY.V),
     "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),
     "task": lambda: TransferTask("t", BODY.V, BODY.V, BODY.V),
-    "retargeting": lambda: Retargeting(BODY.V, BODY, np.zeros((4, 2), int)),
     "binding": lambda: load_binding("gone.npz", BODY.V),
     "positions": lambda: Handles.from_positions(BODY.V, TWO, TWO),
 }

@@ -8,7 +8,6 @@ from sshade import Handles, InputError, Mesh, deform
 from sshade.io.entries import read_handle_file
 from sshade.io.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
 from sshade.io.meshes import write_mesh
-from sshade.io.poses import is_animation
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, shifted, tetrahedron, torn
 
@@ -217,8 +216,6 @@ def test_files_of_other_systems_are_read(tmp_path, body, far_body, encoding):
     path.write_bytes((mark + '{"handles": [{"landmark": "Fu\u00df", "vertices": [7]}]}').encode(encoding))
     assert read_handle_file(path).entries[0].name == "Fu\u00df"
     assert read_handles(path, body).index.tolist() == [7]
-    path.write_bytes((mark + '{"handles": [], "frames": []}').encode(encoding))
-    assert is_animation(path)
     experiment = Experiment(tmp_path / "x", far_body, AXES[0])
     expected = read_handles(experiment.path, far_body)
     for part in experiment.folder.rglob("*.*"):
