@@ -1,7 +1,7 @@
 """The methods `paper` and `fast` with a part replaced or left out, for the ablations.
 
 Two parts of the paper's method can be replaced: where handles go on the proxy, and where vertices go on it.
-ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.carry.projection`).
+ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.proxy.projection`).
 Where two parts of the surface nearly touch, U puts vertices on the wrong part.
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
@@ -18,18 +18,18 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sshade.carry.projection import Projection, project_to_fans
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.options import PRESETS, accepted, takes_options
-from sshade.pipeline.deform import deform_task
-from sshade.pipeline.engine import Place, deform_once, sample_with_handles
-from sshade.pipeline.regions import HandleRegions
-from sshade.progress import Progress, silent
-from sshade.sampling.proxy import Sampling, sample_proxy
-from sshade.task import DeformationResult, DeformationTask, Handles
+from sshade.method.deform import deform_task
+from sshade.method.engine import Place, deform_once, sample_with_handles
+from sshade.method.regions import HandleRegions
+from sshade.problem.options import PRESETS, accepted, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.proxy.projection import Projection, project_to_fans
+from sshade.proxy.sample import Sampling, sample_proxy
 
 #: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples of
 #: touching cells are at most two covering radii and one edge of M apart.
@@ -67,7 +67,7 @@ def paper_with(
         Handle vertices as vertices of every proxy, or handles given to the samples of their cells.
     progress : Progress
     **options
-        See :class:`sshade.options.Options`.
+        See :class:`sshade.problem.options.Options`.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def sample_nearest_to_handles(
     Parameters
     ----------
     mesh, regions, seed
-        See :func:`sshade.pipeline.engine.sample_with_handles`.
+        See :func:`sshade.method.engine.sample_with_handles`.
     """
     sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from sshade.options import SOLVER, Energy, Options, takes_options
-from sshade.pipeline.components import by_components
-from sshade.progress import Progress, silent
+from sshade.core.progress import Progress, silent
+from sshade.method.components import by_components
+from sshade.problem.options import SOLVER, Energy, Options, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.local_global import local_global
-from sshade.task import DeformationResult, DeformationTask
 
 
 @takes_options(SOLVER)

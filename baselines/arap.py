@@ -14,13 +14,13 @@ import numpy as np
 
 from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.options import ITERATION, Energy, Start, takes_options
-from sshade.progress import Progress, silent
+from sshade.problem.options import ITERATION, Energy, Start, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask
 
 
 @takes_options(ITERATION)

@@ -20,10 +20,10 @@ import numpy as np
 from baselines.arap import require_areas
 from baselines.iteration import start_motion
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
-from sshade.options import Start
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 
 
 def deformation_field(

@@ -18,14 +18,14 @@ import numpy as np
 
 from baselines.program import Finished, ProgramFailed, last_line, run_program
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.io.handles import write_handles
-from sshade.io.meshes import read_file, write_mesh
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.files.handles import write_handles
+from sshade.files.meshes import read_file, write_mesh
 from sshade.mesh.mesh import Mesh
+from sshade.problem.handles import Handles
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.programs import TIME_LIMIT, require_permission, words_of
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
 
 #: Time limit in seconds of the run that measures the start-up.
 STARTUP_LIMIT = 60.0

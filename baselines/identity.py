@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.core.progress import Progress, silent
+from sshade.problem.task import DeformationResult, DeformationTask
 
 
 def identity(task: DeformationTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:

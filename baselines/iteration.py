@@ -7,13 +7,13 @@ from typing import Any, get_args
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.handles import Handles
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.options import Start
+from sshade.problem.handles import Handles
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import Run, largest_move
-from sshade.task import DeformationResult, DeformationTask
 
 
 def start_motion(task: DeformationTask, start: Start) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.solver.rotations import fit_rotations
+from sshade.mesh.rotations import fit_rotations
 from sshade.solver.terms.arap import Edges, Elements
 
 

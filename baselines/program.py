@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import psutil
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Seconds between two readings of the memory. A reading takes at most a twentieth of the time between two.
 PERIOD = 0.02

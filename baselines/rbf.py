@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.task import DeformationResult, DeformationTask
 
 #: Number of vertices between two reports of progress.
 BLOCK = 20_000

@@ -30,15 +30,15 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from baselines.iteration import Plain, iterated
 from baselines.local_step import LocalStep, spokes
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
-from sshade.options import Energy, Start
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Energy, Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.linear import Factorised
 from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
 from sshade.solver.terms.arap import Elements, Triangles
-from sshade.task import DeformationResult, DeformationTask
 
 #: Least area of a vertex, as a fraction of the mean, because the method divides by areas.
 LEAST_AREA = 1e-3

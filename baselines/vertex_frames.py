@@ -16,13 +16,13 @@ import logging
 import numpy as np
 from scipy.sparse import coo_array
 
-from sshade.carry.blended import nearest_rotations
-from sshade.carry.neighbours import fill_from_neighbours
-from sshade.carry.triangle import FLAT
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, TransferTask
+from sshade.problem.task import DeformationResult, TransferTask
+from sshade.proxy.blended import nearest_rotations
+from sshade.proxy.neighbours import fill_from_neighbours
+from sshade.proxy.triangle import FLAT
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ def transfer_pose(
     function : {"extent", "x", "y", "z"} or (n,) float64
         f: the rest coordinate of largest extent, a named coordinate, or one value for each vertex, which is
         scaled to the range of the diagonal. Where the tangential gradient of f in the rest mesh is below
-        :data:`sshade.carry.triangle.FLAT`, the rest coordinate with the largest gradient replaces f in both
+        :data:`sshade.proxy.triangle.FLAT`, the rest coordinate with the largest gradient replaces f in both
         poses.
 
     Returns

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sshade.cli.console import CommandParser, progress_bar, run_command
-from sshade.cli.programs import add_completion, version_of
-from sshade.errors import InputError
+from sshade.core.console import CommandParser, progress_bar, run_command
+from sshade.core.errors import InputError
+from sshade.core.programs import add_completion, version_of
 
 if TYPE_CHECKING:
     from defaust.build.options import BuildOptions

@@ -11,8 +11,8 @@ from defaust.sources.skinning import apply_motions
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks.loop import loop_matrix, split
 from sshade import Mesh
-from sshade.io.files import make_folder
-from sshade.io.meshes import write_mesh
+from sshade.files.atomic import make_folder
+from sshade.files.meshes import write_mesh
 
 SUBJECT = 0
 #: Poses by their numbers in the dataset: raised arms, raised forearms, standing on one leg.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from defaust.sources.animals import SPECIES, Animals
-from sshade.figures import View, new_plotter, panel
+from sshade.plotting.pictures import View, new_plotter, panel
 
 PICTURE = Path(__file__).parent / "figures" / "animals.png"
 #: Size of a panel in pixels, and number of colours of the picture.

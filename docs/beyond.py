@@ -15,7 +15,7 @@ import numpy as np
 from baselines.ablations import fast_without
 from defaust.tasks import load_task
 from sshade import DeformationTask, Handles, deform
-from sshade.figures import View, edge_error, picture
+from sshade.plotting.pictures import View, edge_error, picture
 
 ROOT = Path(__file__).parents[1]
 FIGURES, DATA = ROOT / "docs" / "figures", ROOT / "data" / "defaust"

@@ -28,9 +28,9 @@ from eval.run.code import code_version
 from eval.run.provenance import environment
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh
-from sshade.cli.console import say
-from sshade.figures import View, new_plotter, panel
+from sshade.core.console import say
 from sshade.mesh.rigid import rigid_motion
+from sshade.plotting.pictures import View, new_plotter, panel
 
 ROOT = Path(__file__).parents[1]
 PAGE, ROWS = Path(__file__).with_suffix(".md"), Path(__file__).with_suffix(".csv")

@@ -29,10 +29,10 @@ from defaust.tasks import load_task
 from docs.blocks import fill, markdown
 from eval.run.code import code_version
 from eval.run.provenance import environment
-from sshade.cli.console import say
+from sshade.core.console import say
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
 PICTURE = Path(__file__).parent / "figures" / "edit.png"

@@ -15,7 +15,7 @@ from defaust.sources.generated.motions import Bend
 from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
 from sshade import DeformationTask, Handles, Mesh
-from sshade.figures import View, edge_error, picture
+from sshade.plotting.pictures import View, edge_error, picture
 
 FOLDER = Path(__file__).parent
 PAGE = FOLDER / "measures_examples.md"

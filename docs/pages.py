@@ -11,7 +11,7 @@ a test compares the blocks with the results and the code:
   differences to a reference method, below a caption.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
-- ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.options`.
+- ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.problem.options`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pathlib import Path
 
 from docs.blocks import markdown
 from eval.rows.frame import numbers, read_csv, valid
-from sshade.errors import counted
-from sshade.options import reference
+from sshade.core.errors import counted
+from sshade.problem.options import reference
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

@@ -29,7 +29,7 @@ from eval.run.provenance import environment, process_memory, reset_peak_memory
 from eval.run.warmup import warm_up
 from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh, deform
-from sshade.cli.console import say
+from sshade.core.console import say
 
 PAGE, ROWS = Path(__file__).with_suffix(".md"), Path(__file__).with_suffix(".csv")
 #: Times and memory of the command ``sshade deform``.

@@ -19,7 +19,7 @@ from defaust.sources.noisy import NoisyBodies
 from defaust.tasks import list_tasks, load_task
 from docs.blocks import fill, markdown
 from sshade import DeformationTask, deform
-from sshade.cli.console import say
+from sshade.core.console import say
 from sshade.mesh.rigid import rigid_motion
 
 PAGE = Path(__file__).with_suffix(".md")

@@ -1,13 +1,13 @@
 """The command ``sshade-eval``: a program with a sub-command for each step of an evaluation.
 
-See :mod:`sshade.cli.programs`. The sub-command ``run`` is a Hydra program and reads its arguments itself.
+See :mod:`sshade.core.programs`. The sub-command ``run`` is a Hydra program and reads its arguments itself.
 """
 
 from __future__ import annotations
 
 import os
 
-from sshade.cli.programs import Program
+from sshade.core.programs import Program
 
 # Runs ask git for the state of the checkout. This variable keeps git from locking and writing its index.
 os.environ.setdefault("GIT_OPTIONAL_LOCKS", "0")

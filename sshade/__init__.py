@@ -10,45 +10,45 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sshade.carry.along import move_along as move_along
-    from sshade.carry.binding import Binding as Binding
-    from sshade.carry.binding_file import load_binding as load_binding
-    from sshade.carry.binding_file import save_binding as save_binding
+    from sshade.core.errors import InputError as InputError
     from sshade.edit.call import edit_handles as edit_handles
-    from sshade.errors import InputError as InputError
-    from sshade.handles import Handles as Handles
-    from sshade.io.arrays import read as read
-    from sshade.io.arrays import write as write
+    from sshade.files.arrays import read as read
+    from sshade.files.arrays import write as write
     from sshade.mesh.mesh import Mesh as Mesh
-    from sshade.pipeline.deform import deform as deform
-    from sshade.pipeline.deformer import Deformer as Deformer
-    from sshade.pipeline.proxies import bind as bind
-    from sshade.pipeline.sequence import deform_sequence as deform_sequence
-    from sshade.pipeline.transfer import transfer_pose as transfer_pose
+    from sshade.method.deform import deform as deform
+    from sshade.method.deformer import Deformer as Deformer
+    from sshade.method.proxies import bind as bind
+    from sshade.method.sequence import deform_sequence as deform_sequence
+    from sshade.method.transfer import transfer_pose as transfer_pose
     from sshade.plotting.figure import plot as plot
-    from sshade.task import DeformationResult as DeformationResult
-    from sshade.task import DeformationTask as DeformationTask
-    from sshade.task import Method as Method
-    from sshade.task import TransferTask as TransferTask
+    from sshade.problem.handles import Handles as Handles
+    from sshade.problem.task import DeformationResult as DeformationResult
+    from sshade.problem.task import DeformationTask as DeformationTask
+    from sshade.problem.task import Method as Method
+    from sshade.problem.task import TransferTask as TransferTask
+    from sshade.proxy.along import move_along as move_along
+    from sshade.proxy.binding import Binding as Binding
+    from sshade.proxy.binding_file import load_binding as load_binding
+    from sshade.proxy.binding_file import save_binding as save_binding
 
     __version__: str
 
 _MODULES = {
-    "carry.along": ["move_along"],
-    "carry.binding": ["Binding"],
-    "carry.binding_file": ["load_binding", "save_binding"],
+    "core.errors": ["InputError"],
     "edit.call": ["edit_handles"],
-    "errors": ["InputError"],
-    "handles": ["Handles"],
-    "io.arrays": ["read", "write"],
+    "files.arrays": ["read", "write"],
     "mesh.mesh": ["Mesh"],
-    "pipeline.deform": ["deform"],
-    "pipeline.deformer": ["Deformer"],
-    "pipeline.proxies": ["bind"],
-    "pipeline.sequence": ["deform_sequence"],
-    "pipeline.transfer": ["transfer_pose"],
+    "method.deform": ["deform"],
+    "method.deformer": ["Deformer"],
+    "method.proxies": ["bind"],
+    "method.sequence": ["deform_sequence"],
+    "method.transfer": ["transfer_pose"],
     "plotting.figure": ["plot"],
-    "task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
+    "problem.handles": ["Handles"],
+    "problem.task": ["DeformationResult", "DeformationTask", "Method", "TransferTask"],
+    "proxy.along": ["move_along"],
+    "proxy.binding": ["Binding"],
+    "proxy.binding_file": ["load_binding", "save_binding"],
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_HOME)

@@ -13,7 +13,7 @@ import shlex
 from collections.abc import Iterable
 from typing import Any
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Variable with the allowed commands, one a line. Workers of a launcher inherit it.
 ALLOWED = "EVAL_ALLOW_PROGRAMS"

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from eval.run.targets import instantiate
 from sshade.cli.configuration import CONFIGURATION
-from sshade.task import DeformationResult
+from sshade.problem.task import DeformationResult
 
 OURS = ("sshade.", "baselines.")
 #: Sizes of the tetrahedra or cubes that some methods deform.

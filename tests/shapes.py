@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 
 NO_TURN = np.eye(3)
 #: A quarter turn about z.

@@ -13,7 +13,7 @@ from eval.configure.compose import read_choice, resolved
 from eval.main import main
 from eval.rows.store import read_row, run_folders
 from eval.run.allowed import VARIABLE
-from sshade.io.handles import read_handles
+from sshade.files.handles import read_handles
 from sshade.programs import ALLOWED
 from tests.shapes import bumpy
 

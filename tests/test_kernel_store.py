@@ -9,11 +9,11 @@ import time
 
 import pytest
 
-from sshade import kernels
-from sshade.kernels import describe, kernel, portable_target
+from sshade.core import kernels
+from sshade.core.kernels import describe, kernel, portable_target
 from tools.compile_kernels import LIST, parse
 
-OURS = "from sshade.kernels import kernel\n\n\n@kernel\ndef total(x):\n    return x.sum()\n"
+OURS = "from sshade.core.kernels import kernel\n\n\n@kernel\ndef total(x):\n    return x.sum()\n"
 OTHER = "import numba\n\n\n@numba.njit(cache=True)\ndef double(x):\n    return 2 * x\n"
 #: Prints the functions that are compiled by calls of both, and a setting of numba.
 CALLS = """

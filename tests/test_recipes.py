@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sshade
-from sshade.io.meshes import read_file, write_mesh
+from sshade.files.meshes import read_file, write_mesh
 from tests.shapes import bumpy
 
 PAGE = (Path(__file__).parents[1] / "docs" / "recipes.md").read_text(encoding="utf-8")

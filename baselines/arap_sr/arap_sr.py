@@ -25,15 +25,15 @@ from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
 from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.options import Start
-from sshade.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.linear import Factorised
 from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask
 
 #: Number of differences that the acceleration keeps.
 WINDOW = 5

@@ -14,10 +14,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from baselines.local_step import spokes
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rotations import fit_rotations
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.rotations import fit_rotations
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:

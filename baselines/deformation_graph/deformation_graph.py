@@ -25,18 +25,18 @@ from baselines.deformation_graph.node_graph import bind_to_nodes, node_graph
 from baselines.iteration import Plain, handle_error, iterated
 from baselines.local_step import LocalStep, blend, spokes
 from baselines.stopwatch import Stopwatch
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
-from sshade.options import Start
-from sshade.pipeline.proxies import proxy_vertices
-from sshade.pipeline.regions import HandleRegions, all_on_targets
-from sshade.progress import Progress, silent
-from sshade.sampling.fronts import farthest_point_sampling
+from sshade.method.proxies import proxy_vertices
+from sshade.method.regions import HandleRegions, all_on_targets
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.proxy.fronts import farthest_point_sampling
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.linear import Factorised
 from sshade.solver.run import Stop, run
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationResult, DeformationTask
 
 
 def deformation_graph(
@@ -59,8 +59,8 @@ def deformation_graph(
         with a handle.
     nodes : int
         k, number of nodes. Each handle vertex is a node, except inside handle regions (see
-        :class:`sshade.pipeline.regions.HandleRegions`). A small mesh has one node for four vertices (see
-        :func:`sshade.pipeline.proxies.proxy_vertices`).
+        :class:`sshade.method.regions.HandleRegions`). A small mesh has one node for four vertices (see
+        :func:`sshade.method.proxies.proxy_vertices`).
     blended : int
         K, number of nodes that move a vertex, at least 1: the nearest nodes along the surface among the node
         of its Voronoi cell and the neighbours of this node in the graph.

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sshade.kernels import kernel, subroutine
+from sshade.core.kernels import kernel, subroutine
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.fronts import Fronts
+from sshade.proxy.fronts import Fronts
 
 #: Least ratio of the two largest second moments of a node's edges that are not collinear.
 COLLINEAR = 1e-6

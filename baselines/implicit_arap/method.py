@@ -8,9 +8,9 @@ import numpy as np
 
 from baselines.iteration import handle_error
 from baselines.stopwatch import Stopwatch
+from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask
 
 if TYPE_CHECKING:
     import torch

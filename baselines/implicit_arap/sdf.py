@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.implicit_arap.networks import Mlp
-from sshade.progress import Progress
+from sshade.core.progress import Progress
 
 #: Width of the Gaussian that smooths the grid's gradient, in voxels.
 SMOOTHING = 1.0

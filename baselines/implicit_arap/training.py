@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from baselines.implicit_arap.networks import moved
 from baselines.implicit_arap.patches import patches_at, project, random_pattern, zero_set
 from baselines.implicit_arap.sdf import Sdf, report
-from sshade.progress import Progress
+from sshade.core.progress import Progress
 
 #: Least fraction of the surface patches that lie at random places, however many handles there are.
 RANDOM = 0.25

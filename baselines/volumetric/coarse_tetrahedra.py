@@ -25,9 +25,9 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.proxy import proxy_mesh, sample_proxy
+from sshade.proxy.sample import proxy_mesh, sample_proxy
 
 try:
     import resource

@@ -26,13 +26,13 @@ from baselines.local_step import LocalStep, blend, spokes
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.node_handles import on_targets, require_handles
-from sshade.errors import InputError
-from sshade.options import Start
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.run import Stop, run
-from sshade.task import DeformationResult, DeformationTask
 
 Carry = Literal["trilinear", "motions"]
 

@@ -25,11 +25,11 @@ from baselines.iteration import handle_error, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import require_handles
-from sshade.errors import InputError
-from sshade.options import Start
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.factorisation import Factorisation
-from sshade.task import DeformationResult, DeformationTask
 
 #: Least decrease of a step of the line search, as a fraction of the decrease that the slope predicts.
 DECREASE = 1e-4

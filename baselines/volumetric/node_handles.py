@@ -8,12 +8,12 @@ import numpy as np
 
 from baselines.iteration import handle_error
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra
-from sshade.errors import InputError
-from sshade.handles import Handles
+from sshade.core.errors import InputError
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.pipeline.regions import HandleRegions
+from sshade.method.regions import HandleRegions
+from sshade.problem.handles import Handles
 
 #: Maximum distance of a handle of a rigid part from its target, as a fraction of the diagonal.
 RIGID = 5e-3

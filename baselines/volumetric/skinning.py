@@ -24,9 +24,9 @@ import numpy as np
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import NodeHandles, node_handles, on_targets
-from sshade.errors import InputError
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.task import DeformationResult, DeformationTask
 
 #: Least ratio of the smallest to the largest singular value of nodes that determine an affine map.
 GENERAL_POSITION = 1e-3

@@ -20,11 +20,11 @@ from baselines.iteration import Plain, handle_error, iterated, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles
-from sshade.errors import InputError
-from sshade.options import Start
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import Stop, run
-from sshade.task import DeformationResult, DeformationTask
 
 
 def slim(

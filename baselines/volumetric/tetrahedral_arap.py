@@ -19,10 +19,10 @@ from baselines.iteration import Plain, iterated, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import node_handles, on_targets
-from sshade.options import Start
-from sshade.progress import Progress, silent
+from sshade.core.progress import Progress, silent
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.run import Stop, run
-from sshade.task import DeformationResult, DeformationTask
 
 
 def tetrahedral_arap(

@@ -22,9 +22,9 @@ from defaust.folder.croissant import croissant
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source, SourcePose
 from sshade import InputError
-from sshade.io.files import make_folder
-from sshade.progress import Progress, silent
-from sshade.threads import available_cpus, number_of_workers
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import available_cpus, number_of_workers
+from sshade.files.atomic import make_folder
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from io import FileIO
 from pathlib import Path
 
 from sshade import InputError
-from sshade.io.files import make_folder
+from sshade.files.atomic import make_folder
 
 try:
     import fcntl

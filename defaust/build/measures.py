@@ -15,10 +15,10 @@ import numpy as np
 
 from defaust.build.handles import DYNAMIC, STATIC
 from sshade import Mesh
-from sshade.io.regions import rigidly_moved, vertices_in
+from sshade.files.regions import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import VertexGraph, edge_graph
 from sshade.mesh.rigid import rigid_motion
-from sshade.sampling.fronts import Fronts
+from sshade.proxy.fronts import Fronts
 
 #: Radius of the surroundings of a landmark along the edges, as a fraction of the square root of the area:
 #: about 0.3 m on a body.

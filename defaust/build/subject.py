@@ -16,9 +16,9 @@ from defaust.build.upsample import Upsampled, self_intersecting, upsample
 from defaust.folder import layout
 from defaust.sources.source import Source
 from sshade import InputError, Mesh
-from sshade.io.files import make_folder
-from sshade.io.meshes import write_mesh
-from sshade.progress import Progress, silent
+from sshade.core.progress import Progress, silent
+from sshade.files.atomic import make_folder
+from sshade.files.meshes import write_mesh
 
 
 class UnusableError(InputError):

@@ -13,9 +13,9 @@ from defaust.folder import layout
 from defaust.folder.croissant import croissant
 from defaust.folder.record import POSE, read_dataset, read_json, read_record
 from sshade import InputError, Mesh
-from sshade.io.meshes import read_mesh
-from sshade.io.regions import rigidly_moved, vertices_in
-from sshade.progress import Progress, silent
+from sshade.core.progress import Progress, silent
+from sshade.files.meshes import read_mesh
+from sshade.files.regions import rigidly_moved, vertices_in
 
 #: Accepted error of a listed displacement, as a fraction of the diagonal times the number of handles.
 SAME = 1e-12

@@ -14,9 +14,9 @@ from typing import Any
 from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress
 from sshade.processes import end_with_parent
-from sshade.progress import Progress
 
 #: Time between two polls of the workers' progress, in seconds.
 POLL = 0.2

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from defaust.folder.record import has_regions
-from sshade.errors import counted
+from sshade.core.errors import counted
 
 
 def render_card(document: dict[str, Any]) -> str:

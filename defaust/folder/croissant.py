@@ -11,7 +11,7 @@ from typing import Any
 
 from defaust.folder.layout import CARD, DATASET, REST, REST_LOW, pose_file, pose_mesh, subject_folder
 from defaust.folder.record import has_regions
-from sshade.errors import counted
+from sshade.core.errors import counted
 
 SCHEMA = "https://schema.org/"
 #: Terms of the format, which every Croissant file repeats; field names follow mlcommons.org/croissant/1.0.

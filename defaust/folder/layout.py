@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sshade.io.files import replacing
+from sshade.files.atomic import replacing
 
 #: Version of the format of dataset.json.
 FORMAT = 1

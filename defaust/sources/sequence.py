@@ -19,7 +19,7 @@ from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.surface import cleaned, without_duplicates
-from sshade.sampling.fronts import Fronts, farthest_point_sampling
+from sshade.proxy.fronts import Fronts, farthest_point_sampling
 
 #: Facts for the dataset card that only the user knows.
 FACTS = ("title", "origin", "unit", "axes", "licence", "citation")

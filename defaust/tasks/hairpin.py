@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 
 #: Multiples of the tube's radius: length of the parallel part of the limbs, length of the part where they
 #: diverge, and radius of the bend, which is wide enough to keep its inner side smooth.

@@ -8,10 +8,10 @@ from typing import Literal, get_args
 import numpy as np
 
 from sshade import Handles, InputError, Mesh
-from sshade.io.regions import rigidly_moved
+from sshade.files.regions import rigidly_moved
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.rigid import rigid_motion
-from sshade.sampling.fronts import Fronts, thinned
+from sshade.proxy.fronts import Fronts, thinned
 
 Kind = Literal["stored", "points", "landmarks", "regions"]
 

@@ -14,8 +14,8 @@ from defaust.sources.generated.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
 from defaust.tasks.handle_kinds import Kind, of_kind
 from sshade import DeformationTask, InputError, Mesh, TransferTask
-from sshade.io.handles import read_handles
-from sshade.io.meshes import read_mesh
+from sshade.files.handles import read_handles
+from sshade.files.meshes import read_mesh
 
 RESOLUTIONS = ("high", "low")
 #: Reason for a missing ground truth.

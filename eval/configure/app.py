@@ -39,12 +39,12 @@ from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
 from eval.run.targets import code_of, instantiate
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
-from sshade.cli.console import Ended, how_to_install, progress_bar
-from sshade.errors import InputError
+from sshade.core.console import Ended, how_to_install, progress_bar
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import available_cpus
+from sshade.problem.task import DeformationTask
 from sshade.programs import ALLOWING
-from sshade.progress import Progress, silent
-from sshade.task import DeformationTask
-from sshade.threads import available_cpus
 
 #: Packages of launchers. Errors from these packages mean that a worker was lost.
 LAUNCHERS = ("joblib", "submitit", "ray")

@@ -15,7 +15,7 @@ from eval.configure.sweep import CASE
 from eval.configure.typed import allow_programs
 from eval.run.allowed import require_allowed, require_programs
 from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 class Choice(NamedTuple):

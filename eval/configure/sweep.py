@@ -24,8 +24,8 @@ from eval.run.monitor import Monitor
 from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
 from eval.run.run import run
 from eval.run.targets import check_parameters, code_of, locate
-from sshade.cli.console import say
-from sshade.errors import InputError
+from sshade.core.console import say
+from sshade.core.errors import InputError
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.programs import ALLOWING, allow
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from eval.metrics.shape import Shape, Topology
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, TransferTask
+from sshade.problem.task import DeformationTask, TransferTask
 
 Task = DeformationTask | TransferTask
 

@@ -26,8 +26,8 @@ from eval.rows.files import FOLDER_HELP, experiment_folder, read_conf
 from eval.rows.frame import numbers, records
 from eval.rows.store import VALID, Row
 from eval.run.recall import load_task
-from sshade.errors import InputError
-from sshade.figures import colour_range
+from sshade.core.errors import InputError
+from sshade.plotting.pictures import colour_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,7 +23,7 @@ from eval.publish.summary import HALVES
 from eval.rows.files import ROWS_HELP, TIMING, rows_file
 from eval.rows.frame import distinct, numbers, read_csv, split_label, valid
 from eval.rows.splits import TUNING, split_of
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,8 +13,8 @@ from eval.publish.intervals import LEAST
 from eval.rows.frame import distinct, method_names, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
-from sshade.cli.console import say
-from sshade.errors import InputError
+from sshade.core.console import say
+from sshade.core.errors import InputError
 
 #: Notes on the halves of the benchmark.
 HALF_NOTES = {

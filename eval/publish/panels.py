@@ -16,10 +16,10 @@ import numpy as np
 
 from eval.metrics import Task
 from eval.publish.plotting import new_figure, style
-from sshade.figures import COLOURS, View, colour_range, edge_error, picture
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles, TransferTask
+from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error, picture
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

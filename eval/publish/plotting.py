@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eval.rows.files import writing
-from sshade.figures import TOWARDS, UP
-from sshade.io.files import check_suffix
+from sshade.files.atomic import check_suffix
+from sshade.plotting.pictures import TOWARDS, UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,7 +25,7 @@ from eval.rows.files import PUBLISHED, ROWS, copy_file
 from eval.rows.frame import write_csv
 from eval.rows.store import MISSING, Row, version_of
 from eval.run.code import OWN
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

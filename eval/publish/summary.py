@@ -19,7 +19,7 @@ from eval.publish.notes import MIXTURE, NO_RANKS, case_notes, common_notes, rank
 from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import VALID
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Smallest number of common cases for the table of worst cases.
 LEAST_CASES = 4

@@ -19,7 +19,7 @@ from eval.publish.markdown import markdown_table
 from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
 from eval.rows.experiment import read_experiments
 from eval.rows.files import ROWS_HELP, add_out, rows_file, write_text
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Key of the mark of a difference whose interval contains zero.
 TIE = -1

@@ -17,7 +17,7 @@ from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS, Column
 from eval.publish.markdown import markdown_table
 from eval.rows.files import ROWS, RUNS, read_conf
 from eval.rows.frame import CASE, newest, numbers, read_csv, valid
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Columns by the measures of conf/paper.yaml.
 MEASURES = {

@@ -19,7 +19,7 @@ from eval.rows.csv_rows import read_rows
 from eval.rows.files import ROWS_HELP, read_conf, rows_file
 from eval.rows.store import VALID, Row
 from sshade.cli.configuration import CONFIGURATION
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 

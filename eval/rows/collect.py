@@ -19,7 +19,7 @@ from eval.rows.files import FOLDER_HELP, PUBLISHED, ROWS, RUNS, add_out, experim
 from eval.rows.frame import newest, records, to_frame, write_csv
 from eval.rows.plan import missing_rows, read_plans
 from eval.rows.store import MISSING, Row, read_row, run_folders, version_of
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def collect(*folders: Path) -> pd.DataFrame:

@@ -13,7 +13,7 @@ import pandas as pd
 from eval.rows.experiment import load_rows
 from eval.rows.frame import records
 from eval.rows.store import Row, in_group
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Columns that may differ: date, machine, number of parallel runs, memory and times.
 LEFT_OUT = ("date", "env.", "peak_mib", "seconds.", "task.source")

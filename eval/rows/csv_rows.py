@@ -14,7 +14,7 @@ from typing import Any
 
 from eval.rows.files import PUBLISHED
 from eval.rows.store import Row, is_text, row_problem, schema_problem
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Column with the number of rows in the file.
 COUNT = "rows_in_file"

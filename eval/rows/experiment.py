@@ -14,7 +14,7 @@ from eval.rows.collect import collect
 from eval.rows.files import ROWS, RUNS, experiment_folder, rows_file
 from eval.rows.frame import method_names, read_csv, records, valid
 from eval.rows.store import Row, read_curves, read_row, read_vertices, run_folder
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 class Experiment(NamedTuple):

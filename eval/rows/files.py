@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from sshade.cli.configuration import CONFIGURATION
-from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
+from sshade.core.errors import InputError
+from sshade.files.atomic import make_folder, replacing
 
 #: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
@@ -105,7 +105,7 @@ def read_conf(name: str) -> Any:
 
 @contextmanager
 def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path that becomes `path` on success, as :func:`sshade.io.files.replacing` does."""
+    """Yield a temporary path that becomes `path` on success: see :func:`sshade.files.atomic.replacing`."""
     make_folder(Path(path).parent)
     with replacing(path) as temporary:
         yield temporary

@@ -18,7 +18,7 @@ from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
 from eval.rows.plan import run_of
 from eval.rows.store import VALID, Row, in_order, version_of
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
 OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")

@@ -17,7 +17,7 @@ from typing import Any
 
 from eval.rows.files import PLANS, write_text
 from eval.rows.store import MISSING, Row
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Columns of a planned run, and their types.
 _FACTS = {"method.name": str, "seed": int, "task.source": str}

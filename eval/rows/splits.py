@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 
 from eval.rows.files import read_conf
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Names of the halves.
 TUNING, HELD_OUT = "tuning", "held_out"

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.io.files import make_folder, replacing
+from sshade.core.errors import InputError
+from sshade.files.atomic import make_folder, replacing
 
 Row = dict[str, Any]
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from eval.run.targets import EXTERNAL
 from sshade.cli.configuration import CALLED, named_functions
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.programs import require_permission
 
 #: Variable with prefixes of allowed names, separated by commas. Workers of a launcher inherit it.

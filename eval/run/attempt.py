@@ -29,11 +29,11 @@ from eval.run.code import CodeChanged, digest, loaded_code, require_unchanged
 from eval.run.provenance import process_memory, task_checksum
 from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
-from sshade.cli.console import Ended, arrived_in, missing_library
+from sshade.core.console import Ended, arrived_in, missing_library
+from sshade.core.progress import Progress, silent
+from sshade.problem.task import DeformationResult, result_of
 from sshade.processes import end_with_parent
 from sshade.programs import TIME_LIMIT
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, result_of
 
 log = logging.getLogger(__name__)
 

@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 
 from eval.run.targets import search_here
 from sshade.cli.configuration import PACKAGES
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: The project's packages. Methods from all other packages belong to users.
 OWN = frozenset({"sshade", "baselines", "defaust", "eval"})
 #: Types of the tasks and results, which every row depends on.
-TYPES = "sshade.task"
+TYPES = "sshade.problem.task"
 #: Modules that call a method and read its clock. Every row depends on their text, not on their imports.
 RUNNER = ("eval/run/attempt.py", "eval/run/targets.py")
 

@@ -20,9 +20,9 @@ import psutil
 from eval.run.code import digest, imported_libraries
 from eval.run.targets import code_of, flat, settings
 from sshade.cli.configuration import PACKAGES
-from sshade.errors import InputError
-from sshade.task import DeformationTask, TransferTask
-from sshade.threads import available_cpus
+from sshade.core.errors import InputError
+from sshade.core.threads import available_cpus
+from sshade.problem.task import DeformationTask, TransferTask
 
 #: Parts of a checkout that can change the numbers of a row, in contrast to results and pages.
 TREE = ("sshade", "baselines", "defaust", "eval", "conf", "pyproject.toml", "constraints.txt")

@@ -11,9 +11,9 @@ from eval.rows.store import Row, read_vertices
 from eval.run.allowed import require_allowed, require_programs
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
-from sshade.errors import InputError
-from sshade.io.files import naming
-from sshade.progress import Progress
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress
+from sshade.files.atomic import naming
 
 
 def load_task(row: Row) -> Task:

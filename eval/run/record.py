@@ -22,8 +22,8 @@ import psutil
 
 from eval.rows.files import write_text
 from eval.rows.store import Row
-from sshade.errors import InputError
-from sshade.io.files import replacing
+from sshade.core.errors import InputError
+from sshade.files.atomic import replacing
 
 #: Folder with the records of sweeps, in the folder of the experiment.
 RECORDS = ".sweeps"

@@ -15,8 +15,8 @@ from eval.rows.files import FOLDER_HELP, experiment_folder
 from eval.rows.store import VALID, read_row, run_folders, version_of, write_row
 from eval.run.code import METRICS, require_unchanged
 from eval.run.recall import measured_again
-from sshade.cli.console import progress_bar
-from sshade.progress import Progress, silent
+from sshade.core.console import progress_bar
+from sshade.core.progress import Progress, silent
 
 
 def remeasure(folder: Path, *, progress: Progress = silent) -> int:

@@ -17,9 +17,9 @@ from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh, is_scalar
 from eval.run.code import METRICS, code_version, digest, require_unchanged
 from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
 from eval.run.targets import code_of, instantiate, require_kind, settings
-from sshade.errors import InputError
-from sshade.progress import Progress, silent
-from sshade.task import DeformationTask
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.problem.task import DeformationTask
 
 #: Largest difference between the system's clock and a steady clock: in seconds, and as a fraction of the run.
 CLOCK_TOLERANCE = 1.0, 1e-3

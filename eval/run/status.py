@@ -13,7 +13,7 @@ from pathlib import Path
 from eval.rows.files import FOLDER_HELP, RUNS, of_dataset
 from eval.rows.plan import forget_plans
 from eval.run.record import SweepRecord, counts, records
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def report(record: SweepRecord) -> str:

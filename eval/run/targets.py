@@ -19,8 +19,8 @@ from functools import partial
 from typing import Any
 
 from sshade.cli.configuration import PACKAGES
-from sshade.errors import InputError
-from sshade.options import checked
+from sshade.core.errors import InputError
+from sshade.problem.options import checked
 from sshade.programs import words_of
 
 #: Keys of a method's configuration that are not parameters of its function.

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from eval.metrics import Task
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.pipeline.deform import deform
-from sshade.sampling.coarse import sample_coarsely
-from sshade.task import DeformationResult, DeformationTask, Handles, TransferTask
+from sshade.method.deform import deform
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
+from sshade.proxy.coarse import sample_coarsely
 
 _done: set[str] = set()
 

@@ -41,7 +41,7 @@ from eval.timing.speed import time_methods
 from eval.timing.table import require_free
 from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
 from eval.timing.whole import time_commands
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 #: Function that times the methods of a kind.
 KINDS: dict[str, Callable[..., list[Row]]] = {

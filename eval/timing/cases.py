@@ -15,10 +15,10 @@ from eval.metrics import Task
 from eval.run.attempt import reason_of
 from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
-from sshade.cli.console import Ended
-from sshade.errors import InputError
+from sshade.core.console import Ended
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationResult, DeformationTask, result_of
+from sshade.problem.task import DeformationResult, DeformationTask, result_of
 
 #: Largest number of subdivisions of a case.
 DEEPEST = 5

@@ -13,11 +13,11 @@ from eval.run.provenance import method_facts, task_facts
 from eval.run.targets import locate
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
-from sshade.errors import InputError
-from sshade.options import accepted
-from sshade.pipeline.deform import deform
-from sshade.pipeline.deformer import Deformer
-from sshade.task import DeformationTask
+from sshade.core.errors import InputError
+from sshade.method.deform import deform
+from sshade.method.deformer import Deformer
+from sshade.problem.options import accepted
+from sshade.problem.task import DeformationTask
 
 #: Number of steps of a drag from rest to the targets.
 STEPS = 60

@@ -14,7 +14,7 @@ from eval.run.provenance import process_memory, reset_peak_memory
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.speed import job_of
 from eval.timing.turns import Job, take_turns
-from sshade.cli.console import say
+from sshade.core.console import say
 
 #: Smallest number of vertices of the fit of time against vertices.
 FIT_FROM = 100_000

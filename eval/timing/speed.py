@@ -11,8 +11,8 @@ from eval.run.provenance import method_facts, task_facts
 from eval.run.targets import code_of
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
-from sshade.errors import InputError
-from sshade.task import DeformationResult
+from sshade.core.errors import InputError
+from sshade.problem.task import DeformationResult
 
 
 def time_methods(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:

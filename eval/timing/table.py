@@ -19,8 +19,8 @@ from eval.rows.frame import distinct, numbers, read_csv
 from eval.timing.drag import STEPS, TOLERANCE
 from eval.timing.scaling import FIT_FROM, slopes
 from eval.timing.turns import DRAG, LONG, SCALING, WHOLE
-from sshade.errors import InputError
-from sshade.pipeline.deformer import SETTLED
+from sshade.core.errors import InputError
+from sshade.method.deformer import SETTLED
 
 #: Default method of the column "times faster".
 REFERENCE = "elastic"

@@ -14,8 +14,8 @@ from eval.rows.store import SCHEMA, Row
 from eval.run.code import code_version, digest, require_unchanged
 from eval.run.provenance import environment
 from eval.timing.quiet import between, busiest_other, read_machine
-from sshade.cli.console import say
-from sshade.errors import InputError
+from sshade.core.console import say
+from sshade.core.errors import InputError
 
 #: What is timed, the column ``kind`` of rows.
 SPEED, DRAG, SCALING, WHOLE = "speed", "drag", "scaling", "whole"

@@ -16,10 +16,10 @@ from eval.run.provenance import config_hash, library_facts, task_facts
 from eval.run.warmup import tiny_task
 from eval.timing.cases import TimedCase
 from eval.timing.turns import Job, take_turns
-from sshade.cli.console import say
-from sshade.errors import InputError
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.core.console import say
+from sshade.core.errors import InputError
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 
 #: ``python -m sshade``, followed by the status of the process, which holds the peak of its memory.
 PROGRAM = """

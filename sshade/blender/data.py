@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
-from sshade.errors import InputError
 
 from .rig import RIGID, STILL, Group, Rig, rigid
 

@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
-from sshade.errors import InputError
 
 from .data import add_key, corners, read_motions, read_rig, rest_positions, switch_off, write_key
 from .rig import Drag

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 from . import live
 from .data import add_key, read_motions, read_rig, write_key

@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.edit.follower import Follower
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
-from sshade.errors import InputError
-from sshade.handles import Handles
 from sshade.mesh.surface import surface
-from sshade.pipeline.deform import deform
-from sshade.progress import Progress, silent
-from sshade.task import DeformationTask
+from sshade.method.deform import deform
+from sshade.problem.handles import Handles
+from sshade.problem.task import DeformationTask
 
 #: Weight of a vertex in its vertex group from which on the vertex is a hard handle.
 HARD = 0.999

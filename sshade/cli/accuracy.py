@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.handles import Handles
-from sshade.io.document import MeshFile
-from sshade.io.meshes import SINGLE, read_file
+from sshade.files.document import MeshFile
+from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single, is_single, single_steps
+from sshade.problem.handles import Handles
 
 #: Distance of a hard handle from its target that is a warning, as a fraction of the bounding-box diagonal.
 MISSED = 1e-4

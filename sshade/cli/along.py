@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sshade.cli.arguments import read
-from sshade.cli.console import say
-from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, MeshFile, check_input
-from sshade.io.files import check_output, naming
+from sshade.core.console import say
+from sshade.core.errors import InputError
+from sshade.files.atomic import check_output, naming
+from sshade.files.document import SUFFIXES, MeshFile, check_input
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -63,8 +63,8 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
         When a file cannot be read or holds no triangles, or a vertex is too far from the mesh. The message
         names the file.
     """
-    from sshade.carry.along import require_near
-    from sshade.io.meshes import require_triangles
+    from sshade.files.meshes import require_triangles
+    from sshade.proxy.along import require_near
 
     found = []
     for source, path in zip(sources, names, strict=True):
@@ -80,8 +80,8 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
 
 def write_files(companions: Sequence[Companion], mesh: Mesh, V: np.ndarray) -> None:
     """Write the files in a pose V (n, 3) of the mesh, with all their contents."""
-    from sshade.carry.along import move_along
-    from sshade.io.meshes import write_file
+    from sshade.files.meshes import write_file
+    from sshade.proxy.along import move_along
 
     if not companions:
         return

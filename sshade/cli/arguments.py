@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli.console import say
-from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, MeshFile, listed
-from sshade.io.files import check_output, naming
-from sshade.io.keys import require_known
-from sshade.options import NEAR, check_weld, described, help_text, require_method
+from sshade.core.console import say
+from sshade.core.errors import InputError
+from sshade.files.atomic import check_output, naming
+from sshade.files.document import SUFFIXES, MeshFile, listed
+from sshade.files.keys import require_known
+from sshade.mesh.weld import NEAR, check_weld
+from sshade.problem.options import described, help_text, require_method
 
 if TYPE_CHECKING:
     from sshade.mesh.surface import Surface
@@ -135,7 +136,7 @@ def add_option_file(parser: argparse.ArgumentParser, names: Iterable[str]) -> No
     text = "file of option names and values (.yaml, .json), or a handle file that the editor saved; switches "
     text += "on the command line take precedence"
     parser.add_argument("--options", type=Path, metavar="FILE", help=text)
-    parser.set_defaults(names_in_file=tuple(names), from_file={})
+    parser.set_defaults(names_in_file=tuple(names), from_file={}, with_file=with_option_file)
 
 
 def with_option_file(
@@ -151,7 +152,7 @@ def with_option_file(
     path = options.options
     if path is None:
         return options
-    from sshade.io.option_files import read_option_file
+    from sshade.files.option_files import read_option_file
 
     given = read_option_file(path, options.names_in_file)
     with naming(path):
@@ -203,7 +204,7 @@ def _argument(text: str) -> float:
 
 def read(path: Path, output: Path | None = None) -> MeshFile:
     """Read a mesh file, and report its oddities and contents that the format of `output` cannot hold."""
-    from sshade.io.meshes import read_file
+    from sshade.files.meshes import read_file
 
     file = read_file(path)
     for note in file.notes:
@@ -215,7 +216,7 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
 
 def read_surface(options: argparse.Namespace, output: Path | None = None) -> tuple[MeshFile, Surface]:
     """Read MESH as :func:`read`, and make its surface with --weld and --repair."""
-    from sshade.io.meshes import surface_of
+    from sshade.files.meshes import surface_of
 
     file = read(options.mesh, output)
     return file, surface_of(file, options.mesh, weld=options.weld, repair=options.repair)

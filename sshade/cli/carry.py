@@ -19,9 +19,9 @@ from sshade.cli.arguments import (
     require_finite,
     require_same_order,
 )
-from sshade.cli.console import announced_compilation, say
-from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, check_input
+from sshade.core.console import announced_compilation, say
+from sshade.core.errors import InputError
+from sshade.files.document import SUFFIXES, check_input
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,9 +44,9 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _carry(options: argparse.Namespace) -> int:
     """Read the files, carry the mesh, and write the output."""
-    from sshade.carry.binding_file import load_binding
-    from sshade.io.meshes import write_file
+    from sshade.files.meshes import write_file
     from sshade.mesh.surface import cut_surface, mean_of_copies
+    from sshade.proxy.binding_file import load_binding
 
     shape = read(options.edited)
     edited = shape.V

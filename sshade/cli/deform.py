@@ -68,7 +68,6 @@ from sshade.cli.arguments import (
     check_outputs,
     read_surface,
 )
-from sshade.cli.console import announced_compilation, progress_bar, say
 from sshade.cli.notes import announced_warnings, notes, unused_options
 from sshade.cli.sequence import (
     add_fps,
@@ -77,14 +76,15 @@ from sshade.cli.sequence import (
     require_no_fps,
     softened,
 )
-from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, check_input
-from sshade.io.entries import HandleFile, read_handle_file
-from sshade.io.files import naming
-from sshade.options import GROUPS, PAPER, Options, require_method, resolve
+from sshade.core.console import announced_compilation, progress_bar, say
+from sshade.core.errors import InputError
+from sshade.files.atomic import naming
+from sshade.files.document import SUFFIXES, check_input
+from sshade.files.entries import HandleFile, read_handle_file
+from sshade.problem.options import GROUPS, PAPER, Options, require_method, resolve
 
 if TYPE_CHECKING:
-    from sshade.task import DeformationTask
+    from sshade.problem.task import DeformationTask
 
 #: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
 AT_REST = 1e-9
@@ -148,11 +148,11 @@ def _deform(
 ) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
-    from sshade.io.handles import handle_notes, on_surface
-    from sshade.io.meshes import write_file
-    from sshade.pipeline.deform import deform
-    from sshade.pipeline.dense_handles import are_dense
-    from sshade.task import DeformationTask
+    from sshade.files.handles import handle_notes, on_surface
+    from sshade.files.meshes import write_file
+    from sshade.method.deform import deform
+    from sshade.method.dense_handles import are_dense
+    from sshade.problem.task import DeformationTask
 
     file, whole = read_surface(options, options.output)
     V = file.V

@@ -31,11 +31,11 @@ from sshade.cli.arguments import (
     add_repair,
     check_outputs,
 )
-from sshade.cli.console import announced_compilation, say
-from sshade.errors import InputError
-from sshade.io.document import SUFFIXES, check_input
-from sshade.io.entries import read_handle_file
-from sshade.options import require_method
+from sshade.core.console import announced_compilation, say
+from sshade.core.errors import InputError
+from sshade.files.document import SUFFIXES, check_input
+from sshade.files.entries import read_handle_file
+from sshade.problem.options import require_method
 
 if TYPE_CHECKING:
     from sshade.edit.server import Server

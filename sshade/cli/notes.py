@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sshade.cli.console import say
-from sshade.errors import counted
-from sshade.io.entries import HandleFile
+from sshade.core.console import say
+from sshade.core.errors import counted
+from sshade.files.entries import HandleFile
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6
@@ -96,7 +96,7 @@ def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -
 
 def _on_samples(facts: Mapping[str, Any], *, components: int) -> dict[str, bool]:
     """Sentences on a number of samples that differs from the number ``asked`` by more than rounding."""
-    from sshade.pipeline.proxies import SPARE  # imports large libraries
+    from sshade.method.proxies import SPARE  # imports large libraries
 
     samples, asked, coarser = facts["samples"], facts["asked"], facts["options"]["coarser"]
     differs = f"the proxy has {samples} samples instead of {asked}: "

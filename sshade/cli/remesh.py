@@ -11,10 +11,10 @@ import argparse
 from pathlib import Path
 
 from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, read_surface
-from sshade.cli.console import announced_compilation, say
-from sshade.io.document import SUFFIXES, check_input
-from sshade.io.files import replacing
-from sshade.options import PROXIES, Options, checked
+from sshade.core.console import announced_compilation, say
+from sshade.files.atomic import replacing
+from sshade.files.document import SUFFIXES, check_input
+from sshade.problem.options import PROXIES, Options, checked
 
 OPTIONS = ("vertices", "seed")
 
@@ -38,10 +38,10 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
-    from sshade.carry.binding_file import save_binding
-    from sshade.io.meshes import write_mesh
+    from sshade.files.meshes import write_mesh
     from sshade.mesh.surface import cut_surface
-    from sshade.pipeline.proxies import bind
+    from sshade.method.proxies import bind
+    from sshade.proxy.binding_file import save_binding
 
     _, whole = read_surface(options)
     cut = cut_surface(whole.mesh)

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sshade.cli.arguments import read_surface
-from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.errors import InputError
-from sshade.io.document import MORPHS, SUFFIXES, MeshFile
-from sshade.io.entries import HandleFile, read_handle_file
-from sshade.io.files import check_output, identity, naming
-from sshade.io.numbered import has_number, numbered
-from sshade.options import Options
+from sshade.core.console import announced_compilation, progress_bar, say
+from sshade.core.errors import InputError
+from sshade.files.atomic import check_output, identity, naming
+from sshade.files.document import MORPHS, SUFFIXES, MeshFile
+from sshade.files.entries import HandleFile, read_handle_file
+from sshade.files.numbered import has_number, numbered
+from sshade.problem.options import Options
 
 if TYPE_CHECKING:
-    from sshade.handles import Handles
     from sshade.mesh.surface import Surface
+    from sshade.problem.handles import Handles
 
 #: Poses per second.
 FPS = 24.0
@@ -83,8 +83,8 @@ def write_poses(
         Called for each pose that is written.
     """
     from sshade.cli.accuracy import stored_positions
-    from sshade.io.gltf_morph import write_morphs
-    from sshade.io.meshes import write_file
+    from sshade.files.gltf_morph import write_morphs
+    from sshade.files.meshes import write_file
     from sshade.mesh.surface import as_single
 
     count = len(times)
@@ -132,7 +132,7 @@ def placed_handles(files: list[HandleFile], paths: list[Path], whole: Surface) -
     InputError
         When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    from sshade.io.handles import on_surface  # imports large libraries
+    from sshade.files.handles import on_surface  # imports large libraries
 
     poses: list[Handles] = []
     for path, file in zip(paths, files, strict=True):
@@ -163,11 +163,11 @@ def _deform(
     """Read the mesh, deform it for all poses, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, warnings_of
     from sshade.cli.notes import announced_warnings, notes, unused_options
-    from sshade.io.handles import handle_notes
-    from sshade.options import PAPER
-    from sshade.pipeline.dense_handles import are_dense
-    from sshade.pipeline.sequence import Sequence
-    from sshade.task import DeformationResult, DeformationTask
+    from sshade.files.handles import handle_notes
+    from sshade.method.dense_handles import are_dense
+    from sshade.method.sequence import Sequence
+    from sshade.problem.options import PAPER
+    from sshade.problem.task import DeformationResult, DeformationTask
 
     file, whole = read_surface(options, options.output)
     mesh, poses = whole.mesh, placed_handles(files, options.handles, whole)

@@ -27,16 +27,16 @@ from sshade.cli.arguments import (
     read,
     read_surface,
 )
-from sshade.cli.console import say
-from sshade.errors import InputError
-from sshade.figures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
-from sshade.io.document import SUFFIXES, check_input
-from sshade.io.entries import read_handle_file
-from sshade.io.files import naming, replacing
+from sshade.core.console import say
+from sshade.core.errors import InputError
+from sshade.files.atomic import naming, replacing
+from sshade.files.document import SUFFIXES, check_input
+from sshade.files.entries import read_handle_file
+from sshade.plotting.pictures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
-    from sshade.task import Handles
+    from sshade.problem.task import Handles
 
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -73,7 +73,7 @@ def command(options: argparse.Namespace) -> int:
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
-    from sshade.io.handles import on_surface
+    from sshade.files.handles import on_surface
 
     file, whole = read_surface(options)
     mesh = whole.mesh
@@ -111,7 +111,7 @@ def draw(
 ) -> Any:
     """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views.
 
-    The directions `towards` and `up` are those of :meth:`sshade.figures.View.of`.
+    The directions `towards` and `up` are those of :meth:`sshade.plotting.pictures.View.of`.
     """
     shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
     view = View.of(shapes if handles is None else [*shapes, handles.target], **look)

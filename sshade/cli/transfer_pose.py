@@ -25,10 +25,10 @@ from sshade.cli.arguments import (
     read,
     read_surface,
 )
-from sshade.cli.console import announced_compilation, progress_bar, say
-from sshade.errors import counted
-from sshade.io.document import SUFFIXES, check_input
-from sshade.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
+from sshade.core.console import announced_compilation, progress_bar, say
+from sshade.core.errors import counted
+from sshade.files.document import SUFFIXES, check_input
+from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices"
 #: Options of sampling and frames, with their defaults.
@@ -63,8 +63,8 @@ def command(options: argparse.Namespace) -> int:
 @announced_compilation()
 def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     """Read the shapes, transfer the pose, and write the output."""
-    from sshade.io.meshes import write_file
-    from sshade.pipeline.transfer import transfer_pose
+    from sshade.files.meshes import write_file
+    from sshade.method.transfer import transfer_pose
 
     path: Any = getattr(options, "edited", None)
     shape = read(options.posed)

@@ -10,15 +10,15 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sshade.core.errors import InputError
 from sshade.edit.server import Server
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Settings
-from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.io.document import MeshFile
-from sshade.io.objects import opened
+from sshade.files.document import MeshFile
+from sshade.files.objects import opened
 from sshade.mesh.mesh import Mesh
-from sshade.options import require_method
+from sshade.problem.handles import Handles
+from sshade.problem.options import require_method
 
 #: Largest time in seconds for a computation to end before the function does.
 PATIENCE = 10.0

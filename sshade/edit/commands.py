@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.errors import InputError, reason
+from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Motion
 from sshade.edit.preview import VERTICES, preview
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Settings
-from sshade.errors import InputError
-from sshade.figures import colour_range, edge_error
-from sshade.io.files import reason
 from sshade.mesh.clusters import Clusters
-from sshade.options import require_method
-from sshade.progress import Progress, silent
+from sshade.plotting.pictures import colour_range, edge_error
+from sshade.problem.options import require_method
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")

@@ -12,21 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import InputError
 from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
-from sshade.errors import InputError
-from sshade.handle_checks import extent_of
-from sshade.handles import Handles
-from sshade.io.document import MeshFile
-from sshade.io.entries import HandleFile, handle_file_of, read_handle_file
-from sshade.io.files import check_output, is_same_file, naming
-from sshade.io.gltf import buffer_files
-from sshade.io.handles import on_surface, write_handles
-from sshade.io.keys import parsed_list
-from sshade.io.meshes import SUFFIXES, read_file, surface_of, write_file
-from sshade.options import NEAR
-from sshade.task import DeformationTask
+from sshade.files.atomic import check_output, is_same_file, naming
+from sshade.files.document import MeshFile
+from sshade.files.entries import HandleFile, handle_file_of, read_handle_file
+from sshade.files.gltf import buffer_files
+from sshade.files.handles import on_surface, write_handles
+from sshade.files.keys import parsed_list
+from sshade.files.meshes import SUFFIXES, read_file, surface_of, write_file
+from sshade.mesh.weld import NEAR
+from sshade.problem.handle_checks import extent_of
+from sshade.problem.handles import Handles
+from sshade.problem.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
 FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
@@ -142,7 +142,7 @@ class Document:
         Raises
         ------
         InputError
-            See :func:`sshade.io.handles.read_handles`.
+            See :func:`sshade.files.handles.read_handles`.
         """
         file = read_handle_file(path)
         with naming(path):
@@ -246,7 +246,7 @@ class Document:
 
     @property
     def colours(self) -> np.ndarray | None:
-        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.io.document.MeshFile`.
+        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.files.document.MeshFile`.
 
         A vertex that a seam doubles has the colour of its first copy.
         """
@@ -304,7 +304,7 @@ class Document:
         """
         if self.is_in_memory:
             handles = str(self.outputs["handles"])
-            return f"from sshade.io.handles import read_handles; handles = read_handles({handles!r}, mesh)"
+            return f"from sshade.files.handles import read_handles; handles = read_handles({handles!r}, mesh)"
         handles = str(self.outputs["handles"])
         words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])

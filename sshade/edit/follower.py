@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.edit.state import Settings
-from sshade.errors import InputError
-from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
-from sshade.options import REGIONS
-from sshade.pipeline.deform import deform
-from sshade.pipeline.deformer import Deformer
-from sshade.progress import Progress, silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.method.deform import deform
+from sshade.method.deformer import Deformer
+from sshade.problem.handles import Handles
+from sshade.problem.options import REGIONS
+from sshade.problem.task import DeformationResult, DeformationTask
 
 #: Proxy vertices during a drag, a third of the usual number. With 6000 the shape is a seventh nearer to the
 #: converged shape, but a step takes 1.5 times as long.

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.errors import InputError
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind, frame
 from sshade.edit.selection import near
 from sshade.edit.state import Settings
 from sshade.edit.work import Work
-from sshade.errors import InputError
 
 #: Greatest distance from rest at which a new static group counts as at rest, as a fraction of the diagonal.
 AT_REST = 1e-6

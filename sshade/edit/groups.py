@@ -8,9 +8,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.handles import Handles
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.problem.handles import Handles
 
 Kind = Literal["static", "moving"]
 

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import InputError
 from sshade.edit.groups import Group
 from sshade.edit.state import Settings, State
-from sshade.errors import InputError
-from sshade.io.files import INCOMPLETE, expecting, read_npz, replacing
+from sshade.files.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
-from sshade.options import require_method
+from sshade.problem.options import require_method
 
 #: What a recovery file is, in messages.
 WHAT = "a recovery file of `sshade edit`"

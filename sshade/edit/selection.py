@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 

@@ -25,13 +25,12 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from sshade import threejs
+from sshade.core.errors import InputError, reason
 from sshade.edit.commands import Commands
 from sshade.edit.document import FileExists
 from sshade.edit.session import Session
 from sshade.edit.work import Superseded
-from sshade.errors import InputError
-from sshade.io.files import reason
+from sshade.plotting import threejs
 
 log = logging.getLogger(__name__)
 

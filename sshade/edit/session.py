@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document, Given
 from sshade.edit.grouping import Grouping
 from sshade.edit.selection import near, selected
 from sshade.edit.state import History, Settings
-from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.progress import Progress, silent
+from sshade.problem.handles import Handles
 
 
 class Session(Grouping):
@@ -117,7 +117,7 @@ class Session(Grouping):
         Raises
         ------
         InputError
-            See :func:`sshade.io.handles.read_handles`.
+            See :func:`sshade.files.handles.read_handles`.
         """
         with self._lock:
             self._take(self.document.received_groups(content, name, first=self._number))

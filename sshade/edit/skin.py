@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.io import skins
+from sshade.files import skins
 from sshade.mesh.mesh import repeats_vertex
 
 
@@ -23,7 +23,7 @@ class Skin(NamedTuple):
         Triangles, by material.
     runs : list of (int, int, int)
         First triangle, number of triangles, and place in `materials`.
-    materials : list of sshade.io.skins.Material
+    materials : list of sshade.files.skins.Material
     """
 
     vertex: np.ndarray
@@ -38,7 +38,7 @@ def drawn(skin: skins.Skin, F: np.ndarray) -> Skin:
 
     Parameters
     ----------
-    skin : sshade.io.skins.Skin
+    skin : sshade.files.skins.Skin
     F : (m, 3) int64
         Vertices of the mesh at the corners of the file's triangles; -1 where the mesh has none.
     """

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import InputError
 from sshade.edit.groups import Group, Motion
-from sshade.errors import InputError
-from sshade.handle_checks import NO_HANDLES
-from sshade.handles import Handles
 from sshade.mesh.mesh import Mesh
+from sshade.problem.handle_checks import NO_HANDLES
+from sshade.problem.handles import Handles
 
 #: Methods of the editor.
 METHODS = ("fast", "fine", "paper")

@@ -7,14 +7,14 @@ from threading import RLock
 
 import numpy as np
 
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import History, Settings, State
-from sshade.errors import InputError
-from sshade.handles import Handles
-from sshade.progress import Progress, silent
+from sshade.problem.handles import Handles
 
 
 class Superseded(Exception):

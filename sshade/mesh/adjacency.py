@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
+from sshade.core.threads import in_ranges
 from sshade.mesh.mesh import Mesh
-from sshade.threads import in_ranges
 
 #: Length of an edge between coincident vertices, as a fraction of the mean length: above the rounding of any
 #: sum of lengths.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.kernels import kernel
-from sshade.threads import in_ranges
+from sshade.core.kernels import kernel
+from sshade.core.threads import in_ranges
 
 #: Largest doubled area, over the squared longest edge, of a face that counts as one without area. Its
 #: cotangents would exceed 10^8, and rounding instead of the shape would determine them.

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.kernels import kernel, subroutine
-from sshade.threads import available_cpus, in_ranges, in_threads
+from sshade.core.errors import InputError
+from sshade.core.kernels import kernel, subroutine
+from sshade.core.threads import available_cpus, in_ranges, in_threads
 
 #: Least number of faces for a thread that sorts faces by vertex, and largest number of such threads. Each
 #: thread needs a counter for every vertex.

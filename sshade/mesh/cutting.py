@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.kernels import kernel
+from sshade.core.errors import InputError
+from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.seams import connected
 from sshade.mesh.sides import EdgeSides, sides_by_edge

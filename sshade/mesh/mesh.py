@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError, counted
-from sshade.kernels import kernel
+from sshade.core.errors import InputError, counted
+from sshade.core.kernels import kernel
+from sshade.core.shown import Shown
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
 from sshade.mesh.ids import flagged
 from sshade.mesh.sides import EdgeSides, sides_by_edge
-from sshade.shown import Shown
 
 #: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
 LARGEST = 1e60

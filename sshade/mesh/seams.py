@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
 from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh, repeats_vertex, unit_rows
 from sshade.mesh.sides import sides_by_edge

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
 
 
 class EdgeSides(NamedTuple):

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
 from sshade.mesh.seams import same_places, seams
-from sshade.options import NEAR, check_weld
+from sshade.mesh.weld import NEAR, check_weld
 
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
 #: positions are stored as float32.

@@ -11,7 +11,7 @@ from sshade.mesh.ids import members
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.seams import same_places
-from sshade.options import NEAR
+from sshade.mesh.weld import NEAR
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ COLOURS = (
 
 
 def part(name: str) -> str:
-    """Return a part of a page by its file name. "viewer.js" needs ``THREE`` of :mod:`sshade.threejs`."""
+    """Return a part of a page by its file name. "viewer.js" needs ``THREE`` of `threejs`."""
     return files(__name__).joinpath(name).read_text(encoding="utf-8")
 
 

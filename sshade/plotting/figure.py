@@ -18,18 +18,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sshade import threejs
-from sshade.errors import InputError
-from sshade.figures import TOWARDS, UP, colour_range, edge_error
-from sshade.handles import Handles
-from sshade.io.arrays import Arrays
-from sshade.io.files import check_output, replacing
-from sshade.io.objects import opened
+from sshade.core.errors import InputError
+from sshade.files.arrays import Arrays
+from sshade.files.atomic import check_output, replacing
+from sshade.files.objects import opened
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, cleaned
-from sshade.plotting import part, ramp, style
+from sshade.plotting import part, ramp, style, threejs
+from sshade.plotting.pictures import TOWARDS, UP, colour_range, edge_error
 from sshade.plotting.surface import Shape, packed_view
-from sshade.task import DeformationResult, DeformationTask, TransferTask
+from sshade.problem.handles import Handles
+from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 
 #: Height of a figure in a notebook, in pixels.
 HEIGHT = 520

@@ -10,11 +10,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.handles import Handles
+from sshade.core.errors import InputError
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.proxy import sample_proxy
+from sshade.problem.handles import Handles
+from sshade.proxy.sample import sample_proxy
 
 #: Largest mesh that is shown completely, and number of vertices of larger meshes. Ids fit into 16 bits.
 LIMIT, SAMPLES = 28_000, 20_000

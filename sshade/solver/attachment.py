@@ -26,11 +26,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.handles import Handles
 from sshade.mesh.adjacency import VertexGraph, edge_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import SPREAD
-from sshade.sampling.fronts import Fronts
+from sshade.problem.handles import Handles
+from sshade.proxy.fronts import Fronts
 
 #: r, as a fraction of the square root of the mesh's area. On a body this is the radius of head and neck.
 RADIUS = 0.22

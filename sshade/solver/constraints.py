@@ -27,11 +27,11 @@ from typing import Any
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.kernels import kernel
+from sshade.core.errors import InputError
+from sshade.core.kernels import kernel
+from sshade.core.threads import ThreadTeam, in_ranges
 from sshade.mesh.mesh import Mesh
 from sshade.solver.order import faces_in_order, vertex_ranges
-from sshade.threads import ThreadTeam, in_ranges
 
 log = logging.getLogger(__name__)
 

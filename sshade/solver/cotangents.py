@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
+from sshade.core.threads import in_ranges
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sides_by_edge
-from sshade.threads import in_ranges
 
 #: Least slack in the triangle inequalities of a zero-area triangle after its edges are lengthened, as a
 #: fraction of the mesh's mean edge or of the triangle's longest edge, whichever is longer.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.options import Options
+from sshade.core.threads import ThreadTeam
+from sshade.problem.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy, Prescribed
 from sshade.solver.linear import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
 from sshade.solver.system import System
-from sshade.threads import ThreadTeam
 
 #: Rise of the energy, as a fraction of the rest energy, that counts as rounding.
 ENERGY_ROUNDING = 1e-14

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.options import Options
-from sshade.solver.rotations import fit_rotations, quaternions
+from sshade.core.threads import ThreadTeam
+from sshade.mesh.rotations import fit_rotations, quaternions
+from sshade.problem.options import Options
 from sshade.solver.system import System
 from sshade.solver.terms import Term
 from sshade.solver.terms.arap import Arap
 from sshade.solver.terms.bending import Bending
 from sshade.solver.terms.pulls import Pulls
 from sshade.solver.terms.struts import Strutting
-from sshade.threads import ThreadTeam
 
 #: Vertices of the mesh (j,), each once, and their prescribed rotations (j, 3, 3).
 Prescribed = tuple[np.ndarray, np.ndarray]
@@ -21,7 +21,7 @@ Prescribed = tuple[np.ndarray, np.ndarray]
 class Energy:
     """The energy of a bound system under given targets: the sum of its terms.
 
-    The name of its first term, "spokes" or "spokes_and_rims", is a :data:`sshade.options.Energy`.
+    The name of its first term, "spokes" or "spokes_and_rims", is a :data:`sshade.problem.options.Energy`.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
-from sshade.kernels import kernel
-from sshade.threads import ThreadTeam
+from sshade.core.kernels import kernel
+from sshade.core.threads import ThreadTeam
 
 #: Number of entries below which a thread solves alone. A second thread would work for less time than it takes
 #: to start.

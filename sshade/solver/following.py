@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from sshade.options import ENERGY, complete
+from sshade.core.threads import ThreadTeam
+from sshade.problem.options import ENERGY, complete
 from sshade.solver.descent import Descent
 from sshade.solver.energy import Prescribed
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
-from sshade.threads import ThreadTeam
 
 #: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
 LEAST = 2
@@ -47,7 +47,7 @@ class Following:
     workers : int
         Threads that share each iteration; no influence on the result.
     **energy
-        See :data:`sshade.options.ENERGY`.
+        See :data:`sshade.problem.options.ENERGY`.
 
     Raises
     ------

@@ -22,11 +22,11 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.threads import ThreadTeam
 from sshade.mesh.conjugate_gradients import conjugate_gradients
 from sshade.solver.factorisation import Factorisation
 from sshade.solver.multigrid import Multigrid, multiply
-from sshade.threads import ThreadTeam
 
 #: Error of a solve by conjugate gradients, as a fraction of the solution's energy norm.
 TOLERANCE = 1e-2

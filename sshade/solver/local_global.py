@@ -17,10 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.handle_checks import checked_target
-from sshade.options import ENERGY, Energy, Options, complete
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import ThreadTeam
+from sshade.problem.handle_checks import checked_target
+from sshade.problem.options import ENERGY, Energy, Options, complete
+from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
 from sshade.solver.energy import Prescribed
@@ -28,8 +30,6 @@ from sshade.solver.run import Run, Stop, run
 from sshade.solver.solution import Solution
 from sshade.solver.start import initial_guess
 from sshade.solver.system import System
-from sshade.task import DeformationResult, DeformationTask
-from sshade.threads import ThreadTeam
 
 #: Largest number of vertices for which :func:`local_global` factorises by default. V-cycles take as long at
 #: 170,000 vertices, in a sixth of the memory, and half as long at 680,000.
@@ -108,8 +108,8 @@ class LocalGlobal(System):
             because steps along soft triangles are longer. No effect without softening or with multigrid.
         progress : Progress
         **energy
-            Weights of the constraints, and softening: the options :data:`sshade.options.ENERGY` of
-            :class:`sshade.options.Options`. By default neither.
+            Weights of the constraints, and softening: the options :data:`sshade.problem.options.ENERGY` of
+            :class:`sshade.problem.options.Options`. By default neither.
 
         Returns
         -------
@@ -291,7 +291,8 @@ def local_global(
         Unused: the method is deterministic.
     progress : Progress
     **options
-        Of the energy and its iteration: :data:`sshade.options.SOLVER`. The defaults are the published energy.
+        Of the energy and its iteration: :data:`sshade.problem.options.SOLVER`. The defaults are the
+        published energy.
 
     Returns
     -------

@@ -32,9 +32,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from sshade.kernels import kernel, subroutine
+from sshade.core.kernels import kernel, subroutine
+from sshade.core.threads import ThreadTeam
 from sshade.solver.factorisation import Factorisation
-from sshade.threads import ThreadTeam
 
 #: Unknowns up to which a level is factorised.
 COARSEST = 3000

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
+from sshade.core.threads import in_ranges
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import sort_by_id
-from sshade.threads import in_ranges
 
 #: Largest number of vertices in a range, which a thread works on at a time, and smallest number of vertices
 #: in each of two ranges.

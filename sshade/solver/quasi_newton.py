@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.kernels import kernel, subroutine
-from sshade.threads import ThreadTeam
+from sshade.core.kernels import kernel, subroutine
+from sshade.core.threads import ThreadTeam
 
 #: Least cosine between a step and the change of the gradient along it for which the pair is stored.
 CURVED = 1e-10

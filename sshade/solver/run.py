@@ -8,9 +8,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.kernels import kernel
-from sshade.progress import Progress, silent
+from sshade.core.errors import InputError
+from sshade.core.kernels import kernel
+from sshade.core.progress import Progress, silent
 
 #: Iterations between two calls of the progress callback.
 REPORT_EVERY = 10

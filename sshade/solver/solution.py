@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.task import DeformationResult
+from sshade.problem.task import DeformationResult
 
 
 class Solution(NamedTuple):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.rigid import rigid_motion
-from sshade.options import Start
-from sshade.task import DeformationTask
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationTask
 
 #: Distance of the auxiliary points beside a handle with a prescribed rotation, as a fraction of the diagonal.
 BESIDE = 1e-3

@@ -16,11 +16,12 @@ from typing import Self, TypeGuard
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.errors import InputError
-from sshade.handle_checks import checked_index
+from sshade.core.errors import InputError
+from sshade.core.threads import ThreadTeam
 from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
-from sshade.options import Energy
+from sshade.problem.handle_checks import checked_index
+from sshade.problem.options import Energy
 from sshade.solver.constraints import Surface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
@@ -36,7 +37,6 @@ from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
 from sshade.solver.terms.pulls import Springs
 from sshade.solver.terms.struts import Struts
-from sshade.threads import ThreadTeam
 
 #: Least strain weight of a triangle in the metric of a V-cycle or a softened Laplacian. Weights change during
 #: a solve, because strain moves. A step descends while each weight is less than twice its value in the

@@ -15,11 +15,11 @@ from baselines.ablations import (
     sample_nearest_to_handles,
 )
 from sshade import DeformationTask, Handles, InputError, deform
-from sshade.carry.projection import project_to_fans
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
-from sshade.pipeline.regions import HandleRegions
-from sshade.sampling.proxy import Sampling, proxy_mesh, sample_proxy
+from sshade.method.regions import HandleRegions
+from sshade.proxy.projection import project_to_fans
+from sshade.proxy.sample import Sampling, proxy_mesh, sample_proxy
 from tests.shapes import bumpy, folded, held_ends
 
 

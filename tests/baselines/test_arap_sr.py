@@ -9,8 +9,8 @@ from baselines.arap_sr.arap_sr import arap_sr
 from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
+from sshade.problem.task import DeformationTask, Handles
 from sshade.solver.start import initial_guess
-from sshade.task import DeformationTask, Handles
 from tests.shapes import bumpy, held_ends, jittered, strip, tube
 from tests.sshade.naive import svd_rotations
 

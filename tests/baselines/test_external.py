@@ -16,7 +16,7 @@ from baselines import external as module
 from baselines.external import external, measure_startup, tetrahedron
 from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.programs import TIME_LIMIT, words_of
 from tests.eval.external_programs import TEXTS, allow, ended, wait_for
 from tests.shapes import bumpy, end_handles

@@ -23,7 +23,7 @@ from baselines.implicit_arap.patches import (  # noqa: E402
 )
 from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
 from baselines.implicit_arap.training import Constraints  # noqa: E402
-from sshade.task import DeformationTask, Handles, silent  # noqa: E402
+from sshade.problem.task import DeformationTask, Handles, silent  # noqa: E402
 from tests.shapes import bumpy, held_ends, icosphere, rotation  # noqa: E402
 
 CPU = torch.device("cpu")

@@ -5,8 +5,8 @@ import pytest
 
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.lattice_arap import lattice_arap
-from sshade.errors import InputError
-from sshade.task import DeformationTask, Handles
+from sshade.core.errors import InputError
+from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import (
     block,
     bumpy,

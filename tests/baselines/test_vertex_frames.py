@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from baselines.vertex_frames import transfer, transfer_pose
-from sshade.carry.triangle import FLAT
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import TransferTask
+from sshade.problem.task import TransferTask
+from sshade.proxy.triangle import FLAT
 from tests.shapes import bent, family, rotation, tetrahedron
 
 

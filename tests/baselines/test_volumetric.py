@@ -13,9 +13,9 @@ from baselines.volumetric.node_handles import rigid_parts
 from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import bumpy, held_ends, icosphere, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}

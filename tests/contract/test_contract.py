@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles, TransferTask
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 from tests.eval.eval_cases import bumpy_task
 from tests.methods import LEARNED, configured, methods
 from tests.shapes import bumpy

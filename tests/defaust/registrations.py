@@ -6,7 +6,7 @@ from pathlib import Path
 from defaust.build.options import BuildOptions
 from defaust.cli import configure
 from defaust.sources.synthetic import SyntheticBodies
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 
 #: FAUST's numbers of a rest pose and the four default target poses.
 POSES = (0, 1, 3, 6, 8)

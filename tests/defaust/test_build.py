@@ -17,7 +17,7 @@ from defaust.build.verify import verify
 from defaust.folder.layout import checksum
 from defaust.folder.record import read_dataset
 from sshade import InputError
-from sshade.io.meshes import read_mesh
+from sshade.files.meshes import read_mesh
 from tests.defaust.toy import KEPT, OPTIONS, Balls, flip_a_byte
 from tests.files import contents
 

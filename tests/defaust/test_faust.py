@@ -11,7 +11,7 @@ from defaust.build.dataset import build
 from defaust.folder.layout import sha256
 from defaust.tasks import load_task
 from sshade import InputError
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.defaust.registrations import BODIES, POSES, SMALL, faust, write_faust
 from tests.shapes import icosphere
 

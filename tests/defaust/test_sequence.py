@@ -15,7 +15,7 @@ from defaust.folder.record import read_dataset
 from defaust.sources.winding import same_triangles
 from defaust.tasks import list_tasks, load_task
 from sshade import InputError, Mesh
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.defaust.registrations import configured
 from tests.defaust.toy import KEPT
 from tests.files import contents

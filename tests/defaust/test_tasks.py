@@ -9,7 +9,7 @@ import pytest
 from defaust.folder.layout import sha256
 from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
-from sshade.io.meshes import read_mesh, write_mesh
+from sshade.files.meshes import read_mesh, write_mesh
 from tests.defaust.toy import change, change_handles, relist
 
 

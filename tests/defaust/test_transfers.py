@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from defaust.edits import Inflate, Unedited
 from defaust.tasks import load_task
 from sshade import TransferTask
-from sshade.io.meshes import read_mesh
+from sshade.files.meshes import read_mesh
 
 BELLY = Inflate(at=(0.5, 0.62, 0.5), radius=0.12, amount=0.05)
 

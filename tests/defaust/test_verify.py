@@ -3,7 +3,7 @@
 import pytest
 
 from defaust.build.verify import verify
-from sshade.io.meshes import read_mesh, write_mesh
+from sshade.files.meshes import read_mesh, write_mesh
 from tests.defaust.toy import change, change_handles, relist
 from tests.shapes import beside, shifted
 

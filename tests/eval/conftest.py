@@ -7,8 +7,8 @@ from report_runs import make_runs
 
 from eval.main import call
 from eval.run.warmup import tiny_task
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 
 
 @pytest.fixture(scope="session")

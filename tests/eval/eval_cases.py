@@ -9,10 +9,10 @@ import numpy as np
 import psutil
 from scipy.spatial.transform import Rotation
 
-from sshade.errors import InputError
+from sshade.core.errors import InputError
+from sshade.core.progress import silent
 from sshade.mesh.mesh import Mesh
-from sshade.progress import silent
-from sshade.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
 
 

@@ -9,7 +9,7 @@ from eval.rows.collect import collect
 from eval.rows.frame import write_csv
 from eval.run.run import run
 from sshade.mesh.mesh import Mesh
-from sshade.task import TransferTask
+from sshade.problem.task import TransferTask
 from tests.shapes import bumpy
 
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}

@@ -109,8 +109,8 @@ def test_a_lazy_name_stands_for_the_module_that_defines_it(folder):
 
 def test_libigls_rows_do_not_depend_on_our_energy_and_pipeline():
     places = code.loaded_code(["baselines.arap.arap"])
-    assert {"baselines/arap.py", "sshade/task.py", "eval/run/attempt.py"} <= places.keys()
-    parts = ("sshade/pipeline/", "sshade/sampling/", "sshade/carry/", "sshade/solver/terms/")
+    assert {"baselines/arap.py", "sshade/problem/task.py", "eval/run/attempt.py"} <= places.keys()
+    parts = ("sshade/method/", "sshade/proxy/", "sshade/proxy/", "sshade/solver/terms/")
     assert not [place for place in places if place.startswith(parts)]
     ours = code.loaded_code(["sshade.deform"])
     assert all(any(place.startswith(part) for place in ours) for part in parts)
@@ -189,8 +189,8 @@ def test_an_edit_of_the_metrics_ends_the_runs(tmp_path, monkeypatch):
 
 
 def test_a_fresh_process_with_other_code_gives_no_row(tmp_path, monkeypatch):
-    loaded = code.loaded_code(["eval_cases.stretching"]) | {"sshade/task.py": "another"}
+    loaded = code.loaded_code(["eval_cases.stretching"]) | {"sshade/problem/task.py": "another"}
     monkeypatch.setattr(attempt_module, "loaded_code", lambda functions: loaded)
-    with pytest.raises(code.CodeChanged, match="sshade/task.py has changed"):
+    with pytest.raises(code.CodeChanged, match="sshade/problem/task.py has changed"):
         run(bumpy_task(), {"_target_": "eval_cases.stretching"}, name="a", root=tmp_path / "runs", fresh=True)
     assert not (tmp_path / "runs").exists()

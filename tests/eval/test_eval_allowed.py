@@ -8,7 +8,7 @@ import yaml
 from eval.configure.typed import listed
 from eval.run.allowed import OVERRIDE, VARIABLE, allow_functions, check_folders, require_allowed
 from sshade.cli.configuration import CONFIGURATION, named_functions
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from tests.robustness.case import assert_refused, run
 
 
@@ -26,7 +26,7 @@ def test_what_the_project_s_conf_names_is_allowed():
 
 @pytest.mark.parametrize(
     "name",
-    ["os.system", "sshade.io.meshes.write_mesh", "sshade.pipeline.deform.deform.x", "", None, 3, ["a"]],
+    ["os.system", "sshade.files.meshes.write_mesh", "sshade.method.deform.deform.x", "", None, 3, ["a"]],
 )
 @pytest.mark.parametrize("key", ["_target_", "cases", "class", "()"])
 def test_anything_else_is_not(name, key):

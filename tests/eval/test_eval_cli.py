@@ -10,8 +10,8 @@ from eval_program import run_eval, run_program
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records
 from eval.run.record import Sweep, SweepRecord
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 from tests.files import contents
 
 
@@ -34,7 +34,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
-        line = "WARNING sshade.pipeline.components: the volume constraint is off: boundary"
+        line = "WARNING sshade.method.components: the volume constraint is off: boundary"
         assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
 
 

@@ -13,10 +13,10 @@ from eval.configure.sweep import ABOUT_DATASET, VALUES
 from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
-from sshade.errors import InputError
-from sshade.options import GROUPS
-from sshade.pipeline.deform import deform
-from sshade.task import Method
+from sshade.core.errors import InputError
+from sshade.method.deform import deform
+from sshade.problem.options import GROUPS
+from sshade.problem.task import Method
 from tests.full import few
 from tests.methods import methods
 

@@ -10,8 +10,8 @@ from omegaconf import OmegaConf
 from defaust.cli import main as defaust
 from eval.configure.app import _load_task
 from eval.run.targets import locate
-from sshade.errors import InputError
-from sshade.io.meshes import write_mesh
+from sshade.core.errors import InputError
+from sshade.files.meshes import write_mesh
 from tests.defaust.registrations import write_faust
 from tests.shapes import bumpy
 

@@ -11,7 +11,7 @@ from hydra.errors import HydraException
 from eval.configure import app as cli
 from eval.rows.collect import collect
 from eval.rows.compare import differences
-from sshade.cli.console import how_to_install
+from sshade.core.console import how_to_install
 
 NEEDS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher",

@@ -21,9 +21,9 @@ from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import read_curves, read_row, run_folders, write_run
 from eval.run import code, provenance
 from eval.run.run import run
-from sshade.errors import InputError
-from sshade.progress import silent
-from sshade.task import DeformationResult
+from sshade.core.errors import InputError
+from sshade.core.progress import silent
+from sshade.problem.task import DeformationResult
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}

@@ -15,7 +15,7 @@ from eval.rows.plan import read_plans, write_plan
 from eval.run.monitor import Monitor
 from eval.run.record import RECORDED, Sweep, SweepRecord, records, unfinished
 from eval.run.run import run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 BEGIN = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

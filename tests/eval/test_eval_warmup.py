@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from eval.run.warmup import warm_up
-from sshade.task import DeformationResult, DeformationTask, TransferTask
+from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 
 #: Program that prints the kernels that a method compiles or loads after its warm-up, for two tasks.
 #: The handles are two small caps in the first task and two large caps in the second task.
@@ -16,7 +16,7 @@ from numba.core.dispatcher import Dispatcher
 from eval.configure.compose import read_choice, resolved
 from eval.run.targets import instantiate
 from eval.run.warmup import icosphere, warm_up
-from sshade.task import DeformationTask
+from sshade.problem.task import DeformationTask
 from tests.shapes import end_handles
 
 method = resolved("method", read_choice(sys.argv[1]))

@@ -24,7 +24,7 @@ from eval.rows.store import read_row, read_vertices, run_folders
 from eval.run.code import CodeChanged
 from eval.run.recall import load_task
 from eval.run.run import run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.programs import ALLOWED, require_permission
 from tests.full import few
 from tests.robustness.case import Case, attempt
@@ -287,7 +287,7 @@ def test_a_yaml_cannot_allow_itself(theirs, content):
 
 EVIL = {
     "_target_": "baselines.external.external",
-    "task": {"_target_": "sshade.io.handles.read_task", "mesh": "body.ply", "handles": "pose.json"},
+    "task": {"_target_": "sshade.files.handles.read_task", "mesh": "body.ply", "handles": "pose.json"},
     "command": ["sh", "evil.sh"],
     **TEXTS,
 }

@@ -10,7 +10,7 @@ from eval.metrics import METRICS, Metric
 from eval.rows.store import read_row, run_folders, write_row
 from eval.run.code import METRICS as METRICS_VERSION
 from eval.run.remeasure import remeasure
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 @pytest.fixture

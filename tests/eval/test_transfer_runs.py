@@ -6,9 +6,9 @@ from eval_cases import ends_task
 from eval.metrics import METRICS
 from eval.run.provenance import task_checksum
 from eval.run.run import run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import TransferTask
+from sshade.problem.task import TransferTask
 from tests.shapes import bumpy
 
 
@@ -17,7 +17,7 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
     edited = Mesh(rest.V * [1.1, 1, 1], rest.F)
     posed, truth = rest.V[:, [1, 2, 0]], edited.V[:, [1, 2, 0]]
     task = TransferTask("t", edited, rest, posed, truth=truth, meta={"edit": "wider"})
-    method = {"_target_": "sshade.pipeline.transfer.transfer", "vertices": 60, "samplings": 2}
+    method = {"_target_": "sshade.method.transfer.transfer", "vertices": 60, "samplings": 2}
     method["warm_up"] = {"samplings": 1}
     row = run(task, method, name="paper", root=tmp_path).row
     assert row["status"] == "ok" and row["task.meta.edit"] == "wider" and row["env.warmed_up"]
@@ -33,7 +33,7 @@ def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
     rest = bumpy(1)
     pairs = (
         (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
-        (ends_task(rest, name="a"), "sshade.pipeline.transfer.transfer"),
+        (ends_task(rest, name="a"), "sshade.method.transfer.transfer"),
     )
     for task, target in pairs:
         with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):

@@ -21,7 +21,7 @@ import numpy as np
 from defaust.build.dataset import build
 from defaust.build.verify import verify
 from eval.rows.store import read_row, run_folders
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls
 from tests.files import contents
 from tests.shapes import bent, bumpy
@@ -138,7 +138,7 @@ def two_at_once(scene: Scene, folder: Path, *, expected: Result) -> list[int | N
 def _context() -> ForkServerContext:
     """Return a context whose processes begin with all modules imported and without threads."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.pipeline.deform"])
+    context.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.method.deform"])
     return context
 
 

@@ -16,14 +16,14 @@ from defaust.sources.files import Shape, find_shapes
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
 from sshade import InputError, Mesh, bind, load_binding, save_binding
-from sshade.io.handles import read_handles
-from sshade.io.meshes import SUFFIXES, read_mesh, write_mesh
+from sshade.files.handles import read_handles
+from sshade.files.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.files import scratch
 from tests.gltf import glb
 from tests.shapes import bumpy, icosphere
-from tests.sshade.io.test_formats import OBJ, OFF, STL
-from tests.sshade.io.test_gltf import instanced
-from tests.sshade.io.test_ply import OLD_MESHLAB, ply
+from tests.sshade.files.test_formats import OBJ, OFF, STL
+from tests.sshade.files.test_gltf import instanced
+from tests.sshade.files.test_ply import OLD_MESHLAB, ply
 
 #: A sound mesh for handles and maps.
 BODY = bumpy(1)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from defaust.build.dataset import build
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.defaust.toy import OPTIONS, Balls, change, relist
 from tests.files import contents, scratch
 from tests.robustness.case import Case, check_refusal, limited, nothing, refused, run

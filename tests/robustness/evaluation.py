@@ -89,7 +89,6 @@ OPTIONS = {
     "tables tiny -o body.ply": ("body.ply: the folder cannot be created",),
     "tables tiny -o out/rows": ("holds the rows",),
     "front tiny --measures edge": ("needs at least two metrics",),
-    "site": ("no track has published rows in results/rows: run this in a clone",),
     "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
     f"check {ROWS} --bands rubber": ("no bands 'rubber'",),
 }

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sshade import Handles, Mesh
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.io.meshes import read_arrays
+from sshade.files.meshes import read_arrays
 from tests.robustness.case import Case, nothing, on_a_full_disk, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, data, garbage, mesh
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import Case, run
 from tests.robustness.inputs import BODY, Given, handles, pose, posed, write_sound
 from tests.shapes import torus

@@ -14,8 +14,8 @@ import pytest
 from baselines.accelerated import accelerated_elastic
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import DeformationTask, Handles, Mesh, deform
-from sshade.sampling.proxy import sample_proxy
-from sshade.threads import available_cpus
+from sshade.core.threads import available_cpus
+from sshade.proxy.sample import sample_proxy
 from tests.shapes import subdivided
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

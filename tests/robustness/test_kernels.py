@@ -21,17 +21,17 @@ from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Handles, Mesh, bind, deform, transfer_pose
-from sshade.carry.projection import _closest_in_triangle
-from sshade.io.meshes import read_file, write_file
+from sshade.core.threads import ThreadTeam
+from sshade.files.meshes import read_file, write_file
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import cut_to_manifold
-from sshade.sampling.coarse import sample_coarsely
-from sshade.sampling.proxy import sample_proxy
+from sshade.proxy.coarse import sample_coarsely
+from sshade.proxy.projection import _closest_in_triangle
+from sshade.proxy.sample import sample_proxy
 from sshade.solver import factorisation
 from sshade.solver.linear import ConjugateGradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
-from sshade.threads import ThreadTeam
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sshade import DeformationTask, Handles, Mesh, deform
-from sshade.sampling import proxy as proxy_module
+from sshade.proxy import sample as proxy_module
 from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 

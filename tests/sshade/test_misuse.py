@@ -9,9 +9,9 @@ import pytest
 import sshade
 from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
-from sshade.carry.binding_file import load_binding, save_binding
-from sshade.io.handles import write_handles
-from sshade.sampling.proxy import sample_proxy
+from sshade.files.handles import write_handles
+from sshade.proxy.binding_file import load_binding, save_binding
+from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import beside, bumpy, rotation, shifted
 

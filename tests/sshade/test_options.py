@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sshade import InputError
-from sshade.options import (
+from sshade.problem.options import (
     FINE,
     GROUPS,
     PRESETS,

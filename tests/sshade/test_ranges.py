@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from sshade.carry.binding import bind_proxy
-from sshade.carry.blended import BlendedFrames
+from sshade.core.threads import in_ranges
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
-from sshade.sampling.closed_ball import count_unions
-from sshade.sampling.fronts import Fronts
-from sshade.sampling.proxy import proxy_mesh, sample_proxy
-from sshade.threads import in_ranges
+from sshade.proxy.binding import bind_proxy
+from sshade.proxy.blended import BlendedFrames
+from sshade.proxy.closed_ball import count_unions
+from sshade.proxy.fronts import Fronts
+from sshade.proxy.sample import proxy_mesh, sample_proxy
 from tests.shapes import double_torus, icosphere, jittered, tube
 from tests.sshade.mesh.test_connectivity import CASES
 
@@ -23,9 +23,9 @@ def many(monkeypatch):
     """A function after which ranges are of seven rows, in three threads."""
 
     def split() -> None:
-        monkeypatch.setattr("sshade.threads.CHUNK", 7)
+        monkeypatch.setattr("sshade.core.threads.CHUNK", 7)
         monkeypatch.setattr("sshade.mesh.connectivity.FACES", 5)
-        for module in ("sshade.threads", "sshade.mesh.connectivity"):
+        for module in ("sshade.core.threads", "sshade.mesh.connectivity"):
             monkeypatch.setattr(f"{module}.available_cpus", lambda: 3)
 
     return split

@@ -5,11 +5,11 @@ import pytest
 from matplotlib import pyplot
 
 from sshade.cli.main import main
-from sshade.figures import View, _require_renderer, colour_range, edge_error, picture
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.task import Handles
+from sshade.plotting.pictures import View, _require_renderer, colour_range, edge_error, picture
+from sshade.problem.task import Handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
 from tests.shapes import end_handles, rotation

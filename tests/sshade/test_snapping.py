@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from sshade import InputError, snapping
-from sshade.snapping import snap_to_vertices
+from sshade import InputError
+from sshade.problem import snapping
+from sshade.problem.snapping import snap_to_vertices
 from tests.shapes import bumpy, strip, torus
 
 SHAPES = {"bumpy": bumpy(4), "flat": strip(60, 40), "torus": torus(90, 30)}

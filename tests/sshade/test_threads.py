@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from sshade import InputError
-from sshade.threads import ThreadTeam, available_cpus, in_threads
+from sshade.core.threads import ThreadTeam, available_cpus, in_threads
 
 
 def square(i: int) -> int:
@@ -88,7 +88,7 @@ def test_a_thread_that_an_interrupt_left_out_of_the_list_ends_with_its_team():
 
 FORK = """
 import os, signal
-from sshade.threads import ThreadTeam
+from sshade.core.threads import ThreadTeam
 
 def square(i):
     return i * i

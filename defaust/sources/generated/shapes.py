@@ -23,7 +23,7 @@ from defaust.sources.generated.cactus import BLEND, CAPSULES, cactus
 from defaust.sources.generated.motions import Bend, Lift, Twist
 from defaust.sources.source import Box, Region, Source, SourcePose, provenance_texts
 from sshade import InputError, Mesh
-from sshade.io.regions import rigidly_moved, vertices_in
+from sshade.files.regions import rigidly_moved, vertices_in
 
 #: Approximate number of vertices of the registered meshes, and minimum number of vertices of any mesh.
 LOW, FEWEST = 5000, 1000

@@ -17,10 +17,10 @@ from eval.publish.panels import error_label, error_of
 from eval.rows.experiment import Experiment
 from eval.rows.store import Row
 from eval.run.recall import load_task
-from sshade.errors import InputError
-from sshade.figures import View, colour_range, picture
+from sshade.core.errors import InputError
+from sshade.plotting.pictures import View, colour_range, picture
 from sshade.plotting.surface import Shape, packed_view
-from sshade.task import TransferTask
+from sshade.problem.task import TransferTask
 
 #: Width of a rendering in pixels.
 PANEL = 360

@@ -23,10 +23,11 @@ from eval.publish.summary import MIXED_HELP, converged_runs, make_table
 from eval.rows.experiment import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out, write_text
 from eval.rows.frame import method_names, numbers, records, valid
-from sshade import plotting, threejs
-from sshade.cli.console import progress_bar
-from sshade.errors import InputError
-from sshade.progress import Progress
+from sshade import plotting
+from sshade.core.console import progress_bar
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress
+from sshade.plotting import threejs
 
 #: Default number of cases of an experiment in the 3D view.
 TURNABLE = 3

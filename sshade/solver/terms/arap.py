@@ -40,9 +40,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.errors import InputError
-from sshade.kernels import kernel, subroutine
-from sshade.options import Options
+from sshade.core.errors import InputError
+from sshade.core.kernels import kernel, subroutine
+from sshade.problem.options import Options
 from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.solver.multigrid import compressed_rows
 from sshade.solver.order import Ranges

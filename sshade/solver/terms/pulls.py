@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
-from sshade.kernels import kernel
+from sshade.core.kernels import kernel
 from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 

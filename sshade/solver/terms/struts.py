@@ -26,10 +26,10 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from sshade.core.threads import available_cpus
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
-from sshade.threads import available_cpus
 
 #: Largest number of balls at a vertex; about 10 are usual.
 BALLS = 40

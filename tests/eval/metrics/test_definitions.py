@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.intersections import intersecting_faces
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import bent, bumpy, jittered, rotation, strip
 
 #: Measures that other tests of this folder compare with their definitions.

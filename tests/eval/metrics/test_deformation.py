@@ -7,9 +7,9 @@ from eval.metrics import Deformed, measure
 from eval.metrics.detail import detail
 from eval.metrics.distortion import collapsed, distortion, distortion_max
 from eval.metrics.shape import Shape, Topology, weighted_percentile
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import bumpy, rotation, strip
 
 

@@ -6,9 +6,9 @@ from eval_cases import ends_task
 
 from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.truth import chamfer, hausdorff
-from sshade.task import DeformationTask, Handles, TransferTask
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 from tests.shapes import bumpy
-from tests.sshade.carry.test_projection import nearest_in_triangle
+from tests.sshade.proxy.test_projection import nearest_in_triangle
 
 OF_TRUTH = {name for name, metric in METRICS.items() if "truth" in metric.needs}
 OF_HANDLES = {"handle", "spike"}

@@ -9,7 +9,7 @@ from eval_rows import frame, lost, planned, row, table_of
 from eval.main import call
 from eval.publish.tables import to_csv, to_latex, to_markdown
 from eval.rows.frame import write_csv
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 BODIES = "defaust-synthetic/subject_0"
 

@@ -17,7 +17,7 @@ from eval.rows.frame import read_csv
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import read_row, run_folders
 from sshade.cli.configuration import CONFIGURATION
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from tests.shapes import bumpy, held_ends
 
 

@@ -7,7 +7,7 @@ from matplotlib.text import Annotation, Text
 from eval.main import call
 from eval.publish.front import draw, front, knob_values, unbeaten, with_times
 from eval.rows.frame import write_csv
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def weighted(name, case="a", *, volume=1.0, weight=None, **changes):

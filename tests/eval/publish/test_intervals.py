@@ -14,7 +14,7 @@ from eval.publish.notes import NO_RANKS
 from eval.publish.summary import make_table, ranks
 from eval.publish.tables import to_csv, to_latex, to_markdown
 from eval.rows.frame import write_csv
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 METHODS = ("elastic", "near", "far")
 

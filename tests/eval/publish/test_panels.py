@@ -5,10 +5,10 @@ import pytest
 from eval_cases import bumpy_task
 
 from eval.publish.panels import draw, error_label, error_of, rows_of
-from sshade.errors import InputError
-from sshade.figures import edge_error
+from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
-from sshade.task import TransferTask
+from sshade.plotting.pictures import edge_error
+from sshade.problem.task import TransferTask
 from tests.shapes import bumpy
 
 CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}

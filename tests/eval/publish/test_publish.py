@@ -13,7 +13,7 @@ from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS, to_markdown
 from eval.rows.frame import distinct, read_csv, records, write_csv
 from eval.timing import table as of_times
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from tests.files import contents
 
 RESULTS = Path(__file__).parents[3] / "results"

@@ -12,7 +12,7 @@ from report_runs import METHODS, make_transfers
 from eval.main import call
 from eval.publish.html import configuration
 from eval.rows.frame import read_csv, records
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def plain(html: str) -> str:
@@ -163,7 +163,7 @@ def test_a_system_that_cannot_draw_gets_a_report_without_pictures(
     def missing():
         raise InputError("pictures need libEGL")
 
-    monkeypatch.setattr("sshade.figures._require_renderer", missing)
+    monkeypatch.setattr("sshade.plotting.pictures._require_renderer", missing)
     page, complete = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs))), Page(text)
     assert page.told("p", "warning").count("No pictures: pictures need libEGL.") == 2
     assert "rest" not in page.images and ' id="turn"' in page.text and page.tables == complete.tables

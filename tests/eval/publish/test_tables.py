@@ -6,7 +6,7 @@ from eval_rows import lost, planned, row, table_of
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
 from eval.publish.tables import to_latex, to_markdown
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from defaust.cli import main as defaust
 from eval.publish.notes import REBUILT_NOTE, TRANSFERRED_NOTE
 from eval.publish.summary import make_table
 from eval.rows.collect import collect
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.shapes import bent, bumpy
 
 

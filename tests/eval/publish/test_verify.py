@@ -9,7 +9,7 @@ from eval.main import main
 from eval.publish.verify import MEASURES, table
 from eval.rows.files import read_conf
 from eval.rows.frame import to_frame, write_csv
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from tests.eval.eval_rows import lost, planned, row
 
 ROOT = Path(__file__).parents[3]

@@ -7,7 +7,7 @@ from eval.main import call
 from eval.rows.frame import read_csv, records, to_frame, write_csv
 from eval.rows.plan import write_plan
 from eval.rows.store import write_run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from eval.main import call
 from eval.rows.compare import differences
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 ROWS = [row(seed=seed, key=f"k{seed}", **{"env.version.numpy": "2", "method.factor": 2.0}) for seed in (0, 1)]
 

@@ -10,7 +10,7 @@ from eval.rows.experiment import Experiment, load_rows, read_experiments
 from eval.rows.files import experiment_folder, rows_file
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def test_cases_of_an_experiment():

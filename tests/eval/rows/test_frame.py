@@ -14,7 +14,7 @@ from eval.publish.tables import to_markdown
 from eval.rows.csv_rows import COUNT
 from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
 from eval.rows.store import read_row, write_row
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 RESULTS = Path(__file__).parents[3] / "results"
 

@@ -7,7 +7,7 @@ import pytest
 from eval_rows import row
 
 from eval.rows.plan import forget_plans, missing_rows, read_plans, write_plan
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def planned(method="a", pose=1, *, seed=0, root="data", **more):

@@ -4,7 +4,7 @@ import pytest
 
 from eval.rows import splits
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 OLD, NEW = range(1, 5), range(5, 11)
 

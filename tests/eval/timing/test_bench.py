@@ -11,8 +11,8 @@ from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
 from eval.run.warmup import tiny_task
 from eval.timing.scaling import _in_new_process
-from sshade.errors import InputError
-from sshade.io.meshes import read_mesh
+from sshade.core.errors import InputError
+from sshade.files.meshes import read_mesh
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 

@@ -9,7 +9,7 @@ from eval_rows import row as row_of_a_run
 from eval.main import call, main
 from eval.rows.frame import to_frame, write_csv
 from eval.timing.table import make_time_table
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def row(method, seconds, *, repeat=1, kept=True, **facts):

@@ -6,7 +6,7 @@ import pytest
 
 import eval.timing.turns
 from eval.timing.turns import ATTEMPTS, Job, take_turns
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 
 
 def job(name, order, seconds=(1.0,), task="t"):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sshade.blender.rig import STILL, Drag, Group, Rig, rigid
+from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
-from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 

@@ -7,8 +7,8 @@ import pytest
 
 from sshade import DeformationTask, Handles, deform
 from sshade.cli.main import main
-from sshade.io.handles import write_handles
-from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.inputs import BODY, pose
 
 POSE = pose(BODY.V)

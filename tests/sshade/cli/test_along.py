@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import Mesh, move_along
-from sshade.io.meshes import read_file, read_mesh, write_mesh
+from sshade.files.meshes import read_file, read_mesh, write_mesh
 from tests.robustness.case import run
 from tests.robustness.inputs import BODY
 

@@ -13,7 +13,7 @@ import pytest
 
 from sshade.cli import blender
 from sshade.cli.main import main
-from sshade.errors import InputError
+from sshade.core.errors import InputError
 from tests.sshade.blender.wheels import small_wheel
 
 PIP = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--disable-pip-version-check"]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from sshade.cli.console import EXTRAS, run_command
-from sshade.cli.programs import version_of
+from sshade.core.console import EXTRAS, run_command
+from sshade.core.programs import version_of
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\

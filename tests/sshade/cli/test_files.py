@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sshade.cli.main import main
-from sshade.io.handles import write_handles
-from sshade.io.meshes import read_arrays, read_mesh, write_mesh
-from sshade.task import Handles
+from sshade.files.handles import write_handles
+from sshade.files.meshes import read_arrays, read_mesh, write_mesh
+from sshade.problem.task import Handles
 from tests.gltf import buffer_beside
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import as_obj, torn

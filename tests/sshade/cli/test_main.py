@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.cli.console import ENDED, progress_bar, run_command, stage_bars, stage_progress
 from sshade.cli.main import PROGRAM, main
-from sshade.io.handles import read_handles, write_handles
-from sshade.io.meshes import read_arrays, read_mesh, write_mesh
+from sshade.core.console import ENDED, progress_bar, run_command, stage_bars, stage_progress
+from sshade.files.handles import read_handles, write_handles
+from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted
@@ -191,8 +191,8 @@ def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(ca
 #: Writes a file, says so, and works until it is ended.
 ENDLESS = """\
 import sys, time
-from sshade.cli.console import run_command
-from sshade.io.files import replacing
+from sshade.core.console import run_command
+from sshade.files.atomic import replacing
 
 def work():
     with replacing("a.txt") as temporary:

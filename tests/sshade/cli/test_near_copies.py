@@ -11,8 +11,8 @@ import trimesh
 
 from sshade import Mesh, deform
 from sshade.cli.main import main
-from sshade.io.meshes import read_arrays
-from sshade.io.objects import opened
+from sshade.files.meshes import read_arrays
+from sshade.files.objects import opened
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
 from tests.write import mesh_ply, obj
 

@@ -6,8 +6,8 @@ import pytest
 from sshade import Handles, Mesh
 from sshade.cli.main import main
 from sshade.cli.notes import notes
-from sshade.io.handles import write_handles
-from sshade.io.meshes import write_mesh
+from sshade.files.handles import write_handles
+from sshade.files.meshes import write_mesh
 from tests.shapes import beside, bumpy, end_handles
 
 BODY = bumpy(2)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy
 
 BODY = bumpy(1)

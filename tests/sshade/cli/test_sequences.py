@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.cli.main import main
-from sshade.io import files, gltf_morph
-from sshade.io.handles import write_handles
-from sshade.io.meshes import read_arrays, write_mesh
+from sshade.files import atomic, gltf_morph
+from sshade.files.handles import write_handles
+from sshade.files.meshes import read_arrays, write_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.task import Handles
+from sshade.problem.task import Handles
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import beside, bumpy, end_handles, tube
@@ -76,8 +76,8 @@ def test_the_largest_opening_of_all_poses_is_noted(folder, capsys):
 
 def test_files_of_a_sequence_are_not_compared_with_each_input(folder, monkeypatch):
     assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
-    compared, real = [], files.is_same_file
-    monkeypatch.setattr(files, "is_same_file", lambda *given: (compared.append(given), real(*given))[1])
+    compared, real = [], atomic.is_same_file
+    monkeypatch.setattr(atomic, "is_same_file", lambda *given: (compared.append(given), real(*given))[1])
     assert main(["deform", "body.ply", *poses(), "-o", "out_%d.ply", *FAST]) == 0
     assert len(compared) <= 1 + len(poses())
 

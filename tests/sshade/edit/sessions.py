@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from sshade import Mesh
 from sshade.edit.groups import Group, Motion
 from sshade.edit.session import Session
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.shapes import beside, bumpy, shifted, strip, torn, torus, tube
 
 BODY = bumpy(3)

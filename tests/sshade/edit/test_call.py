@@ -15,7 +15,7 @@ import trimesh
 import sshade
 from sshade import DeformationTask, Handles, InputError
 from sshade.edit import call
-from sshade.io.meshes import write_mesh
+from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, torn
 from tests.sshade.edit.lent import ask, command, mark, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW
@@ -156,12 +156,12 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
         mark_and_lift(server)
         said = command(server, "save", {"what": "handles", "name": "mine.json"})
         assert said["command"] == (
-            f"from sshade.io.handles import read_handles; handles = read_handles({str(saved)!r}, mesh)"
+            f"from sshade.files.handles import read_handles; handles = read_handles({str(saved)!r}, mesh)"
         )
 
     user(act)
     handles = sshade.edit_handles(BODY)
-    from sshade.io.handles import read_handles
+    from sshade.files.handles import read_handles
 
     read = read_handles("mine.json", BODY)
     assert np.array_equal(read.index, handles.index) and np.array_equal(read.target, handles.target)

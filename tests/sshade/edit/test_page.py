@@ -11,7 +11,7 @@ import pytest
 from sshade.cli.main import main
 from sshade.edit import preview
 from sshade.edit.session import Session
-from sshade.io.meshes import read_arrays
+from sshade.files.meshes import read_arrays
 from tests.browser import changed, opened, pixels
 from tests.full import few
 from tests.shapes import bumpy

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from sshade.core.errors import InputError
 from sshade.edit import preview as module
 from sshade.edit.commands import Commands
 from sshade.edit.preview import preview
-from sshade.errors import InputError
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import unpacked

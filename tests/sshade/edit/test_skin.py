@@ -11,7 +11,7 @@ from PIL import Image
 from sshade import InputError
 from sshade.edit.commands import Commands
 from sshade.edit.session import Session
-from sshade.io.meshes import read_file, write_mesh
+from sshade.files.meshes import read_file, write_mesh
 from tests.browser import changed, opened, pixels, portion
 from tests.shapes import bumpy, strip
 from tests.sshade.edit.lent import ask, lent, unpacked

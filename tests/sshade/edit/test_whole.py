@@ -8,7 +8,7 @@ import pytest
 
 from sshade.cli.main import main
 from sshade.edit.session import Session
-from sshade.io.meshes import read_arrays
+from sshade.files.meshes import read_arrays
 from tests.browser import opened
 from tests.sshade.cli.test_edit import get, running
 from tests.sshade.edit.lent import lent, unpacked

@@ -7,12 +7,12 @@ import matplotlib
 import numpy as np
 import pytest
 
-from sshade.handles import Handles
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.mesh import Mesh
 from sshade.plotting import COLOURS, ramp
 from sshade.plotting import surface as module
 from sshade.plotting.surface import Shape, pack, packed_view, surface
+from sshade.problem.handles import Handles
 from tests.shapes import beside, bumpy, shifted
 
 

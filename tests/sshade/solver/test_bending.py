@@ -9,8 +9,8 @@ from sshade import DeformationTask, Mesh
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
 from tests.shapes import bumpy, held_ends, jittered, moved_parts, strip
+from tests.sshade.method.test_degenerate import split
 from tests.sshade.naive import TASKS, Naive, vertex_areas
-from tests.sshade.pipeline.test_degenerate import split
 
 LENGTH = 0.05
 

@@ -11,7 +11,8 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.options import Options
+from sshade.core.threads import ThreadTeam
+from sshade.problem.options import Options
 from sshade.solver.constraints import (
     AREA,
     CLOSE,
@@ -26,7 +27,6 @@ from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.run import Stop, run
 from sshade.solver.solution import Solution
-from sshade.threads import ThreadTeam
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus
 from tests.sshade.naive import TASKS, Naive

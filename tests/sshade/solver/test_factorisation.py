@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from sshade.core.threads import ThreadTeam
 from sshade.solver import factorisation
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorisation
-from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, jittered, strip
 
 

@@ -4,11 +4,11 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh
+from sshade.core.threads import ThreadTeam
 from sshade.solver.linear import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.solution import Solution
-from sshade.threads import ThreadTeam
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
 
@@ -134,7 +134,7 @@ def test_large_meshes_are_not_factorised_by_default(monkeypatch):
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch):
-    for place in ("threads.ROWS", "solver.order.CHUNK", "solver.multigrid.PRODUCTS"):
+    for place in ("core.threads.ROWS", "solver.order.CHUNK", "solver.multigrid.PRODUCTS"):
         monkeypatch.setattr(f"sshade.{place}", 300)
     options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
     one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))
@@ -177,6 +177,6 @@ def test_what_is_factorised_itself_is_solved_exactly():
 
 
 def test_bits_of_conjugate_gradients_do_not_depend_on_threads(monkeypatch):
-    monkeypatch.setattr("sshade.threads.ROWS", 100)
+    monkeypatch.setattr("sshade.core.threads.ROWS", 100)
     one, two = (solved("closed, few handles", 1e-2, workers=workers)[2] for workers in (1, 3))
     assert np.array_equal(one, two)

@@ -1,0 +1,1 @@
+"""What all packages share and what knows no geometry: errors, progress, threads, kernels, the console."""

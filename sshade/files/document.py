@@ -1,0 +1,125 @@
+"""A mesh file in memory: its mesh, and everything else that is needed to write the file again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.atomic import check_suffix
+from sshade.files.skins import Skin
+
+#: Suffixes of the formats of meshes that are read and written.
+SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
+#: Suffixes of files that hold several poses, as morph targets.
+MORPHS = (".glb", ".gltf")
+
+
+def check_input(path: Path, suffixes: Collection[str]) -> None:
+    """Raise InputError unless `path` is a file with one of the suffixes."""
+    check_suffix(path, suffixes)
+    if not path.is_file():
+        there = "is a folder" if path.is_dir() else "is a pipe or a device, which cannot be read"
+        raise InputError(
+            f"{path}: {f'{there}; give the name of a file' if path.exists() else 'no such file'}"
+        )
+
+
+def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
+    """Return positions (n, 3) as float32, and raise InputError where a position is too large for it."""
+    with np.errstate(over="ignore", under="ignore"):
+        floats = V.astype(np.float32)
+    if (np.isinf(floats) & np.isfinite(V)).any():
+        raise InputError(f"{path}: a position is too large for the single precision of this format")
+    return floats
+
+
+def unchanged(V: np.ndarray) -> np.ndarray:
+    """Return positions (n, 3) as decimals or float64 hold them."""
+    return V
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """Contents of a mesh file.
+
+    Attributes
+    ----------
+    V : (n, 3) float64
+        Positions, in the order and the unit of length of the file.
+    F : (m, 3) int64
+        Triangles. Polygons are fanned from their first corners; the file keeps its polygons.
+    holds : tuple of str
+        Names of further contents, such as "texture coordinates".
+    suffixes : tuple of str
+        Suffixes of the formats that can hold all contents.
+    content : callable
+        ``content(V, path)`` returns the bytes of the file with positions `V` (n, 3), to be written to `path`.
+        Normals and tangents turn with the surface, and references to other files are relative to `path`.
+        Everything else stays as it is. Numbers keep their type.
+    notes : tuple of str
+        Oddities of the file, such as values that its header does not declare: one clause each, to be
+        printed behind the name of the file.
+    stored : callable, optional
+        ``stored(V)`` returns positions V (n, 3) as the numbers of the file hold them; by default unchanged.
+        None if only reading the file again tells.
+    rounding : (3,) float64, optional
+        Rounding steps of the coordinates. None if the numbers of the file tell: see
+        :func:`sshade.mesh.surface.surface`.
+    colours : callable, optional
+        ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
+        file has none, or is an .off file, whose colours are not read.
+    skin : callable, optional
+        ``skin()`` returns the materials of the triangles. None if the file has none, or is a .ply file, whose
+        textures are not read.
+    """
+
+    V: np.ndarray
+    F: np.ndarray
+    holds: tuple[str, ...]
+    suffixes: tuple[str, ...]
+    content: Callable[[np.ndarray, Path], bytes | memoryview]
+    notes: tuple[str, ...] = ()
+    rounding: np.ndarray | None = None
+    stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
+    colours: Callable[[], np.ndarray] | None = None
+    skin: Callable[[], Skin] | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.V, self.F):  # so that Mesh need not copy them
+            array.setflags(write=False)
+
+    def lost(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Return the names of contents that the format of `path` cannot hold."""
+        return () if Path(path).suffix.lower() in self.suffixes else self.holds
+
+
+def present(**found: object) -> tuple[str, ...]:
+    """Return the names of the true arguments, with spaces for underscores."""
+    return tuple(name.replace("_", " ") for name, there in found.items() if there)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names as a sentence does: "normals, colours and comments"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def moved_reference(name: str, source: Path, path: Path) -> str:
+    """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay.
+
+    Names are sought beside `source`, even if it is a link to a file elsewhere. A name becomes absolute if
+    `path` is on another drive of Windows.
+    """
+    here, there = source.parent.resolve(), path.parent.resolve()
+    absolute = Path(name).is_absolute() or PureWindowsPath(name).is_absolute()
+    if here == there or absolute or len(urlsplit(name).scheme) > 1:
+        return name
+    try:
+        return Path(os.path.relpath(here / name, there)).as_posix()
+    except ValueError:
+        return (here / name).as_posix()

@@ -1,0 +1,342 @@
+"""glTF 2.0 files, .glb and .gltf: positions, normals and tangents change, all other bytes stay.
+
+The vertices of all triangle primitives are read in the order of the meshes of the file, at the places where
+the nodes of the scene put them. Where several nodes have a mesh, each node but the first gets a mesh of its
+own behind the meshes of the file. Libraries would lay out the buffers anew.
+
+Khronos Group, "glTF 2.0 specification", 2021.
+"""
+
+from __future__ import annotations
+
+import base64
+import copy
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote, unquote, unquote_to_bytes, urlsplit
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.document import MeshFile, as_floats, moved_reference, present
+from sshade.files.gltf_materials import gltf_colours, gltf_skin
+from sshade.files.gltf_own import with_own_numbers
+from sshade.files.gltf_scene import (
+    OF_TRIANGLES,
+    Gltf,
+    NewAccessors,
+    accessor_bytes,
+    bounds,
+    is_embedded,
+    is_surface,
+    mesh_matrices,
+    require_plain,
+    triangles_of,
+)
+from sshade.files.keys import decoded
+from sshade.files.normals import vertex_turns
+from sshade.mesh.mesh import unit_rows
+from sshade.mesh.surface import single_steps
+
+#: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the
+#: positions of the file were already rounded more coarsely.
+ROUNDING = 1e-5
+
+_MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
+
+
+class _Part(NamedTuple):
+    """Vertices of one accessor of positions.
+
+    Attributes
+    ----------
+    position : int
+        Accessor of the positions.
+    normal, tangent : int or None
+        Accessors of the normals and tangents.
+    first : int
+        Id of the first vertex.
+    matrix : (4, 4) float64
+        Maps the positions of the file to the scene.
+    """
+
+    position: int
+    normal: int | None
+    tangent: int | None
+    first: int
+    matrix: np.ndarray
+
+
+def read_gltf(path: Path) -> MeshFile:
+    """Read a .glb or a .gltf with its buffers.
+
+    Raises
+    ------
+    ValueError
+        When the file is no glTF 2.0 file, or refers to missing entries.
+    InputError
+        When there are contents that cannot be deformed: skins, morph targets, compressed buffers, instances
+        without nodes.
+    """
+    gltf = parsed_gltf(path.read_bytes(), path)
+    require_plain(gltf.tree, path)
+    gltf, notes = with_own_numbers(gltf)
+    matrices = mesh_matrices(gltf.tree)
+    parts: dict[tuple, _Part] = {}
+    coloured: list[tuple[int, int | None]] = []
+    primitives: list[tuple[dict[str, Any], np.ndarray]] = []
+    V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+    count, rounding = 0, np.zeros(3)
+    for number, mesh in enumerate(gltf.tree.get("meshes", [])):
+        if number not in matrices:
+            continue  # no node shows it
+        for primitive in mesh["primitives"]:
+            attributes, M = primitive["attributes"], matrices[number]
+            position, shading = attributes["POSITION"], (attributes.get("NORMAL"), attributes.get("TANGENT"))
+            key = accessor_bytes(gltf.tree, position)
+            if key not in parts:
+                P = gltf.array(position).astype(np.float64)
+                V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
+                rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
+                parts[key] = _Part(position, *shading, count, M)
+                count += len(P)
+                coloured.append((len(P), attributes.get("COLOR_0")))
+            size = gltf.tree["accessors"][position]["count"]
+            corners = triangles_of(gltf, primitive, size)
+            if np.linalg.det(M[:3, :3]) < 0:  # a mirror turns faces around
+                corners = corners[:, ::-1]
+            F.append(parts[key].first + corners)
+            primitives.append((primitive, corners))
+    rest, triangles = np.concatenate(V), np.concatenate(F)
+    content = partial(_content, gltf, list(parts.values()), rest, triangles)
+    holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
+    colours = skin = None
+    if any(one is not None for _, one in coloured):
+        colours = partial(gltf_colours, gltf, coloured)
+    if any("material" in primitive for primitive, _ in primitives):
+        skin = partial(gltf_skin, gltf, primitives)
+    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, colours, skin)
+
+
+def parsed_gltf(data: bytes, path: Path) -> Gltf:
+    """Return the contents of a .glb or a .gltf; `path` tells where its buffers are.
+
+    Raises
+    ------
+    ValueError
+        When it is no glTF 2.0 file.
+    InputError
+        When a buffer is not a file beside it.
+    """
+    text, binary, further = data, None, b""
+    if data[:4] == _MAGIC:
+        if int.from_bytes(data[4:8], "little") != 2 or int.from_bytes(data[8:12], "little") != len(data):
+            raise ValueError("it is not of version 2, or not as long as its header says")
+        at, chunks = 12, []
+        while at < len(data):
+            end = at + 8 + int.from_bytes(data[at : at + 4], "little")
+            if end > len(data):
+                raise ValueError("it ends within a chunk")
+            chunks.append((data[at + 4 : at + 8], data[at + 8 : end]))
+            at = end
+        if not chunks or chunks[0][0] != _JSON:
+            raise ValueError("its first chunk is no JSON")
+        text = chunks[0][1].rstrip(b"\0")  # some programs pad with zeros in place of blanks
+        if len(chunks) > 1 and chunks[1][0] == _BINARY:
+            binary = chunks[1][1]
+        rest = chunks[1 if binary is None else 2 :]
+        further = b"".join(_chunk(kind, content) for kind, content in rest)
+    try:
+        tree = json.loads(decoded(text))
+    except InputError as error:
+        raise ValueError(str(error)) from error
+    if not isinstance(tree, dict) or str(tree.get("asset", {}).get("version", "")).split(".")[0] != "2":
+        raise ValueError("it names no version 2 of glTF")
+    buffers = [
+        _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
+    ]
+    return Gltf(path, tree, buffers, further)
+
+
+def buffer_files(path: Path) -> list[Path]:
+    """Return the files beside a readable .glb or .gltf that have its buffers; none for other files."""
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        return []
+    tree = parsed_gltf(path.read_bytes(), path).tree
+    uris = [buffer.get("uri", "data:") for buffer in tree.get("buffers", [])]
+    return [path.parent / unquote(uri) for uri in uris if not is_embedded(uri)]
+
+
+def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
+    uri = buffer.get("uri")
+    if uri is None:
+        if binary is None:
+            raise ValueError("one of its buffers has no bytes")
+        data = binary
+    elif is_embedded(uri):
+        head, _, body = uri.partition(",")
+        data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
+    else:
+        if len(urlsplit(uri).scheme) > 1:
+            raise InputError(f"{path}: its buffer {uri} is not a file beside it; download it first")
+        file = path.parent / unquote(uri)
+        if not file.is_file():
+            raise InputError(f"{path}: its buffer {uri} is missing")
+        data = file.read_bytes()
+    if len(data) < buffer["byteLength"]:
+        raise ValueError(f"a buffer has {len(data)} bytes of the {buffer['byteLength']} announced")
+    return data
+
+
+def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
+    primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
+    names = {name.partition("_")[0] for p in primitives for name in p["attributes"]}
+    return present(
+        texture_coordinates="TEXCOORD" in names,
+        normals="NORMAL" in names,
+        tangents="TANGENT" in names,
+        vertex_colours="COLOR" in names,
+        attributes_of_its_own="" in names,
+        materials=tree.get("materials"),
+        images=tree.get("images"),
+        animations=tree.get("animations"),
+        cameras=tree.get("cameras"),
+        scene_of_nodes=len(tree.get("nodes", [])) > 1,
+        extensions=tree.get("extensions"),
+        lines_and_points=not all(map(is_surface, primitives)),
+    )
+
+
+def _content(
+    gltf: Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
+) -> bytes:
+    buffers = [bytearray(data) for data in gltf.buffers]
+    new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)
+    accessors = new.tree["accessors"]
+    moved, known = (rest != V).any(axis=1), np.isfinite(V).all(axis=1)
+    extent = float(np.ptp(V[known], axis=0).max())
+    normals = np.zeros_like(rest)
+    for part in parts:
+        if part.normal is not None:
+            with np.errstate(invalid="ignore"):  # the bytes may be no numbers
+                stored = new.array(part.normal).astype(np.float64)
+            normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
+    Q = vertex_turns(normals, F, rest, V)
+    turned = (np.eye(3) != Q).any(axis=(1, 2))
+    for part in parts:
+        vertices = slice(part.first, part.first + accessors[part.position]["count"])
+        A = part.matrix[:3, :3]
+        back = np.linalg.inv(A)
+        # The arrays are views of the buffers, which assignments change.
+        positions = new.array(part.position)
+        size = np.abs(A) @ np.nan_to_num(np.abs(positions)).max(axis=0).astype(np.float64)
+        changes = moved[vertices]
+        with np.errstate(over="ignore"):
+            positions[changes] = (V[vertices] - part.matrix[:3, 3])[changes] @ back.T
+        error = positions @ A.T + part.matrix[:3, 3] - V[vertices]
+        _require_precision(error[known[vertices]], size.max(), extent, path)
+        turns = turned[vertices]
+        rotations = Q[vertices][turns]
+        if part.normal is not None:
+            stored = new.array(part.normal)
+            stored[turns] = unit_rows(np.einsum("kij,kj->ki", rotations, normals[vertices][turns]) @ A)
+        if part.tangent is not None:
+            stored = new.array(part.tangent)
+            with np.errstate(invalid="ignore"):
+                tangents = stored[turns, :3].astype(np.float64) @ A.T
+            stored[turns, :3] = unit_rows(np.einsum("kij,kj->ki", rotations, tangents) @ back.T)
+    changed = {accessor_bytes(new.tree, i) for part in parts for i in part[:3] if i is not None}
+    for number, accessor in enumerate(accessors):
+        if "bufferView" in accessor and accessor_bytes(new.tree, number) in changed:
+            accessor |= bounds(new.array(number), accessor.keys() & {"min", "max"})
+    return gltf_bytes(new, gltf, path)
+
+
+def _require_precision(error: np.ndarray, size: float, extent: float, path: Path) -> None:
+    """Raise InputError if rounding to single precision moves positions more than it did at rest.
+
+    Parameters
+    ----------
+    error : (k, 3) float64
+        Written minus wanted positions, without vertices at NaN, which have no face.
+    size : float
+        Size of the numbers at rest, in the scene. It is large for nodes that are skewed or far from
+        their mesh.
+    extent : float
+        Largest extent of the mesh.
+    """
+    allowed = max(ROUNDING * extent, 16 * np.finfo(np.float32).eps * size)
+    if not np.abs(error).max(initial=0) <= allowed:
+        raise InputError(
+            f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
+            "them to the meshes first, or write another format"
+        )
+
+
+def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
+    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers.
+
+    Parameters
+    ----------
+    gltf : Gltf
+        The new contents.
+    old : Gltf
+        The file that they come from.
+    path : path
+        Where the bytes will be written; its suffix selects the format.
+    """
+    tree, buffers = gltf.tree, gltf.buffers
+    binary = path.suffix.lower() == ".glb"
+    for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
+        uri = buffer.get("uri")
+        if binary and number == 0 and (uri is None or data != old.buffers[0]):
+            buffer.pop("uri", None)
+        elif uri is None or data != old.buffers[number]:
+            body = base64.b64encode(data[: buffer["byteLength"]]).decode()
+            buffer["uri"] = f"data:application/octet-stream;base64,{body}"
+    for entry in [*tree.get("buffers", []), *tree.get("images", [])]:
+        uri = entry.get("uri", "data:")
+        if not is_embedded(uri):
+            moved = moved_reference(unquote(uri), gltf.source, path)
+            entry["uri"] = uri if moved == unquote(uri) else quote(moved)
+    if not binary:
+        return _json(tree, indent=2) + b"\n"
+    text = _json(tree, separators=(",", ":"))
+    chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
+    if tree.get("buffers") and "uri" not in tree["buffers"][0]:
+        chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
+    chunks += gltf.further
+    return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+
+def _json(tree: dict[str, Any], **layout: Any) -> bytes:
+    # Half of a character, as of a name that was cut, is an escape in JSON and nothing in UTF-8.
+    return json.dumps(tree, ensure_ascii=False, **layout).encode("utf-8", "backslashreplace")
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return len(content).to_bytes(4, "little") + kind + content
+
+
+def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
+    """Return a .glb or a .gltf of one mesh with positions (n, 3), as float32, and triangles (m, 3)."""
+    if not len(F):
+        raise InputError(f"{path}: a glTF file needs a face")
+    tree: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "sshade"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [],
+        "bufferViews": [],
+        "buffers": [{"byteLength": 0}],
+    }
+    gltf, positions = Gltf(path, tree, [bytearray()], b""), as_floats(V, path)
+    new = NewAccessors(gltf)
+    new.add(positions, bounds(positions))
+    new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)
+    new.close()
+    return gltf_bytes(gltf, gltf, path)

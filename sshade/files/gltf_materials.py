@@ -1,0 +1,86 @@
+"""Colours of vertices, materials and textures of glTF files."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable
+from functools import partial
+from typing import Any
+from urllib.parse import unquote, unquote_to_bytes
+
+import numpy as np
+
+from sshade.files.gltf_scene import Gltf, is_embedded
+from sshade.files.skins import Material, Skin, require_image, srgb
+
+
+def gltf_colours(gltf: Gltf, parts: Iterable[tuple[int, int | None]]) -> np.ndarray:
+    """Return the colours (n, 3) of vertices in sRGB; white where a part has none.
+
+    Parameters
+    ----------
+    gltf : Gltf
+    parts : iterable of (int, int or None)
+        Number of vertices of each part, and the accessor of its colours.
+    """
+    rows = [np.ones((n, 3)) if one is None else gltf.fractions(one)[:, :3] for n, one in parts]
+    return srgb(np.concatenate(rows))
+
+
+def gltf_skin(gltf: Gltf, primitives: list[tuple[dict[str, Any], np.ndarray]]) -> Skin:
+    """Return the materials of the primitives of a file.
+
+    Parameters
+    ----------
+    gltf : Gltf
+    primitives : list of (dict, (k, 3) int64)
+        Each primitive, and the corners of its triangles as numbers of its vertices.
+
+    Raises
+    ------
+    ValueError
+        When the file refers to missing entries.
+    """
+    materials = [_material(gltf, one) for one in [{}, *gltf.tree.get("materials", [])]]
+    uv, corners, material, count = [np.zeros((1, 2))], [], [], 1
+    for primitive, F in primitives:
+        number = primitive.get("material", -1)
+        info = {} if number < 0 else gltf.tree["materials"][number].get("pbrMetallicRoughness", {})
+        texture = info.get("baseColorTexture", {})
+        moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        set_ = moved.get("texCoord", texture.get("texCoord", 0))
+        accessor = primitive["attributes"].get(f"TEXCOORD_{set_}")
+        material.append(np.full(len(F), number + 1))
+        if accessor is None:
+            corners.append(np.zeros_like(F))
+            continue
+        own = gltf.fractions(accessor)[:, :2]
+        uv.append(own * moved.get("scale", [1, 1]) + moved.get("offset", [0, 0]))
+        corners.append(count + F)
+        count += len(own)
+    return Skin(np.concatenate(uv), np.concatenate(corners), np.concatenate(material), materials)
+
+
+def _material(gltf: Gltf, one: dict[str, Any]) -> Material:
+    info = one.get("pbrMetallicRoughness", {})
+    colour = srgb(np.array(info.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])[:3], dtype=np.float64))
+    if "baseColorTexture" not in info:
+        return Material(colour)
+    texture = gltf.tree["textures"][info["baseColorTexture"]["index"]]
+    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
+    number = webp.get("source", texture.get("source"))
+    if number is None:  # of a format that only an extension knows
+        return Material(colour)
+    return Material(colour, partial(_image, gltf, gltf.tree["images"][number]))
+
+
+def _image(gltf: Gltf, image: dict[str, Any]) -> bytes:
+    if "bufferView" in image:
+        view = gltf.tree["bufferViews"][image["bufferView"]]
+        begin = view.get("byteOffset", 0)
+        return require_image(bytes(gltf.buffers[view["buffer"]][begin : begin + view["byteLength"]]))
+    uri = image["uri"]
+    if is_embedded(uri):
+        head, _, body = uri.partition(",")
+        return require_image(base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body))
+    return require_image((gltf.source.parent / unquote(uri)).read_bytes())

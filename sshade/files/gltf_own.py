@@ -1,0 +1,132 @@
+"""Give each mesh that a glTF scene shows positions, normals and tangents of its own.
+
+Files save space: several nodes show one mesh, meshes share accessors, and numbers are sparse or quantised.
+Vertices that move apart need numbers of their own. New accessors hold them as float32, at the end of the
+first buffer. Everything that already has numbers of its own stays where it is.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import counted
+from sshade.files.gltf_scene import (
+    CHANGED,
+    FLOAT,
+    Gltf,
+    NewAccessors,
+    accessor_bytes,
+    bounds,
+    mesh_matrices,
+    node_matrices,
+)
+
+#: Fields of an accessor that its copy does not have, or has from its numbers.
+_REPLACED = ("bufferView", "byteOffset", "componentType", "count", "type", "normalized", "sparse")
+
+
+def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
+    """Rewrite a file such that each primitive of a mesh may move alone; the scene looks the same.
+
+    Returns
+    -------
+    gltf : Gltf
+    notes : tuple of str
+        What was rewritten, for the user.
+    """
+    gltf = gltf._replace(tree=copy.deepcopy(gltf.tree))
+    tree = gltf.tree
+    meshes = len(tree.get("meshes", [])) - 1
+    instances = _split_instances(tree)
+    matrices = mesh_matrices(tree)
+    shared, owner = _overlapping(gltf), dict[tuple, tuple]()
+    #: Accessors to copy, and the attributes of all primitives that share the copies.
+    copied: dict[tuple, tuple[dict[str, int], list[dict[str, int]]]] = {}
+    converted = 0
+    # Meshes that no node shows come last: only others would change their numbers.
+    for number in sorted(range(len(tree.get("meshes", []))), key=lambda i: i not in matrices):
+        shown = number in matrices
+        place = matrices[number].tobytes() if shown else b""
+        for primitive in tree["meshes"][number]["primitives"]:
+            attributes = primitive["attributes"]
+            here = {name: attributes[name] for name in CHANGED if name in attributes}
+            keys = {name: accessor_bytes(tree, i) for name, i in here.items()}
+            use = (place, max(number, meshes), *keys.items())  # instances share nothing, even at one place
+            mine = {key: (name, use) for name, key in keys.items()}
+            plain = all(_is_plain(tree["accessors"][i]) for i in here.values())
+            own = all(owner.get(key, value) == value for key, value in mine.items())
+            if own and not (shown and (not plain or len(mine) < len(keys) or shared & mine.keys())):
+                owner |= mine
+                continue
+            converted += use not in copied and not plain
+            copied.setdefault(use, (here, []))[1].append(attributes)
+    notes = {
+        f"{counted(instances, 'node has', 'nodes have')} a mesh that another node has; each gets a mesh of "
+        "its own": instances,
+        f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
+    }
+    if copied:
+        longer = gltf._replace(buffers=[bytearray(gltf.buffers[0]), *gltf.buffers[1:]])
+        new = NewAccessors(longer)
+        for here, several in copied.values():
+            made = {name: _add_copy(new, gltf, number) for name, number in here.items()}
+            for attributes in several:
+                attributes |= made
+        new.close()
+        gltf = longer
+    return gltf, tuple(note for note, there in notes.items() if there)
+
+
+def _add_copy(new: NewAccessors, gltf: Gltf, number: int) -> int:
+    """Add a copy of an accessor as float32; normalised whole numbers become numbers in [-1, 1]."""
+    accessor, values = gltf.tree["accessors"][number], gltf.dense(number)
+    floats = values.astype(np.float32)
+    if values.dtype.kind != "f" and accessor.get("normalized"):
+        floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+    kept = {key: value for key, value in accessor.items() if key not in _REPLACED}
+    return new.add(floats, kept | bounds(floats, accessor.keys() & {"min", "max"}))
+
+
+def _split_instances(tree: dict[str, Any]) -> int:
+    """Give each node a mesh of its own, behind the meshes of the file; return the number of new meshes.
+
+    Nodes that no scene shows come last.
+    """
+    shown, taken, instances = node_matrices(tree), set[int](), 0
+    nodes = [
+        node for _, node in sorted(enumerate(tree.get("nodes", [])), key=lambda pair: pair[0] not in shown)
+    ]
+    for node in (node for node in nodes if "mesh" in node):
+        if node["mesh"] in taken:
+            tree["meshes"].append(copy.deepcopy(tree["meshes"][node["mesh"]]))
+            node["mesh"], instances = len(tree["meshes"]) - 1, instances + 1
+        taken.add(node["mesh"])
+    return instances
+
+
+def _is_plain(accessor: dict[str, Any]) -> bool:
+    return accessor["componentType"] == FLOAT and "sparse" not in accessor
+
+
+def _overlapping(gltf: Gltf) -> set[tuple]:
+    """Return the bytes of accessors that overlap the bytes of other accessors or of images."""
+    tree, uses = gltf.tree, [np.zeros(len(data), dtype=np.uint8) for data in gltf.buffers]
+    counts = gltf._replace(buffers=uses)  # how many accessors and images use each byte, counted up to 3
+    numbers: dict[tuple, int] = {}
+    views = [image.get("bufferView") for image in tree.get("images", [])]
+    for number, accessor in enumerate(tree["accessors"]):
+        if "sparse" in accessor:
+            views += [accessor["sparse"][part]["bufferView"] for part in ("indices", "values")]
+        if "bufferView" in accessor:
+            numbers[accessor_bytes(tree, number)] = number
+    for number in numbers.values():
+        here = counts.array(number).view(np.uint8)
+        here += here < 2
+    there = range(len(tree["bufferViews"]))
+    for view in (tree["bufferViews"][number] for number in views if number in there):
+        begin = view.get("byteOffset", 0)
+        uses[view["buffer"]][begin : begin + view["byteLength"]] |= 2
+    return {key for key, number in numbers.items() if (counts.array(number).view(np.uint8) > 1).any()}

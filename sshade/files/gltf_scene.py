@@ -1,0 +1,295 @@
+"""Interpret the JSON of a glTF file: arrays in its buffers, matrices of its meshes, contents to refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.triangles import strip_triangles
+
+_KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+FLOAT = 5126
+#: Targets of views: numbers of vertices, and vertex ids of triangles.
+OF_VERTICES, OF_TRIANGLES = 34962, 34963
+#: Component types of vertex ids.
+_INDICES = (5121, 5123, 5125)
+#: Attributes that follow a deformation, and their types.
+CHANGED = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC4"}
+#: Component types of these attributes: quantised numbers, and float32.
+_NUMBERS = (5120, 5121, 5122, 5123, FLOAT)
+_LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = range(4), 4, 5, 6
+_COMPRESSED = ("compressed buffers", "export it again without compression")
+#: Extensions that are not supported, their contents, and what to do about them.
+_UNREAD = {
+    "KHR_draco_mesh_compression": _COMPRESSED,
+    "EXT_meshopt_compression": _COMPRESSED,
+    "KHR_meshopt_compression": _COMPRESSED,
+    "EXT_mesh_gpu_instancing": ("instances without nodes", "export each instance as a node"),
+}
+
+
+def require_plain(tree: dict[str, Any], path: Path) -> None:
+    """Raise InputError if a file has contents that would not follow its positions.
+
+    Raises ValueError if attributes of its primitives do not fit together.
+    """
+    primitives = [p for mesh in tree.get("meshes", []) for p in mesh["primitives"]]
+    used = set(tree.get("extensionsUsed", [])) | set(tree.get("extensionsRequired", []))
+    found = [contents for name, contents in _UNREAD.items() if name in used]
+    if tree.get("skins"):
+        found.append(("a skin", "apply the pose of the skeleton and export without the skeleton"))
+    if any(p.get("targets") for p in primitives):
+        found.append(("morph targets", "apply them, or export without them"))
+    for contents, action in found:
+        raise InputError(f"{path}: it holds {contents}, which cannot be deformed: {action}")
+    corners = [tree["accessors"][p["indices"]] for p in primitives if "indices" in p]
+    for attributes in (primitive["attributes"] for primitive in primitives):
+        if "POSITION" not in attributes:
+            raise ValueError("one of its primitives has no positions")
+        size = tree["accessors"][attributes["POSITION"]]["count"]
+        for name in (name for name in CHANGED if name in attributes):
+            accessor = tree["accessors"][attributes[name]]
+            if (accessor["type"], accessor["count"]) != (CHANGED[name], size):
+                raise ValueError(f"its attribute {name} is no {CHANGED[name]} for each position")
+            if accessor["componentType"] not in _NUMBERS:
+                raise ValueError(f"its attribute {name} has numbers of type {accessor['componentType']}")
+            if not accessor.keys() & {"bufferView", "sparse"}:
+                raise ValueError(f"its attribute {name} has no bytes")
+    if any(a["componentType"] not in _INDICES or a["type"] != "SCALAR" for a in corners):
+        raise ValueError("the corners of its triangles are no whole numbers from 0")
+    if not all(a.keys() & {"bufferView", "sparse"} for a in corners):
+        raise ValueError("the corners of its triangles have no bytes")
+
+
+def accessor_bytes(tree: dict[str, Any], number: int) -> tuple:
+    """Return the view, offset, count and types of an accessor, which identify its numbers.
+
+    The numbers of a sparse accessor are identified by its own number.
+    """
+    accessor = tree["accessors"][number]
+    if "sparse" in accessor:
+        return ("sparse", number)
+    place = accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
+    return *place, accessor["componentType"], accessor["type"]
+
+
+class Gltf(NamedTuple):
+    """A glTF file.
+
+    Attributes
+    ----------
+    source : path
+    tree : dict
+        Its JSON.
+    buffers : list of bytes, or of other buffers
+    further : bytes
+        Further chunks of a .glb, of unknown kinds.
+    """
+
+    source: Path
+    tree: dict[str, Any]
+    buffers: list[Any]
+    further: bytes
+
+    def array(self, number: int) -> np.ndarray:
+        """Return a (count, width) view of the numbers of an accessor; writable if the buffers are.
+
+        The view lacks the sparse numbers; see :meth:`dense`.
+        """
+        return self._array(self.tree["accessors"][number], f"its accessor {number}")
+
+    def dense(self, number: int) -> np.ndarray:
+        """Return a copy (count, width) of the numbers of an accessor, with its sparse numbers."""
+        accessor, name = self.tree["accessors"][number], f"its accessor {number}"
+        kind = {"componentType": accessor["componentType"], "type": accessor["type"]}
+        if "bufferView" in accessor:
+            values = self.array(number).copy()
+        else:
+            values = np.zeros((accessor["count"], _WIDTHS[kind["type"]]), _KINDS[kind["componentType"]])
+        if "sparse" in accessor:
+            sparse, count = accessor["sparse"], {"count": accessor["sparse"]["count"]}
+            rows = self._array({**sparse["indices"], "type": "SCALAR", **count}, name)[:, 0]
+            if rows.dtype.kind != "u" or rows.max() >= len(values):
+                raise ValueError(f"the sparse numbers of {name} reach beyond its {len(values)} rows")
+            values[rows] = self._array({**sparse["values"], **kind, **count}, name)
+        return values
+
+    def fractions(self, number: int) -> np.ndarray:
+        """Return numbers (count, width) float64, of which whole ones are parts of the largest of their type.
+
+        They lie in [-1, 1], with the sparse numbers.
+        """
+        values = self.dense(number)
+        if values.dtype.kind == "f":
+            return values.astype(np.float64)
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
+
+    def _array(self, accessor: dict[str, Any], name: str) -> np.ndarray:
+        view = self.tree["bufferViews"][accessor["bufferView"]]
+        offset, count = accessor.get("byteOffset", 0), accessor["count"]
+        kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+        stride = view.get("byteStride", kind.itemsize * width)
+        begin = view.get("byteOffset", 0) + offset
+        needed = offset + (count - 1) * stride + kind.itemsize * width
+        if min(offset, count - 1, stride, begin) < 0 or needed > view["byteLength"]:
+            raise ValueError(f"{name} reaches out of its view")
+        if stride < kind.itemsize * width and count > 1:
+            raise ValueError(f"the values of {name} overlap each other")
+        buffer = self.tree["buffers"][view["buffer"]]
+        if view.get("byteOffset", 0) + view["byteLength"] > buffer["byteLength"]:
+            raise ValueError(f"the view of {name} reaches out of its buffer")
+        return np.ndarray((count, width), kind, self.buffers[view["buffer"]], begin, (stride, kind.itemsize))
+
+
+class NewAccessors:
+    """New accessors of a file, whose numbers follow the contents of its first buffer.
+
+    Parameters
+    ----------
+    gltf : Gltf
+        Its first buffer is a bytearray, which grows.
+    """
+
+    def __init__(self, gltf: Gltf) -> None:
+        self._tree, self._buffer = gltf.tree, gltf.buffers[0]
+        del self._buffer[self._tree["buffers"][0]["byteLength"] :]
+
+    def add(
+        self, values: np.ndarray, fields: Mapping[str, Any] = {}, *, target: int | None = OF_VERTICES
+    ) -> int:
+        """Append numbers (k, w) float32 or uint32; return the number of their accessor.
+
+        Parameters
+        ----------
+        values : (k, w) float32 or uint32
+        fields : mapping
+            Further fields of the accessor, such as its :func:`bounds`.
+        target : int, optional
+            Target of their view.
+        """
+        views, accessors, width = self._tree["bufferViews"], self._tree["accessors"], values.shape[1]
+        self._buffer += bytes(-len(self._buffer) % 4)
+        view = {"buffer": 0, "byteOffset": len(self._buffer), "byteLength": values.nbytes}
+        views.append(view if target is None else {**view, "target": target})
+        kind = next(code for code, name in _KINDS.items() if values.dtype == name)
+        self._buffer += values.astype(_KINDS[kind]).tobytes()
+        accessor = {"bufferView": len(views) - 1, "componentType": kind, "count": len(values)}
+        accessors.append({**accessor, "type": "SCALAR" if width == 1 else f"VEC{width}", **fields})
+        return len(accessors) - 1
+
+    def close(self) -> None:
+        """Update the entry of the first buffer, whose file lacks the new bytes."""
+        first = self._tree["buffers"][0]
+        first["byteLength"] = len(self._buffer)
+        first.pop("uri", None)
+
+
+def is_surface(primitive: dict[str, Any]) -> bool:
+    """Whether a primitive has triangles, in contrast to lines and points."""
+    return primitive.get("mode", _TRIANGLES) not in _LINES_AND_POINTS
+
+
+def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray:
+    """Return the triangles (m, 3) int64 of a primitive with `size` vertices; convert strips and fans.
+
+    Lines and points have no triangles.
+    """
+    mode = primitive.get("mode", _TRIANGLES)
+    if not is_surface(primitive):
+        return np.zeros((0, 3), dtype=np.int64)
+    if "indices" in primitive:
+        ids = gltf.dense(primitive["indices"])[:, 0].astype(np.int64)
+        if len(ids) and ids.max() >= size:
+            raise ValueError(f"a triangle refers to vertex {ids.max()} of {size}")
+    else:
+        ids = np.arange(size)
+    if mode == _TRIANGLES:
+        if len(ids) % 3:
+            raise ValueError(f"{len(ids)} corners are announced for triangles")
+        return ids.reshape(-1, 3)
+    if mode == _FAN:
+        return np.column_stack([ids[1:-1], ids[2:], np.full(max(len(ids) - 2, 0), ids[0])])
+    if mode != _STRIP:
+        raise ValueError(f"one of its primitives has the unknown mode {mode}")
+    return strip_triangles(ids)
+
+
+def mesh_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
+    """Return the matrix (4, 4) that maps each shown mesh to the scene; the identity if there are no nodes.
+
+    At most one node shows each mesh.
+    """
+    if not tree.get("nodes"):
+        return {number: np.eye(4) for number in range(len(tree.get("meshes", [])))}
+    return {tree["nodes"][number]["mesh"]: matrix for number, matrix in node_matrices(tree).items()}
+
+
+def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
+    """Return the matrix (4, 4) that maps each node with a mesh to the scene.
+
+    A node is shown if one of the scenes has it, or if the file has no scenes. Raises ValueError when a
+    shown node flattens its mesh.
+    """
+    nodes = tree.get("nodes", [])
+    roots = None
+    if "scenes" in tree:
+        roots = {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
+    parent = parents(nodes)
+    found: dict[int, np.ndarray] = {}
+    for number in (number for number, node in enumerate(nodes) if "mesh" in node):
+        chain, matrix = ancestors(number, parent), np.eye(4)
+        for above in chain:
+            matrix = node_matrix(nodes[above]) @ matrix
+        if roots is not None and chain[-1] not in roots:
+            continue
+        if not abs(np.linalg.det(matrix[:3, :3])) > 0:
+            raise ValueError(f"its node {number} has a scale of zero, which leaves a mesh no volume")
+        found[number] = matrix
+    return found
+
+
+def parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
+    """Return the parent of each node that has one."""
+    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def ancestors(number: int, parent: dict[int, int]) -> list[int]:
+    """Return a node and its ancestors, up to the root; raise ValueError if it is its own ancestor."""
+    chain = [number]
+    while chain[-1] in parent:
+        chain.append(parent[chain[-1]])
+        if len(chain) > len(parent) + 1:
+            raise ValueError("its nodes are their own ancestors")
+    return chain
+
+
+def bounds(values: np.ndarray, names: Collection[str] = ("min", "max")) -> dict[str, list[float]]:
+    """Return the least and the greatest values (w,) of the numbers (k, w) of an accessor, or one of both.
+
+    NaN, which JSON does not have, counts as 0.
+    """
+    known = np.nan_to_num(values, nan=0.0)
+    return {name: getattr(known, name)(axis=0).astype(np.float64).tolist() for name in names}
+
+
+def is_embedded(uri: str) -> bool:
+    """Whether the address of a buffer or an image holds its bytes."""
+    return uri[:5].lower() == "data:"
+
+
+def node_matrix(node: dict[str, Any]) -> np.ndarray:
+    """Return the matrix (4, 4) that maps a node to the coordinates of its parent."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    *axis, w = node.get("rotation", [0.0, 0.0, 0.0, 1.0])
+    K = np.cross(np.eye(3), axis)
+    R = np.eye(3) + 2 * w * K + 2 * K @ K
+    matrix = np.eye(4)
+    matrix[:3, :3] = R * np.array(node.get("scale", [1.0, 1.0, 1.0]))
+    matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])
+    return matrix

@@ -1,0 +1,274 @@
+"""PLY files: positions and normals change, all other numbers stay.
+
+Libraries change meshes while they read them. This reader refuses text files that end early, splits no
+vertices at texture seams, and opens no other file that the header names.
+
+G. Turk, "The PLY polygon file format", 1994.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sshade.files.document import MeshFile, moved_reference, present, unchanged
+from sshade.files.normals import turned, turns, vertex_turns
+from sshade.files.ply_elements import Element, copy_rows, declared_words, read_header, take
+from sshade.files.triangles import fanned, strip_triangles
+from sshade.files.words import Numbers, Text, edited
+from sshade.mesh.surface import as_single, single_steps
+
+_CORNERS = ("vertex_indices", "vertex_index")
+NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
+_CHANGED = ["x", "y", "z", *" ".join(NORMALS).split()]
+
+
+class Ply(NamedTuple):
+    """A PLY file.
+
+    Attributes
+    ----------
+    data : bytes
+    body : int
+        Place where the header ends and the numbers begin.
+    order : str
+        Byte order of the numbers: "<", ">", or "" for text.
+    elements : dict
+        Elements by name. In a text, places of rows count eight bytes for each word.
+    words : Numbers, optional
+        All declared numbers of a text; places count from `body`.
+    notes : tuple of str
+    """
+
+    data: bytes
+    body: int
+    order: str
+    elements: dict[str, Element]
+    words: Numbers | None
+    notes: tuple[str, ...]
+
+
+def read_ply(path: Path) -> MeshFile:
+    """Read a PLY file, text or binary. A file that holds points only has no triangles.
+
+    Raises
+    ------
+    ValueError
+        When the file is no PLY file, holds fewer or more numbers than it announces, or has no positions.
+    """
+    ply = parsed(path.read_bytes())
+    if "vertex" not in ply.elements:
+        raise ValueError("it has no vertices")
+    vertices, faces = ply.elements["vertex"], ply.elements.get("face")
+    at = vertices.numbers("x y z")
+    if not at:
+        raise ValueError("its vertices have no x, y and z")
+    V = vertices.columns(at)
+    F, face = _triangles(faces) if faces else fanned([], [])
+    if "tristrips" in ply.elements:
+        F = np.concatenate([F, _strips(ply.elements["tristrips"])])
+        face = np.concatenate([face, np.full(len(F) - len(face), -1)])
+    properties = vertices.properties + (faces.properties if faces else [])
+    # Integer positions cannot be written back after a deformation, nor normals without negative numbers.
+    changing = [p for p in properties if p.name in _CHANGED]
+    whole = any(p.kind.kind == "u" or (p.kind.kind == "i" and p.name in "xyz") for p in changing)
+    suffixes = () if whole else (".ply",)
+    kinds = {vertices.properties[number].kind.type for number in at}
+    single = kinds == {np.float32}
+    content, rounding = (
+        partial(_content, ply, V, F, face, path),
+        single_steps(V) if single and len(V) else None,
+    )
+    holds = _holds(ply, int((face >= 0).sum()))
+    stored = unchanged if ply.words or kinds == {np.float64} else as_single if single else None
+    coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)
+    colours = partial(_colours, vertices, coloured) if coloured else None
+    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored, colours)
+
+
+def _colours(vertices: Element, properties: list[int]) -> np.ndarray:
+    """Return colours (n, 3) from 0 to 1; whole numbers are parts of the largest number of their type."""
+    kinds = [vertices.properties[i].kind for i in properties]
+    full = [np.iinfo(kind).max if kind.kind in "iu" else 1.0 for kind in kinds]
+    return vertices.columns(properties) / full
+
+
+def parsed(data: bytes) -> Ply:
+    """Read the elements of a PLY file from its bytes; raise ValueError as :func:`read_ply`."""
+    order, elements, body = read_header(data)
+    numbers, at, words = data, body, None
+    notes: tuple[str, ...] = ()
+    if order == "":
+        text = Text(data[body:], above=data[:body].count(b"\n"))
+        declared: np.ndarray | slice = slice(None)
+        if len(text.first) == sum(element.size for element in elements if element.properties):
+            declared, notes = declared_words(text, elements)
+        words = text.numbers(declared)
+        numbers, at = words.value.astype("<f8").tobytes(), 0
+    for element in elements:
+        element.rows, at = take(numbers, at, element, order)
+    if at != len(numbers):
+        raise ValueError("more numbers follow after the last announced row")
+    return Ply(data, body, order, {element.name: element for element in elements}, words, notes)
+
+
+def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles (m, 3) of the element "face", and the number of the face (m,) of each."""
+    polygons = _vertex_ids(faces)
+    small = min((ids.shape[1] for ids in polygons), default=3)
+    if small < 3:
+        raise ValueError(f"a face has {small} corners")
+    return fanned(polygons, [np.arange(faces.size)[rows.selection] for rows in faces.rows])
+
+
+def _strips(element: Element) -> np.ndarray:
+    """Return the triangles (m, 3) of the element "tristrips", as scans of Stanford have."""
+    rows = [np.insert(ids, ids.shape[1], -1, axis=1).ravel() for ids in _vertex_ids(element)]
+    return strip_triangles(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+
+
+#: Names of the colours of vertices.
+_COLOURS = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")
+#: Properties of vertices and faces by their meaning.
+_MEANING = {
+    "normals": _CHANGED[3:],
+    "colours": ["red", "green", "blue", "alpha", "r", "g", "b", "a", "diffuse_red", "diffuse_green"]
+    + ["diffuse_blue"],
+    "texture coordinates": ["s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber"],
+}
+
+
+def _holds(ply: Ply, triangles: int) -> tuple[str, ...]:
+    """Return the names of the contents besides positions and triangles."""
+    found = []
+    for element in ply.elements.values():
+        if element.name not in ("vertex", "face"):
+            found.append("triangle strips" if element.name == "tristrips" else f"element {element.name}")
+            continue
+        for name in [p.name for p in element.properties]:
+            if name not in ("x", "y", "z", *_CORNERS):
+                known = next((meaning for meaning, names in _MEANING.items() if name in names), None)
+                found.append(known or f"property {name}")
+                if known in ("normals", "colours"):
+                    found[-1] = f"{element.name} {known}"
+    faces = ply.elements.get("face")
+    header = [line.split()[:1] for line in ply.data[: ply.body].splitlines()]
+    named = present(
+        undeclared_values=ply.notes,
+        polygons=faces is not None and triangles > faces.size,
+        comments=[b"comment"] in header or [b"obj_info"] in header,
+    )
+    return tuple(dict.fromkeys(found)) + named
+
+
+def _content(
+    ply: Ply, rest: np.ndarray, F: np.ndarray, face: np.ndarray, source: Path, V: np.ndarray, path: Path
+) -> bytes | memoryview:
+    vertices = ply.elements["vertex"]
+    changes = [(vertices, vertices.numbers("x y z"), V)]
+    faces = ply.elements.get("face")
+    for names in NORMALS:
+        if normals := vertices.numbers(names):
+            N = vertices.columns(normals)
+            changes.append((vertices, normals, turned(vertex_turns(N, F, rest, V), N)))
+        if faces and len(F) and (normals := faces.numbers(names)):
+            N = faces.columns(normals)
+            Q = turns(np.repeat(face[:, None], 3, axis=1), N, F, rest, V)  # one rotation per face
+            changes.append((faces, normals, turned(Q, N)))
+    return changed(ply, changes, source, path)
+
+
+#: An element, the numbers of its properties that change, and their new values (rows, k).
+Change = tuple[Element, list[int], np.ndarray]
+
+
+def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | memoryview:
+    """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change.
+
+    Numbers of an integer type are rounded.
+    """
+    changes = [(element, numbers, _rounded(element, numbers, new)) for element, numbers, new in changes]
+    header = _header_at(ply.data[: ply.body], source, path)
+    return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
+
+
+def _rounded(element: Element, properties: list[int], new: np.ndarray) -> np.ndarray:
+    kinds = [element.properties[number].kind for number in properties]
+    if any(kind.kind == "f" for kind in kinds):
+        return new
+    limits = [np.iinfo(kind) for kind in kinds]
+    return (
+        np.rint(new).clip([limit.min for limit in limits], [limit.max for limit in limits]).astype(np.int64)
+    )
+
+
+def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:
+    content = np.empty(len(header) + len(ply.data) - ply.body, dtype=np.uint8)
+    content[: len(header)] = np.frombuffer(header, np.uint8)
+    every = content[len(header) :]
+    copy_rows(every, np.frombuffer(ply.data, np.uint8)[ply.body :])
+    for element, properties, new in changes:
+        for column, i in enumerate(properties):
+            kind = np.dtype(ply.order + element.properties[i].kind.char)
+            for rows in element.rows:
+                if rows.which is None:
+                    values = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
+                    copy_rows(values[f"p{i}"], new[:, column])
+                    continue
+                values = new[rows.which, column].astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
+                every[rows.places(i)[:, None] - ply.body + np.arange(kind.itemsize)] = values
+    return content.data
+
+
+def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
+    edits = []
+    for element, properties, new in changes:
+        for rows in element.rows:
+            places = np.stack([rows.places(i) // 8 for i in properties], axis=1)
+            edits.append(Numbers(*(column[places] for column in words)).edits(new[rows.selection]))
+    return edited(ply.data[ply.body :], edits)
+
+
+def _header_at(header: bytes, source: Path, path: Path) -> bytes:
+    """Return a header in which the names of texture files, in comments, are valid in `path`."""
+    lines = header.splitlines(keepends=True)
+    for i, line in enumerate(lines):
+        words = line.split(None, 2)
+        if words[:2] == [b"comment", b"TextureFile"] and len(words) == 3:
+            name = words[2].strip().decode("utf-8", "surrogateescape")
+            moved = moved_reference(name, source, path).encode("utf-8", "surrogateescape")
+            lines[i] = line.replace(words[2].strip(), moved)
+    return b"".join(lines)
+
+
+def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    """Write positions (n, 3) and faces (m, 3) as a binary PLY file with float64 positions."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(V)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(F)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"] = 3
+    faces["corners"] = F
+    with path.open("wb") as file:
+        file.write(header.encode("ascii"))
+        file.write(np.ascontiguousarray(V, dtype="<f8").tobytes())
+        file.write(faces.tobytes())
+
+
+def _vertex_ids(element: Element) -> list[np.ndarray]:
+    """Return the lists of vertices (r, k) int64 of an element, for each group of rows of one length."""
+    corners = [i for i, p in enumerate(element.properties) if p.name in _CORNERS and p.length is not None]
+    if element.size and len(corners) != 1:
+        raise ValueError(f"its element {element.name} has no list vertex_indices")
+    found = [rows.values[f"p{corners[0]}"] for rows in element.rows]
+    for ids in found:
+        if ids.dtype.kind == "f" and not ((np.abs(ids) < 2**53) & (np.trunc(ids) == ids)).all():
+            raise ValueError("a corner of a face is no whole number, or too large")
+    return [copy_rows(np.empty(ids.shape, dtype=np.int64), ids) for ids in found]

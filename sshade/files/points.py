@@ -1,0 +1,168 @@
+"""Numbers of handle files: short lists, and long lists in a compact form.
+
+- ``{"runs": [[first, count], ...]}`` stands for ids: ``count`` consecutive ids from each ``first``.
+- ``{"base64": "...", "dtype": "<f8", "shape": [k, 3]}`` stands for an array of little-endian numbers.
+"""
+
+from __future__ import annotations
+
+import binascii
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Sequence
+from itertools import chain
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import InputError
+
+#: Greatest number of vertices of a group that is written as a list.
+LISTED = 50
+#: Types of the numbers of an array.
+DTYPES = ("<i4", "<i8", "<f4", "<f8")
+#: Greatest number of ids that runs may stand for.
+MOST = 100_000_000
+#: Names of types in JSON that are no numbers.
+ODD = {str: "a text", bool: "true or false", type(None): "null"}
+
+
+def columns(rows: Sequence[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+    """Concatenate the first entries of all rows, the second entries, and so on."""
+    return [np.concatenate(column) for column in zip(*rows, strict=True)]
+
+
+def as_ids(values: Any, name: str) -> np.ndarray:
+    """Convert a list of vertex ids, or its compact form, to a (k,) int64 array.
+
+    Raises
+    ------
+    InputError
+        When it is no list of integers, or empty.
+    """
+    values = unpacked(values, name)
+    if not isinstance(values, np.ndarray):
+        require_numbers(values, name, 1)
+    try:
+        ids = np.asarray(values)
+    except (ValueError, OverflowError):  # lists of several lengths, and integers of many digits
+        ids = np.zeros(0)
+    if ids.ndim != 1 or ids.size == 0 or ids.dtype.kind != "i":
+        raise InputError(f"{name} must be a list of integers, at least one")
+    return ids.astype(np.int64)
+
+
+def as_points(values: Any, name: str) -> np.ndarray:
+    """Convert a list of points to a (k, 3) array; see :func:`as_array`."""
+    return as_array(values, name, (None, 3), "a list of points [x, y, z]")
+
+
+def as_boxes(values: Any, name: str) -> np.ndarray:
+    """Convert a list of boxes, pairs of their lowest and highest corners, to a (b, 2, 3) array."""
+    boxes = as_array(values, name, (None, 2, 3), "a list of pairs of points")
+    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
+    if len(swapped):
+        number, axis = swapped[0]
+        low, high = boxes[number, :, axis]
+        raise InputError(
+            f"box {number} of {name} has its corners swapped on axis {'xyz'[axis]}: {low:g} comes before "
+            f"{high:g}; the lowest corner comes first"
+        )
+    return boxes
+
+
+def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:
+    """Convert numbers to a float64 array.
+
+    Parameters
+    ----------
+    values : list or dict
+        Lists, or their compact form.
+    name, form : str
+        Name of the list and its form, for messages.
+    shape : tuple
+        None stands for any length but 0.
+
+    Raises
+    ------
+    InputError
+        When the numbers have another shape or are not finite.
+    """
+    values = unpacked(values, name)
+    if not isinstance(values, np.ndarray):
+        require_numbers(values, name, len(shape))
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except OverflowError as error:
+        raise InputError(f"{name} has a number that is too large") from error
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))
+    if not fits or array.size == 0:
+        raise InputError(f"{name} must be {form}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} has a NaN or infinite position")
+    return array
+
+
+def packed(values: np.ndarray) -> Any:
+    """Return vertex ids (k,) int64 or points (k, 3) float64 for JSON, bit by bit; long ones are compact."""
+    if len(values) <= LISTED:
+        return values.tolist()
+    integers = values.dtype.kind == "i"
+    if integers:
+        begin = np.flatnonzero(np.diff(values, prepend=values[0] - 2) != 1)
+        count = np.diff(begin, append=len(values))
+        runs = {"runs": np.column_stack([values[begin], count]).tolist()}
+    dtype = "<f8" if not integers else "<i4" if values.max() < 2**31 else "<i8"
+    text = b64encode(values.astype(dtype).tobytes()).decode("ascii")
+    array = {"base64": text, "dtype": dtype, "shape": list(values.shape)}
+    return runs if integers and len(json.dumps(runs)) < len(json.dumps(array)) else array
+
+
+def unpacked(values: Any, name: str) -> Any:
+    """Return the array of a compact form; other values stay as they are. Messages call them `name`."""
+    if not isinstance(values, dict):
+        return values
+    if values.keys() == {"runs"}:
+        return _of_runs(values["runs"], name)
+    if values.keys() != {"base64", "dtype", "shape"}:
+        raise InputError(f'{name} is no list, and has not the keys "base64", "dtype" and "shape"')
+    dtype, shape = values["dtype"], values["shape"]
+    if dtype not in DTYPES:
+        raise InputError(f'the "dtype" of {name} must be one of {", ".join(DTYPES)}')
+    if not isinstance(shape, list) or not all(type(length) is int and length >= 0 for length in shape):
+        raise InputError(f'the "shape" of {name} must be a list of lengths')
+    try:
+        content = b64decode(values["base64"], validate=True)
+    except (TypeError, ValueError, binascii.Error) as error:
+        raise InputError(f'the "base64" of {name} is no base64 text') from error
+    if len(content) != prod(shape) * np.dtype(dtype).itemsize:
+        raise InputError(f'the "base64" of {name} has {len(content)} bytes, which do not fit its "shape"')
+    return np.frombuffer(content, dtype).reshape(shape)
+
+
+def _of_runs(runs: Any, name: str) -> np.ndarray:
+    """Return the ids (k,) of runs [first, count]."""
+    pairs = runs if isinstance(runs, list) else []
+    whole = all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in pairs)
+    if not pairs or not whole or not all(first >= 0 and count > 0 for first, count in pairs):
+        raise InputError(f'the "runs" of {name} must be a list of pairs [first id, count]')
+    if sum(count for _, count in pairs) > MOST or max(first for first, _ in pairs) >= 2**62:
+        raise InputError(f'the "runs" of {name} stand for more than {MOST:,} ids')
+    return np.concatenate([np.arange(first, first + count) for first, count in pairs])
+
+
+def require_numbers(values: Any, name: str, depth: int) -> None:
+    """Raise InputError if lists of lists, `depth` deep, hold a text, true, false or null."""
+    flat = values
+    try:
+        for _ in range(depth - 1):
+            flat = chain.from_iterable(flat)
+        types = set(map(type, flat))
+    except TypeError:  # a number in place of a list: the caller checks the shape
+        return
+    for kind, found in ODD.items():
+        if kind in types:
+            raise InputError(f"{name} has {found} in place of a number")

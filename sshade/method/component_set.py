@@ -1,0 +1,240 @@
+"""The components of a cut mesh: their handles, their proxy vertices, and the positions found so far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, renamed
+from sshade.mesh.cutting import Cut
+from sshade.mesh.ids import flagged, members, numbered
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import common_motion
+from sshade.method.junctions import deform_joined
+from sshade.method.proxies import joined, least_vertices, proxy_vertices, shared_vertices
+from sshade.method.regions import EDGE_SAMPLES
+from sshade.problem.options import Options
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.proxy.kinds import vertex_values
+
+#: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
+#: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
+APART = 0.01
+#: Deforms a connected, oriented manifold: ``deform(task, progress=, **changes)``, with some options changed.
+DeformComponent = Callable[..., DeformationResult]
+
+
+class ComponentSet:
+    """The components of a cut mesh, and the positions found so far.
+
+    Attributes
+    ----------
+    area : (c,) float64
+        Of each component.
+    positions : (n, 3) float64
+        Deformed positions; rest positions where no component with the vertex is done.
+    one_sided : (n,) bool
+        Vertices of one-sided surfaces that were deformed.
+    seconds : dict of float
+        Time of the solve that placed the junctions.
+    gaps : dict of float
+        "gap": largest distance of a copy from the position of its vertex. "side_gap": the same where the
+        copies are the sides of a one-sided surface.
+    """
+
+    def __init__(
+        self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
+    ) -> None:
+        handles = task.handles
+        self._cut, self._handles, self._task = cut, handles, task
+        self._deform, self._options = deform, options
+        self._component, count = cut.mesh.component, cut.mesh.topology.components
+        self._number = numbered(handles.index, mesh.n)
+        self._members = members(self._component, count)
+        of_face = self._component[cut.mesh.F[:, 0]]
+        self._faces = members(of_face, count)
+        self.area = np.bincount(of_face, cut.mesh.face_areas)
+        # Number of sides of the surface in each component: 2 where it covers a one-sided surface.
+        self._sides = np.where(flagged(of_face[mesh.m :], count), 2, 1)
+        self._hard = handles.hard & ~handles.has_rotation
+        self._guess = [task.guess] * count
+        self.seconds: dict[str, float] = {}
+        self.positions, self._done = np.array(mesh.V), np.zeros(mesh.n, dtype=bool)
+        self.gaps, self.one_sided = {"gap": 0.0, "side_gap": 0.0}, np.zeros(mesh.n, dtype=bool)
+        # Number of copies of each vertex in each component.
+        entries = np.ones(len(cut.origin)), (cut.origin, self._component)
+        self._copies = csr_array(entries, shape=(mesh.n, count))
+
+    def order(self) -> list[int]:
+        """Return components with handles, then components joined to earlier components; larger first."""
+        copies = self._copies
+        beside, waiting = copies.T @ copies, copies.T @ (self._number >= 0) > 0
+        found: list[int] = []
+        seen = waiting
+        while waiting.any():
+            ids = np.flatnonzero(waiting)
+            found += ids[np.argsort(-self.area[ids], kind="stable")].tolist()
+            waiting = (beside @ waiting > 0) & ~seen
+            seen = seen | waiting
+        return found
+
+    def place_junctions(self, order: list[int], progress: Progress) -> None:
+        """Fix the junctions of components that will be deformed, and let each of them begin where they fit.
+
+        A junction has copies in several components, or more copies than sides in one component.
+        """
+        chosen = flagged(np.array(order, dtype=np.int64), len(self.area))
+        junction = self._copies @ (chosen / self._sides) > 1
+        chosen &= self._copies.T @ junction > 0
+        number = self._number[junction]
+        if (self._handles.hard[number] & (number >= 0)).all():
+            return
+        begin = perf_counter()
+        vertex = np.flatnonzero(chosen[self._component])
+        cut, origin = self._cut.mesh, self._cut.origin[vertex]
+        F = cut.F[chosen[self._component[cut.F[:, 0]]]]
+        guess = self._task.guess
+        V = deform_joined(
+            Mesh(cut.V[vertex], np.searchsorted(vertex, F)),
+            origin,
+            junction[origin],
+            self._handles_of(origin),
+            self._options,
+            guess=None if guess is None else guess[origin],
+            progress=progress,
+        )
+        placed = np.array(self._task.mesh.V)
+        placed[origin] = at_means(origin, V)
+        junction[self._handles.index[self._handles.hard]] = False
+        self.positions[junction], self._done[junction] = placed[junction], True
+        for component in np.flatnonzero(chosen):
+            self._guess[component] = placed
+        self.seconds["junctions"] = perf_counter() - begin
+
+    def proxy_vertices(self, order: list[int]) -> np.ndarray:
+        """Return (c,) int64: the numbers of proxy vertices of components that are deformed in this order.
+
+        Raise InputError if the handles of the components find no room on the proxy.
+        """
+        asked, handles = self._options.vertices, int((~self._done[self._handles.index]).sum())
+        if asked < (needed := min(handles, EDGE_SAMPLES)):
+            raise InputError(
+                f"{asked} proxy vertices were asked for: at least {needed} are needed, to hold the {handles} "
+                "handle vertices; raise the option vertices"
+            )
+        fixed = self._done | (self._number >= 0)
+        least, most = np.zeros((2, len(order)), dtype=np.int64)
+        for number, component in enumerate(order):
+            origin = self._cut.origin[self._members[component]]
+            n, handles = len(origin), int(fixed[origin].sum())
+            least[number] = min(n, least_vertices(handles))
+            most[number] = proxy_vertices(n, n, handles, coarser=self._options.coarser)
+            fixed[origin] = True
+        return shared_vertices(asked, self.area[order], least, most)
+
+    def move_with_handles(self, component: int) -> bool:
+        """Move a component by the rigid motion that its hard handles share; return whether there is one.
+
+        Components that are joined to others stay, because a joint may belong to a shape that bends.
+        """
+        origin, handles = self._cut.origin[self._members[component]], self._handles
+        number = np.unique(self._number[origin])
+        number = number[number >= 0]
+        if len(number) == 0 or not self._hard[number].all():
+            return False
+        if (np.diff(self._copies.indptr)[origin] > 1).any() or self._options.volume_goal is not None:
+            return False
+        motion = common_motion(self._task.mesh.V[handles.index[number]], handles.target[number])
+        if motion is None:
+            return False
+        R, t = motion
+        self.positions[origin] = self._task.mesh.V[origin] @ R.T + t
+        self.positions[handles.index[number]] = handles.target[number]
+        self._done[origin] = True
+        return True
+
+    def deform(
+        self, component: int, stage: str, changes: dict[str, Any], progress: Progress
+    ) -> DeformationResult:
+        """Deform a component, with some options changed, and store the positions of its vertices."""
+        vertex, sides = self._members[component], self._sides[component]
+        origin, guess = self._cut.origin[vertex], self._guess[component]
+        F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
+        shape = Mesh(self._cut.mesh.V[vertex], F)
+        if sides == 2 and self._options.volume_goal is not None:
+            raise InputError(
+                f"the surface around vertex {origin[0]} has one side and no volume; give it no volume goal"
+            )
+        if sides == 2:  # the sides enclose nothing
+            changes = {**changes, "volume": 0.0}
+            if self._options.thickness:
+                changes["thickness"] = 0.0
+        if not isinstance(self._options.frame_function, str):
+            changes = {
+                **changes,
+                "frame_function": vertex_values(self._options.frame_function, len(self._number))[origin],
+            }
+        handles = self._handles_of(origin)
+
+        def solve(changes: dict[str, Any], guess: np.ndarray | None) -> DeformationResult:
+            vertices = max(changes["vertices"], least_vertices(len(handles)))
+            vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
+            part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
+            report = renamed(progress, stage, within=True)
+            try:
+                return self._deform(part, progress=report, **{**changes, "vertices": vertices})
+            except InputError as error:
+                where = f"the component of {shape.n} vertices around vertex {origin[0]}"
+                raise InputError(f"{where} cannot be deformed: {error}") from error
+
+        result = solve(changes, None if guess is None else guess[origin])
+        means = at_means(origin, result.vertices)
+        distance = np.linalg.norm(result.vertices - means, axis=1)
+        if sides == 2 and distance.max() > APART * shape.diagonal:
+            if changes.get("polish_seconds") is not None:
+                left = changes["polish_seconds"] - result.seconds.get("polish", 0.0)
+                changes = {**changes, "polish_seconds": max(0.0, left)}
+            again = solve(changes, means)
+            both = joined(again.vertices, [result, again], {})
+            result = replace(again, iterations=2 * both.iterations, seconds=both.seconds)
+        self._take_over(origin, result.vertices, "gap" if sides == 1 else "side_gap")
+        self.one_sided[origin] |= sides == 2
+        if sides == 2 and self._options.volume > 0:
+            result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
+        return result
+
+    def _handles_of(self, origin: np.ndarray) -> Handles:
+        """Handles of a component, then copies of finished vertices, fixed at their positions."""
+        handles, number = self._handles, self._number[origin]
+        fixed = self._done[origin] & ~((number >= 0) & handles.hard[number])  # also where a handle is soft
+        with_handle, seam = np.flatnonzero((number >= 0) & ~fixed), np.flatnonzero(fixed)
+        with_handle = with_handle[np.argsort(number[with_handle], kind="stable")]
+        number = number[with_handle]
+        of_seam = {"dynamic": True, "group": handles.group.max() + 1, "weight": np.inf}
+        fields: dict[str, Any] = {"index": np.concatenate([with_handle, seam])}
+        fields["target"] = np.concatenate([handles.target[number], self.positions[origin[seam]]])
+        for name, value in {**of_seam, "portion": 1.0, "rotation": np.nan}.items():
+            if (values := getattr(handles, name)) is not None:
+                further = np.full((len(seam), *values.shape[1:]), value)
+                fields[name] = np.concatenate([values[number], further])
+        return Handles(**fields)
+
+    def _take_over(self, origin: np.ndarray, V: np.ndarray, name: str) -> None:
+        """Store the mean of the copies within a component; finished vertices stay."""
+        new = ~self._done[origin]
+        self.positions[origin[new]] = at_means(origin[new], V[new])
+        self._done[origin] = True
+        gap = np.linalg.norm(V - self.positions[origin], axis=1).max()
+        self.gaps[name] = max(self.gaps[name], float(gap))
+
+
+def at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Replace each of the positions V (k, 3) by the mean of all positions of its vertex (k,)."""
+    _, inverse, count = np.unique(vertex, return_inverse=True, return_counts=True)
+    return np.stack([(np.bincount(inverse, x) / count)[inverse] for x in V.T], axis=1)

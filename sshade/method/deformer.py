@@ -1,0 +1,317 @@
+"""Bind once, deform many times: new targets need only proxy solves and the prolongation to the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from math import inf
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import ThreadTeam
+from sshade.mesh.mesh import Mesh, require_mesh
+from sshade.method.drag import NearestPlacement, bound_proxies
+from sshade.method.engine import Engine
+from sshade.method.goals import with_goal
+from sshade.method.regions import all_on_targets, has_regions
+from sshade.problem.handle_checks import checked_index
+from sshade.problem.options import ENERGY, Options, accepted, checked, require_method, resolve
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.proxy.binding import Binding
+from sshade.proxy.frames import checked_out
+
+#: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
+SETTLED = 0.01
+
+
+class Deformer:
+    """A mesh bound to its proxies, with all data that do not depend on the targets.
+
+    Sampling, projection, frames and factorisation are made once. The first call deforms as
+    :func:`sshade.deform` does. Each later call starts where the last one ended, so that small moves of the
+    handles take a few iterations. :meth:`settle` then converges to the minimum. After a drag, the local
+    minimum may differ from the minimum of a first call; :meth:`reset` forgets the last shape.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M: manifold, oriented, one component.
+    index : (h,) int
+        Handle vertices, each once. Their targets come with each call, in this order.
+    group : (h,) int, optional
+        Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
+    weight : (h,) float64 or float
+        Weight of soft handles, see :class:`sshade.Handles`; by default inf, which is a hard handle.
+    method : {"fast", "paper"}
+        "paper" has one sampling by default.
+    progress : Progress
+    **options
+        See :class:`sshade.problem.options.Options`.
+
+    Raises
+    ------
+    InputError
+        On another mesh, method or option.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sshade import Deformer, Mesh
+    >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
+    >>> mesh = Mesh(V, np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> drag = Deformer(mesh, [0, 2], vertices=4, area=0)
+    >>> for height in (0.5, 1.0):
+    ...     shape = drag(V[[0, 2]] + [0, 0, height], tolerance=1e-4).vertices
+    >>> shape.shape, drag.preview(V[[0, 2]]).vertices.shape
+    ((4, 3), (4, 3))
+    >>> drag.rebind_handles([0, 1, 2])
+    >>> drag.change_energy(area=1.0)
+    >>> raised = drag(V[:3] + [0, 0, 1])
+    >>> bool(abs(drag.settle().vertices - V - [0, 0, 1]).max() < 1e-6)
+    True
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        index: np.ndarray,
+        *,
+        group: np.ndarray | None = None,
+        weight: np.ndarray | float = inf,
+        method: Literal["fast", "paper"] = "fast",
+        progress: Progress = silent,
+        **options: Any,
+    ) -> None:
+        require_method(method, ("fast", "paper"))
+        names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
+        self._method, self._values = method, checked(options, names, subject="Deformer")
+        self._values.setdefault("samplings", 1)
+        self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight)
+        # Handles that are bound later leave the options as they are.
+        plain = resolve(method, self._values)
+        self._regional = has_regions(mesh, self.index, plain)
+        self._task, self._options = DeformationTask("drag", mesh, self._rest), self._resolved(self._values)
+        self._engine = Engine(mesh, self._rest, self._options)
+        self._last_handles: Handles | None = None
+        # Its threads stay: to begin and end them takes some tenths of a millisecond.
+        self._team = ThreadTeam(self._engine.proxies.carriers)
+        self._proxies = bound_proxies(self._engine, self._rest, self._options, progress=progress)
+
+    @property
+    def index(self) -> np.ndarray:
+        """(h,) int64: the handle vertices."""
+        return self._rest.index
+
+    @property
+    def bindings(self) -> list[Binding]:
+        """The bindings of M to its proxies."""
+        return [bound.binding for bound in self._proxies]
+
+    def rebind_handles(
+        self,
+        index: np.ndarray,
+        *,
+        group: np.ndarray | None = None,
+        weight: np.ndarray | float = inf,
+    ) -> None:
+        """Take other handles without sampling and projecting again; the shape stays.
+
+        The nearest vertices of the proxies stand for the handles, at targets corrected for the offset as by
+        :meth:`sshade.Handles.from_positions`. A handle that was not bound from the beginning lags slightly
+        during a drag; :meth:`settle` brings it to its target. Handles so near to each other that one proxy
+        vertex stands for them reach their targets in the mean. Binding takes the time of a factorisation.
+
+        Parameters
+        ----------
+        index, group, weight
+            See :class:`Deformer`.
+
+        Raises
+        ------
+        InputError
+            Where handles are too far from the proxy's vertices, or one proxy vertex would stand for handles
+            of two groups with different targets. The Deformer keeps its handles then. A later call may raise
+            the same.
+        """
+        rest = _at_rest(self.mesh, index, group=group, weight=weight)
+        if not self._proxies:
+            raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
+        proxies = []
+        for bound in self._proxies:
+            place = NearestPlacement(self.mesh, bound.proxy, rest)
+            proxies.append(replace(bound, place=place, solver=bound.solver.with_handles(place.rest)))
+        self._engine.regions = self._engine.regions_of(rest)
+        self._rest, self._proxies, self._last_handles = rest, proxies, None
+
+    def change_energy(self, **energy: Any) -> None:
+        """Change constraints, the volume goal or softening from the next call on; the shape stays.
+
+        Parameters
+        ----------
+        **energy
+            ``volume``, ``volume_goal``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options
+            to change. None stands for the method's own value. See :class:`sshade.problem.options.Options`.
+
+        Raises
+        ------
+        InputError
+            On another option or value; nothing changes then.
+        """
+        values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
+        kept = {name: value for name, value in self._values.items() if name not in energy}
+        changed = {**kept, **values}
+        self._options, self._values = self._resolved(changed), changed
+        self._engine.aim(self._options.volume_goal)
+        for bound in self._proxies:
+            bound.solver.change(self._options)
+            bound.aim(self._options.volume_goal)
+
+    def reset(self) -> None:
+        """Forget the last shape: the next call starts as the method does."""
+        for bound in self._proxies:
+            bound.solver.reset()
+            bound.restart()
+
+    def __call__(
+        self,
+        targets: np.ndarray,
+        *,
+        rotations: np.ndarray | None = None,
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        out: np.ndarray | None = None,
+    ) -> DeformationResult:
+        """Deform for new targets of the handles, from where the last call ended.
+
+        Parameters
+        ----------
+        targets : (h, 3) float64
+            In the order of `index`.
+        rotations : (h, 3, 3) float64, optional
+            Rotations of the handles, NaN where open; see :class:`sshade.Handles`. The first rotation of
+            a handle makes a new factorisation of the proxy.
+        tolerance, max_iterations : optional
+            By default as in the options. A few iterations keep a drag fluid; the next call continues.
+        out : (n, 3) float64, C-contiguous, optional
+            Takes the vertices, and saves a large array a call. The result then has this array.
+
+        Returns
+        -------
+        DeformationResult
+            ``seconds`` has ``solve`` and ``carry``, ``extra`` the largest ``residual`` and the ``energy`` of
+            each proxy.
+        """
+        handles = self._rest.at(targets, rotations)
+        stop = self._stopping(tolerance, max_iterations, out)
+        self._last_handles = handles
+        return self._deformed(handles, stop, out)
+
+    def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
+        """Converge to the minimum for the last call's targets, at the end of a drag.
+
+        A drag lags a few hundred steps behind, and the residual is the length of one step. At the method's
+        tolerance the shape is up to some thousandths of the diagonal from the minimum, at a hundredth of the
+        tolerance less than a thousandth.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            By default :data:`SETTLED` times the method's.
+        out : (n, 3) float64, C-contiguous, optional
+
+        Raises
+        ------
+        InputError
+            Where the handles had no targets yet.
+        """
+        if self._last_handles is None:
+            raise InputError(
+                "there is nothing to settle: no targets were given since these handles were taken"
+            )
+        tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
+        return self._deformed(self._last_handles, self._stopping(tolerance, None, out), out, settle=True)
+
+    def preview(
+        self,
+        targets: np.ndarray,
+        *,
+        rotations: np.ndarray | None = None,
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+    ) -> DeformationResult:
+        """Deform the first proxy alone, for displays.
+
+        ``bindings[0].proxy`` has its triangles, ``bindings[0].sampling.samples`` its vertices on M. A later
+        call continues from here.
+
+        Parameters
+        ----------
+        targets, rotations, tolerance, max_iterations
+            As for a call.
+
+        Returns
+        -------
+        DeformationResult
+            ``vertices`` (k, 3), ``seconds`` with ``solve``.
+
+        Raises
+        ------
+        InputError
+            As for a call, and where all vertices are handles.
+        """
+        begin = perf_counter()
+        handles, stopping = self._rest.at(targets, rotations), self._stopping(tolerance, max_iterations)
+        if self._engine.regions.covered:
+            raise InputError("all vertices are handles: there is no proxy")
+        self._last_handles = handles
+        stop = stopping.subset(("tolerance", "max_iterations"))
+        solved = self._proxies[0].solve(handles, **stop)
+        # A copy, because the caller may change the arrays, and a later call may start there.
+        return replace(deepcopy(solved), seconds={"solve": perf_counter() - begin})
+
+    def _resolved(self, values: Mapping[str, Any]) -> Options:
+        """Return the method's options with the values of the user."""
+        options = resolve(self._method, values, regions=self._regional)
+        return with_goal(self.mesh, options, area="area" in values)
+
+    def _stopping(
+        self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None
+    ) -> Options:
+        """Return the options with another stopping rule; None keeps the option's value. Check `out`, too."""
+        if out is not None:
+            checked_out(out, self.mesh.V.shape)
+        names = {"tolerance": tolerance, "max_iterations": max_iterations}
+        return replace(self._options, **checked(names, names, subject="Deformer"))
+
+    def _deformed(
+        self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
+    ) -> DeformationResult:
+        task, regions = self._task.at(handles), self._engine.regions
+        if regions.covered:
+            result = all_on_targets(task)
+        else:
+            alone = len(self._proxies) == 1
+
+            def deform(number: int) -> DeformationResult:
+                bound, into = self._proxies[number], out if alone else None
+                again = settle or bound.solver.at_start
+                return bound.deform(handles, regions, options, again=again, team=self._team, out=into)
+
+            result = self._engine.average(deform, handles, options)
+        if out is not None and result.vertices is not out:
+            out[:] = result.vertices
+            result = replace(result, vertices=out)
+        return result.of(task)
+
+
+def _at_rest(mesh: Mesh, index: np.ndarray, **binding: Any) -> Handles:
+    require_mesh(mesh, "Deformer")
+    index = checked_index(index, once=True)
+    mesh.require_handles(index)
+    handles = Handles(index, mesh.V[index], **binding)
+    return DeformationTask("drag", mesh, handles).handles

@@ -1,0 +1,129 @@
+"""Polish the proxy's result: accelerated iterations of the same energy at full resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from math import inf
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from sshade.core.progress import Progress, renamed
+from sshade.core.threads import available_cpus
+from sshade.mesh.adjacency import vertex_graph
+from sshade.method.regions import HandleRegions
+from sshade.problem.options import ENERGY, Options
+from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.proxy.fronts import Fronts
+from sshade.solver.local_global import LocalGlobal, bind_task
+from sshade.solver.solution import Solution
+
+#: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
+#: better results on six bodies.
+WINDOW = 4
+
+
+def polished(
+    task: DeformationTask,
+    options: Options,
+    *,
+    deform: Callable[[], DeformationResult],
+    regional: bool,
+    progress: Progress,
+) -> DeformationResult:
+    """Solve at full resolution from the result of a proxy.
+
+    A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
+    A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
+    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
+    thread beside the proxy's solve.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    options : Options
+    deform : callable
+        Deforms through the proxy.
+    regional : bool
+        Whether handles are regions.
+    progress : Progress
+
+    Returns
+    -------
+    DeformationResult
+        `iterations` counts the polish alone. `converged` is None where it used up its iterations or seconds,
+        as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
+        ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has the
+        facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
+    """
+    begin = perf_counter()
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        bind = partial(bind_task, factorised=False, exact_steps=0)
+        solver_ready = pool.submit(bind, task, options)
+        proxy = deform()
+        arrived = perf_counter()
+        progress("polish", 0, options.polish_iterations, "preparing")
+        solver, targets, precompute = solver_ready.result()
+    ready = perf_counter()
+    energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
+    energy["volume_goal"] = options.volume_goal or 1.0
+    energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
+    start = [proxy.vertices]
+    proxy = replace(proxy, vertices=np.empty((0, 3)))
+    solution = solver.solve(
+        targets,
+        start=start.pop(),  # so that the solver can free it
+        tolerance=options.tolerance,
+        max_iterations=options.polish_iterations,
+        window=WINDOW,
+        max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
+        progress=renamed(progress, "polish"),
+        **energy,
+    )
+    kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
+    facts: dict[str, Any] = {"proxy_iterations": proxy.iterations}
+    facts |= {name: proxy.extra[name] for name in kept if name in proxy.extra}
+    if regional:
+        progress("regions", 0, 1)
+        graph = vertex_graph(task.mesh)
+        regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
+        turned = regions.on_targets(solution.positions, task.handles)
+        solution = _solution_at(solver, solution, turned, targets, energy)
+        progress("regions", 1, 1)
+    seconds = {
+        "proxy": arrived - begin,
+        "precompute": precompute,
+        "wait": ready - arrived,
+        "polish": perf_counter() - ready,
+    }
+    facts = {**solution.facts(), **facts}
+    return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
+
+
+def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Prescribe the handles' rotations within the radius of a disc with a sample's area.
+
+    On a proxy a vertex turns the surface of its cell. At full resolution the handle's vertex alone would turn
+    next to nothing.
+    """
+    if (prescribed := task.handles.prescribed_rotations) is None:
+        return None
+    vertex, R = prescribed
+    fronts = Fronts(vertex_graph(task.mesh), vertex)
+    near = np.flatnonzero(fronts.distance <= np.sqrt(task.mesh.area / (np.pi * samples)))
+    return near, R[fronts.cell[near]]
+
+
+def _solution_at(
+    solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
+) -> Solution:
+    """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
+    names = "volume", "area", "volume_goal", "workers"
+    V = solver.project(V, **{name: energy[name] for name in names})
+    after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    kept = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    return after._replace(**{name: getattr(solution, name) for name in kept})

@@ -1,0 +1,115 @@
+"""Pose transfer and isometric reconstruction: poses that are known at the samples."""
+
+from __future__ import annotations
+
+from itertools import count
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from sshade.core.progress import Progress, silent
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import cut_surface, mean_of_copies
+from sshade.method.proxies import Proxies, bind
+from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
+from sshade.problem.task import DeformationResult, TransferTask
+
+
+@takes_options(PROXIES)
+def transfer(
+    task: TransferTask,
+    *,
+    residual: bool = False,
+    progress: Progress = silent,
+    **options: Any,
+) -> DeformationResult:
+    """Transfer a pose: move an edited shape S as M moves to its pose M'.
+
+    A proxy N is sampled on M, and its posed positions N' are read off M'. The vertices of S get coordinates
+    in the frames of N, and positions from the frames of N'. Nothing is solved.
+
+    Parameters
+    ----------
+    task : TransferTask
+        `mesh` is S, `rest` is M and `posed` is M'. If M is no oriented manifold, it is cut, and joined again.
+    residual : bool
+        Add to each vertex the difference between M' and its reconstruction from the proxy.
+        Vertices that were not edited then end exactly on M'. This reads M' at every vertex, and is not in the
+        paper. Without it, only the samples of M' are used.
+    progress : Progress
+    **options
+        See the options :data:`sshade.problem.options.PROXIES` of :class:`sshade.problem.options.Options`.
+        By default 10 samplings, as in the paper.
+
+    Returns
+    -------
+    DeformationResult
+        S', with ``seconds`` summed over samplings.
+
+    Raises
+    ------
+    InputError
+        If M cannot be cut, or on an unknown option or a value out of its range.
+
+    References
+    ----------
+    F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
+    deformation via local representations", the sections on isometric and pose transfer.
+    """
+    cut, given = cut_surface(task.rest), checked(options, PROXIES, subject="transfer")
+    rest, posed = cut.mesh, task.posed[cut.origin]
+    edited = None if task.mesh.V is task.rest.V else task.mesh.V[cut.origin]
+    proxies, done = Proxies(rest, Options(**{"samplings": TRANSFER_SAMPLINGS, **given})), count(1)
+
+    def one_sampling(number: int) -> DeformationResult:
+        binding = bind(
+            rest,
+            proxies.vertices,
+            coarser=1,
+            seed=(proxies.seed, number),
+            frames=proxies.frames,
+            graph=proxies.graph,
+        )
+        NV, on = posed[binding.sampling.samples], binding.projection
+        local = binding.local if edited is None else binding.frames.encode(edited, on)
+        begin = perf_counter()
+        V, degenerate = binding.frames.decode(local, NV, on=on)
+        if residual:
+            V = V + (posed - binding.frames.decode(binding.local, NV, on=on)[0])
+        V = mean_of_copies(cut, V)
+        progress("samplings", next(done), proxies.samplings)
+        seconds = {**binding.seconds, "carry": perf_counter() - begin}
+        return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
+
+    progress("samplings", 0, proxies.samplings)
+    return proxies.average(one_sampling).of(task)
+
+
+def transfer_pose(
+    mesh: Mesh,
+    posed: np.ndarray,
+    edited: np.ndarray | None = None,
+    *,
+    residual: bool = False,
+    progress: Progress = silent,
+    **options: Any,
+) -> DeformationResult:
+    """:func:`transfer` of shapes given by their vertices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M.
+    posed : (n, 3) float64
+        M', in correspondence with M.
+    edited : (n, 3) float64, optional
+        S, in correspondence with M. By default M itself: the result rebuilds M' from its
+        samples (isometric reconstruction), and its distance from M' is the error of the
+        proxies and frames.
+    residual, progress, **options
+        See :func:`transfer`.
+    """
+    shape = mesh if edited is None else Mesh(mesh.checked(edited, "edited shape"), mesh.F)
+    task = TransferTask("transfer", shape, mesh, posed)
+    return transfer(task, residual=residual, progress=progress, **options)

@@ -1,0 +1,252 @@
+"""Draw shapes with handles, in blue (static) and yellow (dynamic), and with errors of edges in colours.
+
+The functions that draw need pyvista, from the extra ``figures``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sshade.core.errors import InputError
+
+if TYPE_CHECKING:
+    from sshade.mesh.mesh import Mesh
+    from sshade.problem.task import Handles
+
+STATIC, DYNAMIC, BODY, PATH = "#2166ac", "#f2c200", "#d9d5cf", "#8c8c8c"
+
+#: Colour map of errors, from light to dark.
+COLOURS = "magma_r"
+
+#: Default direction from the scene to the camera, and upward direction.
+TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
+
+#: Radius of the sphere of a handle, over the bounding-box diagonal.
+SPHERE = 0.006
+
+#: Percentiles over vertices and over shapes for the end of a colour scale, which ignores few extreme values.
+PERCENTILE, SHAPES = 98, 75
+#: Changes of length, in percent, that are rounding.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class View:
+    """A parallel projection that shows a whole box.
+
+    Parameters
+    ----------
+    axes : (3, 3) float64
+        Rows: the axes of the picture to the right and upwards, and the direction to the camera.
+    centre : (3,) float64
+    size : (3,) float64
+        Width, height and depth: the extent along the axes, in the unit of length of the mesh.
+    """
+
+    axes: np.ndarray
+    centre: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, shapes: Iterable[np.ndarray], *, towards: ArrayLike = TOWARDS, up: ArrayLike = UP) -> View:
+        """Return a view that contains all shapes (n, 3), with a margin.
+
+        Raises
+        ------
+        InputError
+            When a direction is zero, or the camera looks along the upward direction.
+        """
+        forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
+        if not (forward.any() and upright.any()):
+            raise InputError("--towards and --up are directions, and one of them is zero")
+        right = np.cross(upright, forward)
+        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
+            raise InputError("the camera looks along the upward direction; choose another --towards or --up")
+        forward = forward / np.linalg.norm(forward)
+        right = right / np.linalg.norm(right)
+        axes = np.stack([right, np.cross(forward, right), forward])
+        points = np.concatenate([np.asarray(shape) for shape in shapes]) @ axes.T
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = np.maximum(1.06 * (high - low), 1e-3 * np.linalg.norm(high - low))
+        return cls(axes, 0.5 * (low + high) @ axes, size)
+
+    def with_foot(self, fraction: float) -> View:
+        """Return a view with additional space below, as a fraction of the height."""
+        foot = np.array([0.0, fraction * self.size[1], 0.0])
+        return replace(self, size=self.size + foot, centre=self.centre - 0.5 * foot @ self.axes)
+
+    def pixels(self, width: int) -> tuple[int, int]:
+        """Return the width and height of a picture of this view."""
+        return width, max(1, round(width * self.size[1] / self.size[0]))
+
+
+def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
+    """Return the mean relative length change of the edges at each vertex (n,), in percent."""
+    edges = rest.edges
+    before, after = (np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) for V in (rest.V, vertices))
+    # Edges without length at rest count as unchanged.
+    change = np.abs(after - before) / np.where(before > 0, before, np.inf)
+    ends = edges.T.ravel()
+    total = np.bincount(ends, np.tile(change, 2), rest.n)
+    return 100 * total / np.bincount(ends, minlength=rest.n)
+
+
+def colour_range(errors: Iterable[np.ndarray]) -> float:
+    """Return the upper end of a common colour scale for several shapes.
+
+    It is the upper quartile over the shapes of the 98th percentile of each shape, or 1 if that is no more
+    than :data:`ROUNDING`.
+    """
+    top = float(np.percentile([np.percentile(error, PERCENTILE) for error in errors], SHAPES))
+    return top if top > ROUNDING else 1.0
+
+
+def picture(mesh: Mesh, V: np.ndarray, *, view: View, width: int = 600, **options: Any) -> np.ndarray:
+    """Render a shape without a display.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape, which gives the faces and the size of the handles.
+    V : (n, 3) float64
+        Positions to show.
+    view : View
+    width : int
+        Width in pixels; the view determines the height.
+    **options
+        See :func:`panel`.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+    """
+    plotter = new_plotter(window_size=view.pixels(width))
+    panel(plotter, mesh, V, view, **options)
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return pixels
+
+
+def new_plotter(**options: Any) -> Any:
+    """Return a pyvista plotter with a white background. It draws off-screen unless the options differ.
+
+    Raises
+    ------
+    InputError
+        When there is neither a screen nor a library that draws without a screen.
+    """
+    import pyvista
+
+    # Without a display VTK prints a needless warning.
+    pyvista.vtk_verbosity("error")
+    _require_renderer()
+    plotter = pyvista.Plotter(**{"off_screen": True, "border": False, **options})
+    plotter.set_background("white")
+    return plotter
+
+
+@cache
+def _require_renderer() -> None:
+    """Raise InputError if VTK finds no library to draw with; it would end the process."""
+    from ctypes import CDLL
+
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - registers the classes of vtkRenderWindow()
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    # VTK falls back on this class without checking that its library exists.
+    if vtkRenderWindow().GetClassName() == "vtkOSOpenGLRenderWindow":
+        for name in ("libOSMesa.so.8", "libOSMesa.so"):
+            with suppress(OSError):
+                CDLL(name)
+                return
+        raise InputError(
+            "pictures need a screen, or libEGL and a software renderer "
+            "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"
+        )
+
+
+def panel(
+    plotter: Any,
+    mesh: Mesh,
+    V: np.ndarray,
+    view: View,
+    *,
+    error: np.ndarray | None = None,
+    top: float = 1.0,
+    colours: str = COLOURS,
+    bar: str | None = None,
+    handles: Handles | None = None,
+    targets: bool = False,
+) -> None:
+    """Draw a shape in the active panel of a plotter.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+    mesh : Mesh
+        Rest shape, which gives the faces and the size of the handles.
+    V : (n, 3) float64
+        Positions to show.
+    view : View
+    error : (n,) float64, optional
+        Values that colour the surface, on a scale from 0 to `top`.
+    top : float
+    colours : str
+        Name of a colour map of matplotlib.
+    bar : str, optional
+        Title of a colour bar.
+    handles : Handles, optional
+        Handles, shown at their vertices of `V`.
+    targets : bool
+        Also show the targets of dynamic handles, pale and with lines.
+    """
+    import pyvista
+
+    surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
+    paint: dict[str, Any] = {"color": BODY}
+    if error is not None:
+        # The light keeps the colours close to the colour bar.
+        paint = {"scalars": error, "clim": (0, top), "cmap": colours, "ambient": 0.4, "diffuse": 0.6}
+        bar_style = {"title": bar, "color": "black", "n_labels": 2, "fmt": "%.3g"}
+        bar_place = {"position_x": 0.2, "position_y": 0.01, "width": 0.6, "height": 0.07}
+        paint |= {"show_scalar_bar": bar is not None, "scalar_bar_args": {**bar_style, **bar_place}}
+    plotter.add_mesh(surface, smooth_shading=True, **paint)
+    if handles is not None:
+        _add_handles(plotter, V, handles, size=mesh.diagonal, targets=targets)
+    # Point the camera.
+    width, height = plotter.renderer.GetSize()
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = view.centre
+    plotter.camera.position = view.centre + 2 * view.size.sum() * view.axes[2]
+    plotter.camera.up = view.axes[1]
+    # Half the visible height, which is larger if the panel is narrower than the view.
+    plotter.camera.parallel_scale = 0.5 * max(view.size[1], view.size[0] * height / width)
+    plotter.reset_camera_clipping_range()
+    plotter.enable_anti_aliasing("ssaa")
+
+
+def _add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool) -> None:
+    """Add handles as spheres; the bounding-box diagonal `size` determines the size of the spheres."""
+    import pyvista
+
+    ball = pyvista.Sphere(radius=SPHERE * size, theta_resolution=12, phi_resolution=12)
+
+    def balls(points: np.ndarray, colour: str, **options: Any) -> None:
+        if len(points):
+            many = pyvista.PolyData(points).glyph(geom=ball, scale=False, orient=False)
+            plotter.add_mesh(many, color=colour, ambient=0.5, diffuse=0.6, **options)
+
+    moving = handles.dynamic
+    balls(V[handles.index[~moving]], STATIC)
+    balls(V[handles.index[moving]], DYNAMIC)
+    if targets and moving.any():
+        balls(handles.target[moving], DYNAMIC, opacity=0.45)
+        ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
+        plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)

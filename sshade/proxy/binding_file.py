@@ -1,0 +1,111 @@
+"""Save and load bindings: the .npz maps that `sshade remesh` writes and `sshade carry` reads."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.atomic import INCOMPLETE, expecting, naming, read_npz, replacing
+from sshade.mesh.mesh import Mesh, require_mesh
+from sshade.proxy.binding import Binding
+from sshade.proxy.kinds import FrameKind, frame_maker
+from sshade.proxy.projection import Projection
+from sshade.proxy.sample import Sampling, proxy_mesh
+from sshade.proxy.triangle import TriangleFrames
+
+#: What a file of a binding is, in messages.
+WHAT = "a map written by `sshade remesh`"
+#: Fields of a sampling and of a projection, by their names in a file.
+SAMPLING = {"samples": "samples", "faces": "faces", "region": "cell", "distance": "distance"}
+PROJECTION = {"face": "face", "barycentric": "barycentric", "to_proxy": "distance"}
+
+
+def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
+    """Write a binding as .npz, without the mesh itself; :func:`load_binding` reads it back.
+
+    The file appears whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    frames = binding.frames
+    arrays: dict[str, Any] = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
+    arrays |= {name: getattr(binding.projection, field) for name, field in PROJECTION.items()}
+    if isinstance(frames, TriangleFrames):
+        arrays["values"] = frames.values
+    arrays |= {"vertices": len(binding.local), "mesh": _digest(binding.mesh.F), "frames": frames.name}
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **arrays)
+
+
+def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
+    """Read a binding written by :func:`save_binding`.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+        The mesh that the binding was made for. Its positions may differ.
+    frames : {"triangle", "affine", "blended", "blended_affine"}, optional
+        Kind of frames; by default the saved kind. ``triangle`` frames use the saved frame function, or the
+        default function if other frames were saved.
+
+    Raises
+    ------
+    InputError
+        If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
+    """
+    require_mesh(mesh, "load_binding")
+    arrays = read_npz(path, what=WHAT)
+    with expecting(WHAT, path, errors=INCOMPLETE), naming(path):
+        remedy = "remesh this one, or pass the --weld and --repair that `sshade remesh` got"
+        if arrays["vertices"] != mesh.n or arrays["samples"].max() >= mesh.n:
+            vertices = arrays["vertices"]
+            raise InputError(
+                f"the map is of a mesh with {vertices} vertices, this one has {mesh.n}; {remedy}"
+            )
+        if str(arrays["mesh"]) != _digest(mesh.F):
+            raise InputError(f"the map is of a mesh with other faces; {remedy}")
+        sampling = Sampling(**{field: arrays[name] for name, field in SAMPLING.items()})
+        on_proxy = Projection(**{field: arrays[name] for name, field in PROJECTION.items()})
+        _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)
+        proxy, saved = proxy_mesh(mesh, sampling), str(arrays["frames"])
+        at_rest = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
+        if (frames or saved) == "triangle" and "values" in arrays:
+            at_rest = TriangleFrames.of_values(proxy, arrays["values"])
+        elif frames:
+            at_rest = frame_maker(frames, mesh)(proxy, sampling.samples)
+    return Binding(mesh, sampling, proxy, on_proxy, at_rest, at_rest.encode(mesh.V, on_proxy), {})
+
+
+def _digest(F: np.ndarray) -> str:
+    return hashlib.sha256(F.tobytes()).hexdigest()
+
+
+def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
+    """Raise ValueError unless the arrays of a map fit together; kernels would read out of bounds."""
+    k, faces = len(sampling.samples), len(sampling.faces)
+    expected = [
+        (sampling.samples, (k,), n),
+        (sampling.faces, (faces, 3), k),
+        (sampling.cell, (n,), k),
+        (sampling.distance, (n,), None),
+        (on_proxy.face, (n,), faces),
+        (on_proxy.distance, (n,), None),
+        (on_proxy.barycentric, (n, 3), None),
+    ]
+    if values is not None:
+        expected.append((values, (faces, 3), None))
+    for array, shape, end in expected:
+        if end is None:
+            valid = array.dtype == np.float64 and np.isfinite(array).all()
+        else:
+            valid = array.dtype.kind == "i" and array.min() >= 0 and array.max() < end
+        if array.shape != shape or not valid:
+            raise ValueError("its arrays do not fit together")

@@ -1,0 +1,162 @@
+"""The paper's local reference frames: a rigid frame on each triangle of the proxy.
+
+    v_t = L_t^-1 (v - b_t)          coordinates on N at rest
+    v'  = L_t' v_t + b_t'           position on N'
+
+The origin b_t is the barycentre of triangle t. The columns of L_t = (g_t, w_t, n_t) are the direction g_t of
+the gradient of a scalar function f on the triangle, the unit normal n_t, and w_t = g_t x n_t. The gradient is
+normalised; with its length in L, a stretch of the triangle along g would be inverted. L_t is orthogonal
+with determinant -1, which cancels between the frames at rest and deformed.
+
+Source: SShaDe, after S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
+gradient-based local reference frame for 3D shape matching", 2019.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.core.threads import ThreadTeam
+from sshade.mesh.mesh import Mesh
+from sshade.proxy.blended import nearest_rotations
+from sshade.proxy.frames import Frames, Placer, edges_and_normals, on_triangles, place_on_triangles
+from sshade.proxy.neighbours import adjacent_triangles, fill_from_neighbours
+from sshade.proxy.projection import Projection
+
+#: Length of the tangential gradient below which another function replaces f on a triangle. A coordinate has a
+#: gradient of length up to 1.
+FLAT = 0.1
+
+
+def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarray:
+    """Return the values of the frame function f at the corners of each triangle of N at rest.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N at rest.
+    function : {"extent", "best", "x", "y", "z"} or (k,) float64
+        ``extent`` is the coordinate of largest extent, as in the paper. ``best`` is, on each triangle, the
+        coordinate with the largest tangential gradient, whose length is at least sqrt(2/3). An array holds
+        one value for each vertex of N; it is scaled to a range of one bounding-box diagonal. If
+        the gradient is shorter than :data:`FLAT`, another function replaces f: the coordinate of next largest
+        extent in place of a coordinate, ``best`` in place of an array.
+
+    Returns
+    -------
+    (l, 3) float64
+
+    Raises
+    ------
+    InputError
+        On an unknown name, a wrong number of values, values that are not finite, or constant values.
+    """
+    # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
+    steepest = np.argmin(np.abs(proxy.face_normals), axis=1)
+    best = np.take_along_axis(proxy.V[proxy.F], steepest[:, None, None], axis=2)[:, :, 0]
+    order = np.argsort(-np.ptp(proxy.V, axis=0), kind="stable")
+    if isinstance(function, str):
+        if function == "best":
+            return best
+        named = {"extent": order[0], "x": 0, "y": 1, "z": 2}
+        if function not in named:
+            raise InputError(f"unknown frame function {function!r}; use extent, best, x, y or z")
+        axis = named[function]
+        second = order[1] if axis == order[0] else order[0]
+        first, fallback = proxy.V[:, axis][proxy.F], proxy.V[:, second][proxy.F]
+    else:
+        values = np.asarray(function, dtype=np.float64)
+        if values.shape != (proxy.n,) or not np.isfinite(values).all():
+            raise InputError(
+                f"a frame function needs {proxy.n} finite values, one a proxy vertex, not {values.shape}"
+            )
+        if np.ptp(values) == 0:
+            raise InputError("the frame function is constant; it needs a gradient")
+        first, fallback = values[proxy.F] * (proxy.diagonal / np.ptp(values)), best
+    flat = np.linalg.norm(_gradients(proxy.V, proxy.F, first)[0], axis=1) < FLAT
+    return np.where(flat[:, None], fallback, first)
+
+
+def _gradients(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradients of f on triangles, and unit normals, both (l, 3); 0 on zero-area triangles."""
+    e1, e2, normal, doubled = edges_and_normals(V, F)
+    change = values[:, 1:] - values[:, :1]
+    gradient = change[:, :1] * np.cross(e2, normal) + change[:, 1:] * np.cross(normal, e1)
+    return np.divide(gradient, doubled[:, None], out=gradient, where=doubled[:, None] > 0), normal
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleFrames(Frames):
+    """The rigid frames of a proxy's triangles at rest.
+
+    A zero-area triangle of N' has no frame L'. R L replaces it, with R the rotation nearest to the mean of
+    L' L^T over the edge neighbours.
+
+    Parameters
+    ----------
+    F : (l, 3) int64
+        Triangles of N.
+    values : (l, 3) float64
+        f at their corners; see :func:`frame_values`.
+    L : (l, 3, 3) float64
+        Frames at rest, with g, w and n as columns; the identity on zero-area triangles.
+    origin : (l, 3) float64
+        Barycentres at rest.
+    degenerate : (l,) bool
+        Zero-area triangles at rest.
+    """
+
+    name: ClassVar[str] = "triangle"  # type: ignore[misc]
+
+    F: np.ndarray
+    values: np.ndarray
+    L: np.ndarray
+    origin: np.ndarray
+    degenerate: np.ndarray
+
+    @classmethod
+    def at_rest(cls, proxy: Mesh, function: str | np.ndarray = "extent") -> TriangleFrames:
+        """Return the frames of N at rest for a frame function; see :func:`frame_values`."""
+        return cls.of_values(proxy, frame_values(proxy, function))
+
+    @classmethod
+    def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
+        """Return the frames of N at rest for the corner values (l, 3) of f."""
+        L, origin, degenerate = _frames(proxy.V, proxy.F, values)
+        return cls(proxy.F, values, L, origin, degenerate)
+
+    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
+        """Return the coordinates v_t = L_t^-1 (v - b_t); see :class:`sshade.proxy.frames.Frames`."""
+        local, arm = np.empty_like(V), V - self.origin[on.face]
+        inverse = np.ascontiguousarray(self.L.transpose(0, 2, 1))
+        place_on_triangles(0, len(V), arm, on.face, inverse, np.zeros_like(self.origin), local)
+        return local
+
+    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
+        """Place points at L_t' v_t + b_t'; see :class:`sshade.proxy.frames.Frames`."""
+        L, origin, degenerate = _frames(NV, self.F, self.values)
+        missing = degenerate | self.degenerate
+        if missing.any():
+            turns = fill_from_neighbours(
+                L @ self.L.transpose(0, 2, 1),
+                ~missing,
+                pairs=adjacent_triangles(self.F),
+                onto=nearest_rotations,
+            )
+            L[missing] = turns[missing] @ self.L[missing]
+        return on_triangles(L, origin), int(missing.sum())
+
+
+def _frames(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return L (l, 3, 3), the identity without a gradient, origins (l, 3), and where (l,) there is none."""
+    gradient, n = _gradients(V, F, values)
+    length = np.linalg.norm(gradient, axis=1)
+    known = length > 0
+    g = gradient / np.where(known, length, 1.0)[:, None]
+    L = np.stack([g, np.cross(g, n), n], axis=2)
+    L[~known] = np.eye(3)
+    return L, (V[F[:, 0]] + V[F[:, 1]] + V[F[:, 2]]) / 3.0, ~known

@@ -1,0 +1,313 @@
+"""Bind once, deform many times."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationTask, Deformer, InputError, Mesh
+from sshade.method import deformer as deformer_module
+from tests.shapes import bumpy, end_handles, moved_parts, tube
+from tests.sshade.method.calls import fast, paper
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return bumpy()
+
+
+@pytest.fixture(scope="module")
+def held(mesh: Mesh) -> np.ndarray:
+    return end_handles(mesh.V, count=8).index
+
+
+@pytest.fixture
+def drag(mesh: Mesh, held: np.ndarray) -> Deformer:
+    return Deformer(mesh, held, vertices=150)
+
+
+def lifted(mesh: Mesh, held: np.ndarray, height: float) -> np.ndarray:
+    return mesh.V[held] + np.where(np.arange(16) < 8, 0.0, height)[:, None] * [0.5, 0, 1]
+
+
+def test_a_drag_takes_fewer_iterations_and_ends_where_a_cold_solve_does(mesh, held):
+    drag = Deformer(mesh, held, method="paper", vertices=150)
+    drag(lifted(mesh, held, 0.3))
+    steps = [drag(lifted(mesh, held, 0.3 + 0.01 * step)).iterations for step in range(1, 6)]
+    released = drag(lifted(mesh, held, 0.35), tolerance=1e-9)
+    drag.reset()
+    cold = drag(lifted(mesh, held, 0.35), tolerance=1e-9)
+    assert max(steps) < cold.iterations
+    assert np.abs(released.vertices - cold.vertices).max() < 1e-5 * mesh.diagonal
+    assert released.extra["energy"][0] == pytest.approx(cold.extra["energy"][0], rel=1e-6)
+
+
+def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
+    targets = lifted(mesh, held, 0.5)
+    drag = Deformer(mesh, held, method="paper", vertices=150)
+    first = drag(targets, max_iterations=3)
+    assert first.iterations == 3 and not first.converged
+    assert drag(targets, max_iterations=200).extra["residual"] < first.extra["residual"]
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
+def test_a_call_that_fails_leaves_no_trace(mesh, held, drag):
+    first = drag(lifted(mesh, held, 0.2)).vertices
+    for _ in range(2):
+        with pytest.raises(FloatingPointError):
+            drag(1e160 * lifted(mesh, held, 0.2))
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.2)).vertices, first)
+
+
+def bound_and_task(name: str, **options):
+    """Return a Deformer and a task with the same handles: patches, soft handles or regions of a shape."""
+    mesh = {"bumpy": bumpy(4), "soft": bumpy(4), "regions": bumpy(4), "bar": tube(30, 80, length=7.0)}[name]
+    order = np.argsort(mesh.V[:, 2])
+    count = {"bumpy": 12, "soft": 12, "regions": mesh.n // 4, "bar": 20}[name]
+    centre, turn = mesh.V[order[-count:]].mean(axis=0), Rotation.from_rotvec([0.5, 0, 0])
+    own = moved_parts(
+        mesh.V,
+        (order[:count], 0),
+        (order[-count:], lambda V: centre + turn.apply(V - centre) + [0.2, 0.1, 0.1]),
+        weights=[np.inf, 5.0 if name == "soft" else np.inf],
+    )
+    drag = Deformer(mesh, own.index, group=own.group, weight=own.weight, vertices=300, **options)
+    return drag, DeformationTask("t", mesh, own)
+
+
+@pytest.mark.parametrize(("name", "samplings"), [("bumpy", 1), ("bumpy", 3), ("soft", 2), ("regions", 2)])
+def test_the_first_call_equals_deform(name, samplings):
+    options = {"samplings": samplings, "seed": 4}
+    drag, task = bound_and_task(name, method="paper", **options)
+    bound, once = drag(task.handles.target), paper(task, vertices=300, **options)
+    np.testing.assert_array_equal(bound.vertices, once.vertices)
+    assert bound.iterations == once.iterations
+
+
+@pytest.mark.parametrize("name", ["bumpy", "bar", "soft", "regions"])
+def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
+    drag, task = bound_and_task(name)
+    mesh, handles = task.mesh, task.handles
+    rest, out = mesh.V[handles.index], np.empty_like(mesh.V)
+
+    def along(shares: np.ndarray):
+        for share in shares:
+            result = drag(rest + share * (handles.target - rest), tolerance=1e-4, out=out)
+            assert result.vertices is out
+        return result
+
+    def apart(V: np.ndarray, W: np.ndarray) -> float:
+        return np.linalg.norm(V - W, axis=1).max() / mesh.diagonal
+
+    first, once = drag(handles.target).vertices, fast(task, vertices=300).vertices
+    # The results differ only where the proxy has to correct the volume deficit of regions.
+    assert apart(first, once) <= (1e-4 if name == "regions" else 0.0)
+    minimum = drag.settle().vertices
+    drag.reset()
+    before = drag(rest).vertices
+    last = along(np.linspace(0, 1, 13)[1:])
+    settled = drag.settle()
+    assert settled.converged and apart(settled.vertices, minimum) < 3e-4
+    # With regions, the two energies belong to different volume goals.
+    assert settled.extra["energy"][0] <= last.extra["energy"][0] or name == "regions"
+    # Further steps of the drag do not move the converged shape.
+    for _ in range(3):
+        there = drag(handles.target, tolerance=1e-8)
+    assert there.converged and apart(there.vertices, settled.vertices) < 1e-4
+    assert apart(there.vertices, fast(task, vertices=300, tolerance=1e-8).vertices) < 1e-3
+    if name != "soft":
+        assert np.abs(there.vertices[handles.index] - handles.target).max() < 1e-12
+    if name == "regions":
+        assert Mesh(there.vertices, mesh.F).volume == pytest.approx(mesh.volume, rel=1e-3)
+    along(np.linspace(1, 0, 13)[1:])
+    assert apart(drag(rest, tolerance=1e-8).vertices, before) < 1e-3
+    assert apart(there.vertices, before) > 0.02
+
+
+def test_rotations_may_come_and_go_in_a_drag():
+    """A single handle has an attachment once it is turned; the system with this pull is then made."""
+    mesh = tube(30, 80, length=7.0)
+    z = mesh.V[:, 2]
+    parts = (np.argsort(z)[:20], 0), ([np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))], 0)
+    turned = moved_parts(mesh.V, *parts, rotations=[None, [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]])
+    drag, rest = Deformer(mesh, turned.index, group=turned.group, vertices=400), turned.target
+    still = drag(rest, tolerance=1e-7).vertices
+    for _ in range(2):
+        there = drag(rest, rotations=turned.rotation, tolerance=1e-7).vertices
+    once = fast(DeformationTask("turned", mesh, turned), vertices=400, tolerance=1e-7).vertices
+    assert np.linalg.norm(there - once, axis=1).max() < 1e-3 * mesh.diagonal
+    for _ in range(2):
+        back = drag(rest, tolerance=1e-7).vertices
+    assert np.abs(there - still).max() > 0.02 * mesh.diagonal
+    assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
+
+
+def test_a_method_without_a_drag_is_refused(mesh, held):
+    with pytest.raises(InputError, match="no method 'fine' here; use 'fast', 'paper'"):
+        Deformer(mesh, held, method="fine")
+
+
+@pytest.mark.parametrize("index", [[0.7, 5.9], [True, False], [], [-1]])
+def test_ids_that_are_none_are_refused(mesh, held, drag, index):
+    for bind in (lambda: Deformer(mesh, index), lambda: drag.rebind_handles(index)):
+        with pytest.raises(InputError, match="handle"):
+            bind()
+
+
+def test_a_frame_that_moves_nothing_is_one_step(drag, mesh, held):
+    drag(lifted(mesh, held, 0.3))
+    drag.settle()
+    assert drag(lifted(mesh, held, 0.3)).iterations == 1
+
+
+def test_there_is_nothing_to_settle_before_a_call_or_after_other_handles(drag, mesh, held):
+    with pytest.raises(InputError, match="nothing to settle"):
+        drag.settle()
+    drag(mesh.V[held])
+    drag.settle()
+    drag.rebind_handles(held[:8])
+    with pytest.raises(InputError, match="nothing to settle"):
+        drag.settle()
+
+
+def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
+    one, other = (Deformer(mesh, held, vertices=150) for _ in range(2))
+    for height in (0.2, 0.25):
+        seen = one.preview(lifted(mesh, held, height), tolerance=1e-4)
+        shape = other(lifted(mesh, held, height), tolerance=1e-4)
+        assert seen.vertices.shape == one.bindings[0].proxy.V.shape and "carry" not in seen.seconds
+        samples = one.bindings[0].sampling.samples
+        # The samples of the mesh lie on the vertices of the proxy.
+        assert np.abs(seen.vertices - shape.vertices[samples]).max() < 1e-12 * mesh.diagonal
+        assert seen.iterations == shape.iterations
+        seen.vertices[:] = 0.0  # the caller's own
+    for drag in (one, other):
+        drag.change_energy(area=0.5)
+    np.testing.assert_array_equal(one.settle().vertices, other.settle().vertices)
+    with pytest.raises(InputError, match="there is no proxy"):
+        Deformer(mesh, np.arange(mesh.n)).preview(mesh.V)
+
+
+def test_constraints_are_switched_as_if_bound_with_them(drag, mesh, held):
+    targets = lifted(mesh, held, 0.8)
+    volume = {}
+    drag(targets)
+    for name, energy in (("held", {}), ("free", {"volume": 0.0, "area": 0.0}), ("again", {"volume": None})):
+        drag.change_energy(**energy)
+        drag(targets)
+        shape = drag.settle().vertices
+        proxy = drag.bindings[0].proxy
+        volume[name] = Mesh(drag.preview(targets).vertices, proxy.F).volume / proxy.volume
+        options = {"area": 0.0} if name == "again" else energy
+        anew = Deformer(mesh, held, vertices=150, **options)
+        anew(targets)
+        assert np.linalg.norm(shape - anew.settle().vertices, axis=1).max() < 3e-4 * mesh.diagonal
+    assert abs(volume["held"] - 1) < 1e-5 and abs(volume["again"] - 1) < 1e-5
+    assert abs(volume["free"] - 1) > 1e-3
+
+
+def test_an_energy_that_is_none_is_refused_and_changes_nothing(drag, mesh, held):
+    before = drag(lifted(mesh, held, 0.3)).vertices
+    with pytest.raises(InputError, match="volume must be a number from 0 to inf"):
+        drag.change_energy(volume=-1.0)
+    with pytest.raises(InputError, match="no use for the option 'attachment'"):
+        drag.change_energy(attachment=0.0)
+    drag.reset()
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
+
+
+def test_a_single_handle_that_is_no_sample_is_met():
+    """The surface turns sharply, so a target at the nearest sample alone would not bring the handle there."""
+    mesh = tube(40, 120, length=7.0)
+    order = np.argsort(mesh.V[:, 2])
+    drag = Deformer(mesh, order[:20], vertices=600)
+    samples = drag.bindings[0].sampling.samples
+    top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
+    new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
+    own = moved_parts(mesh.V, (order[:20], 0), ([new], [2.0, 0.0, -1.5]))
+    drag.rebind_handles(own.index, group=own.group)
+    off = [np.linalg.norm(drag(own.target).vertices[new] - own.target[-1])]
+    settled = drag.settle().vertices
+    assert np.linalg.norm(settled[new] - own.target[-1]) < 1e-4 * mesh.diagonal
+    for share in np.linspace(1, 0.5, 11):
+        aim = mesh.V[own.index] + share * (own.target - mesh.V[own.index])
+        off.append(np.linalg.norm(drag(aim, tolerance=1e-4).vertices[new] - aim[-1]))
+    assert max(off) < 2e-3 * mesh.diagonal
+
+
+@pytest.mark.parametrize("weight", [np.inf, 20.0])
+def test_other_handles_are_taken_without_binding_anew(weight):
+    mesh = tube(40, 120, length=7.0)
+    z = mesh.V[:, 2]
+    low, high = np.argsort(z)[:20], np.argsort(z)[-20:]
+    ends = moved_parts(mesh.V, (low, 0), (high, [0.4, 0, 0]))
+    others = moved_parts(mesh.V, (low, 0), (np.argsort(np.abs(z - z.mean()))[:20], [0.5, 0, 0]))
+    drag = Deformer(mesh, ends.index, group=ends.group, vertices=600)
+    own = {"group": others.group, "weight": weight}
+    drag(ends.target)
+    drag.rebind_handles(others.index, **own)
+    for _ in range(2):
+        moved = drag(others.target, tolerance=1e-7).vertices
+    anew = Deformer(mesh, others.index, **own, vertices=600)(others.target, tolerance=1e-7).vertices
+    assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
+    off = np.linalg.norm(moved[others.index] - others.target, axis=1).max()
+    assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
+    drag.rebind_handles(ends.index, group=ends.group)
+    for _ in range(2):
+        still = drag(mesh.V[ends.index], tolerance=1e-7).vertices
+    assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
+
+
+def test_a_reset_forgets_where_rebound_handles_missed_their_targets(mesh, held, drag):
+    others = np.setdiff1d(np.argsort(mesh.V[:, 2])[[*range(12), *range(-12, 0)]], held)
+    drag.rebind_handles(others)
+    drag(mesh.V[others] + np.where(mesh.V[others, 2:] > 0, [0.3, 0, 0.2], 0.0))
+    drag.reset()
+    assert np.abs(drag(mesh.V[others]).vertices - mesh.V).max() < 1e-12 * mesh.diagonal
+
+
+@pytest.mark.parametrize("wrong", [[0, 0], [10**6], "far"])
+def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, wrong, monkeypatch):
+    drag = Deformer(mesh, held, vertices=150, samplings=2)
+    before = drag(lifted(mesh, held, 0.3)).vertices
+    if wrong == "far":  # the handles are too far from the second proxy only
+        second, place = drag._proxies[1].proxy, deformer_module.NearestPlacement
+
+        def placed(mesh, proxy, rest):
+            if proxy is second:
+                raise InputError("too far")
+            return place(mesh, proxy, rest)
+
+        monkeypatch.setattr(deformer_module, "NearestPlacement", placed)
+    with pytest.raises(InputError):
+        drag.rebind_handles([0] if wrong == "far" else wrong)
+    np.testing.assert_array_equal(drag.index, held)
+    drag.reset()
+    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
+
+
+def test_the_inside_of_regions_cannot_be_rebound():
+    mesh = bumpy(4)
+    regions = end_handles(mesh.V, count=int(0.25 * mesh.n))
+    drag = Deformer(mesh, regions.index, group=regions.group, vertices=150)
+    with pytest.raises(InputError, match="the proxy has no vertices near some of these handles, as inside"):
+        drag.rebind_handles(regions.index, group=regions.group)
+
+
+def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(mesh, held):
+    regions, shapes = end_handles(mesh.V, count=100, shift=[0.15, 0, 0.3]), []
+    for change in (False, True):
+        drag = Deformer(mesh, held, vertices=150)
+        drag.rebind_handles(regions.index)
+        if change:
+            drag.change_energy(volume=np.inf)
+        drag.reset()
+        shapes.append(drag(regions.target).vertices)
+    np.testing.assert_array_equal(*shapes)
+
+
+def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
+    mesh = bumpy(4)
+    grown = end_handles(mesh.V, count=int(0.3 * mesh.n), turn=1.2 * np.eye(3))
+    options = {"vertices": 150, "tolerance": 0.0, "max_iterations": 8}
+    assert fast(DeformationTask("grown", mesh, grown), **options).iterations == 8
+    assert Deformer(mesh, grown.index, **options)(grown.target).iterations == 8

@@ -1,0 +1,108 @@
+"""Every method deforms a mesh with faces without area as if these faces were not there."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sshade import DeformationTask, Handles, Mesh
+from sshade.solver.cotangents import SLACK, half_cotangents
+from sshade.solver.local_global import local_global
+from tests.shapes import QUARTER, bumpy, end_handles, rotation
+from tests.sshade.method.calls import fast, fine, paper
+
+BODY, SMALL = bumpy(3), bumpy(2)
+METHODS = {
+    "sshade": partial(paper, samplings=2),
+    "fast": fast,
+    "fine": fine,
+    "full resolution": local_global,
+}
+
+
+def split(mesh: Mesh, faces: np.ndarray, share: np.ndarray) -> Mesh:
+    """Return a mesh with a new vertex on an edge of each given face, and thus a face without area.
+
+    The new vertex d lies on the edge ab of a face abc, at the fraction `share`. The faces dbc and adc replace
+    the face abc. The new face abd has no area and connects them to the neighbour, which keeps the edge ab.
+    """
+    a, b, c = mesh.F[faces].T
+    d = mesh.n + np.arange(len(faces))
+    V = np.concatenate([mesh.V, mesh.V[a] + share[:, None] * (mesh.V[b] - mesh.V[a])])
+    kept = np.delete(mesh.F, faces, axis=0)
+    new = np.concatenate([np.stack(t, axis=1) for t in ((a, b, d), (d, b, c), (a, d, c))])
+    return Mesh(V, np.concatenate([kept, new]))
+
+
+@st.composite
+def collapsed(draw) -> Mesh:
+    """Draw a copy of SMALL with new vertices on edges: at an end, near an end, or between the ends."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    faces = rng.choice(SMALL.m, draw(st.integers(1, SMALL.m // 4)), replace=False)
+    share = rng.choice([0.0, 1.0, 1e-12, 1e-9, 0.3, 0.5], len(faces))
+    return split(SMALL, faces, share)
+
+
+def posed(mesh: Mesh, n: int) -> DeformationTask:
+    """Return a task with handles at both ends along z, chosen from the first n vertices."""
+    return DeformationTask("ends", mesh, end_handles(mesh.V[:n], turn=QUARTER, shift=[0, 0, 0.2]))
+
+
+@given(collapsed())
+def test_faces_without_area_change_next_to_nothing(flat):
+    """At full resolution, both meshes have nearly the same shape; new corners change little."""
+    assert flat.without_area.any() and not SMALL.without_area.any()
+    one, other = (local_global(posed(m, SMALL.n), stiffness=0.1, tolerance=1e-6) for m in (SMALL, flat))
+    assert other.converged
+    gap = np.linalg.norm(one.vertices - other.vertices[: SMALL.n], axis=1)
+    assert gap.max() < 0.02 * SMALL.diagonal
+
+
+def check_collapsed(method):
+    """Assert that coincident vertices stay together, and that distant vertices move as in a sound mesh."""
+    rng = np.random.default_rng(3)
+    V = np.array(BODY.V)
+    picked = BODY.F[rng.choice(np.flatnonzero((np.abs(V[BODY.F][:, :, 2]) < 1).all(axis=1)), 12)]
+    V[picked[:6, 1]] = V[picked[:6, 0]]
+    V[picked[6:, 1:]] = V[picked[6:, :1]]
+    mesh = Mesh(V, BODY.F)
+    sound, flat = (method(posed(m, BODY.n)) for m in (BODY, mesh))
+    a, b = mesh.edges[np.linalg.norm(V[mesh.edges[:, 0]] - V[mesh.edges[:, 1]], axis=1) == 0].T
+    assert len(a) > 15
+    assert np.linalg.norm(flat.vertices[a] - flat.vertices[b], axis=1).max() < 0.005 * mesh.diagonal
+    far = np.setdiff1d(np.arange(BODY.n), BODY.F[mesh.without_area])
+    assert np.linalg.norm((sound.vertices - flat.vertices)[far], axis=1).max() < 0.03 * mesh.diagonal
+    return flat, mesh.without_area.sum()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_takes_collapsed_edges_and_faces(name):
+    flat, count = check_collapsed(METHODS[name])
+    if name != "full resolution":
+        assert flat.extra["faces_without_area"] == count > 12
+
+
+def test_rigid_motions_of_collapsed_meshes_come_out_as_such():
+    mesh = split(BODY, np.arange(0, BODY.m, 7), np.zeros(len(range(0, BODY.m, 7))))
+    held = np.arange(0, BODY.n, 40)
+    R, t = rotation(2), np.array([1.0, 2, 3])
+    for method in METHODS.values():
+        start = {"start": "rigid"} if method in (fast, fine, local_global) else {}
+        result = method(DeformationTask("rigid", mesh, Handles(held, mesh.V[held] @ R.T + t)), **start)
+        assert np.abs(result.vertices - mesh.V @ R.T - t).max() < 1e-3 * mesh.diagonal
+
+
+@given(collapsed())
+def test_half_cotangents_are_bounded_and_those_of_sound_faces_stay(flat):
+    h = half_cotangents(flat)
+    assert np.abs(h).max() <= 0.5 / SLACK + 1
+    sound = ~flat.without_area
+    used, F = np.unique(flat.F[sound], return_inverse=True)
+    alone = Mesh(flat.V[used], F.reshape(-1, 3))
+    assert np.array_equal(h[sound], half_cotangents(alone))
+    # The sum of h e e^T over a face is not negative for any edges e that close, as in a real triangle.
+    u = np.random.default_rng(0).normal(size=(50, 3))
+    squared = (u - np.roll(u, -1, axis=1)) ** 2
+    assert (squared @ h.T).min() > -1e-9 * np.abs(h).max()

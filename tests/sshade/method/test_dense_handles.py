@@ -1,0 +1,127 @@
+"""The method interpolate: exact on affine maps, as SciPy interpolates, and recommended for dense handles."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.interpolate import RBFInterpolator
+
+from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade.mesh.rigid import rigid_motion
+from sshade.method.dense_handles import are_dense, interpolate_handles
+from sshade.method.interpolation import fit_splines, interpolate, neighbours
+from tests.shapes import bent, beside, block, bumpy, icosphere, rotation, shifted, torus
+
+BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
+
+
+def turned(V: np.ndarray) -> np.ndarray:
+    return V @ rotation().T + [3.0, 1.0, 2.0]
+
+
+def task(f, count=400, *, mesh=BODY, seed=0, **changes) -> DeformationTask:
+    """Random vertices as handles, moved by a map of space."""
+    index = np.random.default_rng(seed).choice(mesh.n, count, replace=False)
+    return DeformationTask("dense", mesh, Handles(index, f(mesh.V)[index], **changes))
+
+
+def off(result, f, mesh=BODY) -> float:
+    return float(np.abs(result.vertices - f(mesh.V)).max()) / mesh.diagonal
+
+
+@pytest.mark.parametrize("f", [turned, lambda V: V * [1.3, 1, 0.8] + V[:, [1, 2, 0]] * [0, 0.2, 0] + 3])
+def test_affine_maps_are_exact(f):
+    for count in (12, 60, 400):
+        assert off(deform(task(f, count), method="interpolate"), f) < 1e-9
+
+
+def test_a_spline_is_the_one_of_scipy():
+    x = np.random.default_rng(1).uniform(-1, 1, (30, 3))
+    y, V = bent(x), np.random.default_rng(2).uniform(-0.7, 0.7, (200, 3))
+    every = np.arange(len(x))
+    splines = fit_splines(x, y, neighbours(x, every, every))
+    oracle = RBFInterpolator(x, y, kernel="cubic", degree=1)(V)
+    assert np.abs(interpolate(splines, V) - oracle).max() < 2e-5
+
+
+def grown(V: np.ndarray) -> np.ndarray:
+    return V * (1.05 + 0.05 * np.sin(V[:, :1]))
+
+
+def test_an_elastic_surface_fights_dense_handles_that_change_the_volume():
+    dense = task(grown)
+    found = deform(dense, method="interpolate")
+    assert off(found, grown) < 5e-4 and off(deform(dense), grown) > 5e-3
+    assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
+
+
+def test_a_component_without_handles_moves_rigidly_if_the_task_carries_it():
+    ball = shifted(Mesh(icosphere(2).V * 0.3, icosphere(2).F), [1, 0, 1])
+    handles = task(bent, 60).handles
+    both = DeformationTask("ball", beside(BODY, ball), handles, carry_unconstrained=True)
+    rest, moved = both.mesh.V[BODY.n :], deform(both, method="interpolate").vertices[BODY.n :]
+    R, t = rigid_motion(rest, moved)
+    assert np.abs(rest @ R.T + t - moved).max() < 1e-12
+
+
+def test_a_component_that_comes_apart_is_counted():
+    flap = Mesh(np.concatenate([BODY.V[[10, 500]], [[0, 0, 2]]]), np.array([[0, 1, 2]]))
+    mesh = beside(BODY, flap)
+    carried = DeformationTask("flap", mesh, task(bent, 300).handles, carry_unconstrained=True)
+    result = deform(carried, method="interpolate")
+    assert result.extra["unconstrained"] == result.extra["touching"] == 1
+    gap = np.linalg.norm(result.vertices[[10, 500]] - result.vertices[-3:-1], axis=1).max()
+    assert result.extra["opening"] == pytest.approx(gap / mesh.diagonal) and gap > 0.001
+
+
+def test_thousands_of_handles_in_one_place_take_the_memory_of_their_number():
+    fine = Mesh(icosphere(6).V * [2.0, 1.0, 0.7], icosphere(6).F)
+    index = np.flatnonzero(fine.V[:, 0] > 1.2)[::2]
+    assert len(index) > 4000
+    crowd = DeformationTask("crowd", fine, Handles(index, bent(fine.V)[index]))
+    tracemalloc.start()
+    found = interpolate_handles(crowd)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert np.array_equal(found.vertices[index], bent(fine.V)[index])
+    assert most < 100e6
+
+
+def test_handles_all_over_the_surface_are_dense_and_regions_are_not():
+    assert are_dense(task(bent, 600)) and not are_dense(task(bent, 60))
+    ends = np.flatnonzero(np.abs(BODY.V[:, 0]) > 0.1)  # two regions with a thin band in between
+    assert not are_dense(DeformationTask("ends", BODY, Handles(ends, bent(BODY.V)[ends])))
+    assert not are_dense(task(bent, 600, weight=1.0))
+
+
+def test_any_mesh_is_interpolated():
+    ring = torus(40, 20)
+    open_ring = Mesh(ring.V, ring.F[:-20])
+    bowtie = Mesh(BODY.V, np.concatenate([BODY.F, [[0, 900, 1800]]]))
+    thin = BODY.V.copy()
+    thin[BODY.F[0, 0]] = thin[BODY.F[0, 1]] + 1e-13
+    plate = np.ones((11, 21, 1), dtype=bool)
+    plate[1::2, 1::2] = False
+    of_genus_50 = Mesh(block(plate).V / 10, block(plate).F)
+    assert of_genus_50.topology.euler == 2 - 2 * 50
+    for mesh in (open_ring, bowtie, Mesh(thin, BODY.F), bumpy(3), of_genus_50):
+        assert off(deform(task(bent, 300, mesh=mesh), method="interpolate"), bent, mesh) < 2e-3
+
+
+def test_flat_handles():
+    flat = np.flatnonzero(np.abs(BODY.V[:, 2]) < 1e-12)
+    lying = DeformationTask("flat", BODY, Handles(flat, turned(BODY.V)[flat]))
+    assert off(deform(lying, method="interpolate"), turned) < 1e-9
+
+
+@pytest.mark.parametrize("changes", [{"weight": 3.0}, {"rotation": np.broadcast_to(np.eye(3), (400, 3, 3))}])
+def test_handles_that_are_soft_or_prescribe_rotations_are_refused(changes):
+    with pytest.raises(InputError, match="takes hard handles; leave out weights and rotations"):
+        deform(task(bent, **changes), method="interpolate")
+
+
+def test_too_few_handles_and_options_are_refused():
+    with pytest.raises(InputError, match="needs handles at four places; there are 3"):
+        deform(task(bent, 3), method="interpolate")
+    with pytest.raises(InputError, match="'interpolate' has no use for the option 'volume'"):
+        deform(task(bent), method="interpolate", volume=0.0)

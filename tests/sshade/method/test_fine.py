@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade.method.regions import edge_vertices
+from sshade.problem.options import PRESETS, SOLVER
+from sshade.solver.local_global import local_global
+from tests.shapes import bumpy, end_handles
+from tests.sshade.method.calls import fast, fine
+
+POLISH = PRESETS["fine"].subset(SOLVER)
+
+
+@pytest.fixture(scope="module")
+def task() -> DeformationTask:
+    """A bumpy ball with its cap pushed aside."""
+    mesh = bumpy(4)
+    return DeformationTask("cap", mesh, end_handles(mesh.V, share=0.075, shift=(0.5, 0.1, 0.2)))
+
+
+@pytest.mark.parametrize(("method", "area"), [(fast, 8e-3), (fine, 1e-6)])
+def test_volume_area_and_handles_are_kept(task, method, area):
+    """`fast` constrains the area of the proxy only, so the area of the mesh is less exact."""
+    result = method(task, vertices=600, area=np.inf)
+    after, extra = Mesh(result.vertices, task.mesh.F), result.extra
+    assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+    assert after.area == pytest.approx(task.mesh.area, rel=area)
+    gap = np.abs(result.vertices[task.handles.index] - task.handles.target).max()
+    assert gap < 1e-12 * task.mesh.diagonal if method is fast else gap == 0
+    of = "proxy_" if method is fast else ""
+    assert extra[f"{of}volume_constraint"] == extra[f"{of}area_constraint"] == "exact"
+    assert extra[f"{of}volume_error"] < 1e-6 and extra[f"{of}area_error"] < 1e-6
+    assert method is fast or extra["proxy_iterations"] > 0 and result.iterations <= 60
+
+
+@pytest.mark.parametrize("volume", [0.0, np.inf])
+def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
+    """A converged polish ends in the minimum that the solver finds from the rest shape.
+
+    `fine` turns the surface beside regions after the polish. Here only the edges of regions are handles.
+    """
+    edge = np.isin(task.handles.index, edge_vertices(task.mesh, task.handles.index))
+    handles = Handles(task.handles.index[edge], task.handles.target[edge])
+    task = DeformationTask("edges", task.mesh, handles)
+    options = {"volume": volume, "area": 0.0, "tolerance": 1e-7}
+    result = fine(task, vertices=600, polish_iterations=3000, **options)
+    plain = local_global(task, **{**POLISH, **options, "max_iterations": 5000})
+    assert result.converged and plain.converged
+    assert result.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
+    assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
+
+
+def test_no_seconds_no_iterations(task):
+    result = fine(task, vertices=600, polish_seconds=0.0)
+    assert result.iterations == 0 and result.converged is None
+
+
+def test_the_area_has_a_weight(task):
+    """By default the volume is exact. The area error falls with the weight and is 0 for an exact area."""
+    gap = {}
+    for area in (0.0, 1.0, np.inf):
+        after = Mesh(fine(task, vertices=600, area=area).vertices, task.mesh.F)
+        assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+        gap[area] = abs(after.area / task.mesh.area - 1)
+    assert gap[np.inf] < 1e-6 < gap[1.0] < 0.5 * gap[0.0]
+
+
+def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
+    monkeypatch.setattr("sshade.method.polish.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
+    for options, words in (({"workers": 0}, "workers must be"), ({"volume": -1.0}, "volume must be")):
+        with pytest.raises(InputError, match=words):
+            fine(task, **options)
+
+
+@pytest.mark.parametrize("seconds", [None, 0.0])
+def test_stages_are_reported_in_order_each_to_its_end(task, seconds):
+    stages: dict[str, tuple[int, int]] = {}
+    fine(
+        task,
+        vertices=600,
+        polish_seconds=seconds,
+        progress=lambda stage, done, total, _="": stages.update({stage: (done, total)}),
+    )
+    assert list(stages) == ["proxy", "polish", "regions"]
+    assert all(done == total for done, total in stages.values())

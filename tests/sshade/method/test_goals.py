@@ -1,0 +1,131 @@
+"""Goals for the volume of a mesh."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import sshade
+from sshade import DeformationTask, Deformer, InputError, Mesh
+from sshade.cli.main import main
+from sshade.files.meshes import write_mesh
+from sshade.solver.local_global import local_global
+from tests.shapes import beside, bumpy, end_handles, icosphere, shifted, tube
+
+BODY = bumpy(3)
+#: Largest relative error of a volume.
+WHOLE = 1e-3
+
+
+def task_of(mesh: Mesh, *, count: int = 12) -> DeformationTask:
+    """Return a task with handles at both ends along z; the upper end is moved."""
+    return DeformationTask("t", mesh, end_handles(mesh.V, count=count, shift=[0.3, 0, 0.3]))
+
+
+def ratio(mesh: Mesh, V: np.ndarray) -> float:
+    return Mesh(V, mesh.F).volume / mesh.volume
+
+
+def test_the_solver_ends_where_a_general_one_does():
+    mesh = icosphere(0)
+    task = task_of(mesh, count=2)
+    options = {"volume": np.inf, "volume_goal": 1.1, "tolerance": 1e-11, "max_iterations": 3000}
+    found = local_global(task, **options)
+    free = np.setdiff1d(np.arange(mesh.n), task.handles.index)
+
+    def placed(x):
+        V = found.vertices.copy()
+        V[free] = x.reshape(-1, 3)
+        return V
+
+    def energy(x):
+        return local_global(replace(task, guess=placed(x)), max_iterations=0).extra["energy"]
+
+    start = found.vertices[free] + np.random.default_rng(0).normal(size=(len(free), 3)) * 0.01
+    constraint = {"type": "eq", "fun": lambda x: ratio(mesh, placed(x)) - 1.1}
+    other = minimize(energy, start.ravel(), method="SLSQP", constraints=constraint, options={"ftol": 1e-10})
+    assert found.extra["volume_error"] < 1e-9 and found.extra["volume_constraint"] == "exact"
+    assert found.extra["energy"] == pytest.approx(other.fun, rel=1e-5)
+
+
+MESHES = {"closed": BODY, "two": beside(BODY, shifted(BODY, [6.0, 0, 0])), "regions": BODY}
+
+
+@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+@pytest.mark.parametrize("name", MESHES)
+def test_goals_are_reached_with_handles_on_their_targets(name, method):
+    mesh, count = MESHES[name], {"regions": 150, "two": 40}.get(name, 12)
+    options = {"volume": np.inf} if method == "paper" else {}
+    result = sshade.deform(task_of(mesh, count=count), method=method, volume_goal=1.1, **options)
+    assert ratio(mesh, result.vertices) == pytest.approx(1.1, rel=WHOLE)
+    assert method == "paper" or result.extra["hard_handle_error"] < 1e-12
+    assert result.extra["volume_goal_error"] < WHOLE and result.extra["options"]["volume_goal"] == 1.1
+
+
+def test_each_component_has_the_ratio_and_one_without_handles_keeps_its_volume():
+    mesh = beside(BODY, shifted(BODY, [6.0, 0, 0]), shifted(tube(16, 20), [3.0, 0, 0]))
+    task = DeformationTask("t", mesh, task_of(MESHES["two"], count=40).handles, carry_unconstrained=True)
+    V = sshade.deform(task, volume_goal=1.2).vertices
+    volumes = [ratio(BODY, V[k * BODY.n :][: BODY.n]) for k in (0, 1)]
+    assert volumes == pytest.approx([1.2, 1.2], rel=WHOLE)
+    lengths = [Mesh(P, mesh.F).face_areas[2 * BODY.m :] for P in (V, mesh.V)]
+    assert lengths[0] == pytest.approx(lengths[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["closed", "regions"])
+def test_a_drag_keeps_a_goal_which_may_change(name):
+    mesh = MESHES[name]
+    task = task_of(mesh, count=150 if name == "regions" else 12)
+    drag = Deformer(mesh, task.handles.index, volume_goal=1.1)
+    rest, target = mesh.V[task.handles.index], task.handles.target
+    for step in (0.5, 1.0):
+        drag(rest + step * (target - rest), tolerance=1e-4)
+    drag.settle()
+    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.1, rel=WHOLE)
+    drag.change_energy(volume_goal=1.15)
+    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.15, rel=WHOLE)
+    with pytest.raises(InputError, match="needs a weight"):
+        drag.change_energy(volume=0)
+    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.15, rel=WHOLE)
+
+
+BAD = {
+    "an endless goal": (BODY, {"volume_goal": np.inf}, "volume_goal must be a number above 0"),
+    "no weight": (BODY, {"volume_goal": 1.1, "volume": 0}, "volume_goal needs a weight"),
+    "an open mesh": (tube(16, 40), {"volume_goal": 1.1}, "needs a closed surface, and this one has a bound"),
+    "an open component": (
+        beside(BODY, shifted(tube(16, 40), [6.0, 0, 0])),
+        {"volume_goal": 1.1},
+        "the component of 640 vertices around vertex 642 cannot be deformed: volume_goal needs a closed",
+    ),
+    "a flat mesh": (Mesh(BODY.V * [0, 1, 1], BODY.F), {"volume_goal": 1.1}, "this surface is flat"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_goals_are_refused_in_one_sentence(name):
+    mesh, options, words = BAD[name]
+    with pytest.raises(InputError, match=words):
+        sshade.deform(task_of(mesh, count=40), **options)
+
+
+@pytest.mark.parametrize("mesh", [tube(16, 40), Mesh(BODY.V * [0, 1, 1], BODY.F)])
+def test_a_drag_of_a_mesh_without_a_volume_takes_no_goal(mesh):
+    drag = Deformer(mesh, task_of(mesh).handles.index)
+    for bind in (
+        lambda: Deformer(mesh, drag.index, volume_goal=1.1),
+        lambda: drag.change_energy(volume_goal=1.1),
+    ):
+        with pytest.raises(InputError, match="volume_goal needs a "):
+            bind()
+
+
+def test_a_handle_file_with_goals_of_parts_is_refused_with_what_to_use(tmp_path, capsys):
+    content = {"handles": [{"vertices": [0, 1, 2]}], "volumes": [{"faces": [1], "goal": 1.2}]}
+    (tmp_path / "h.json").write_text(json.dumps(content))
+    write_mesh(tmp_path / "m.ply", BODY.V, BODY.F)
+    files = [str(tmp_path / name) for name in ("m.ply", "h.json", "out.ply")]
+    assert main(["deform", *files[:2], "-o", files[2]]) == 2
+    assert "no longer supported; use the option volume_goal" in capsys.readouterr().err

@@ -1,0 +1,140 @@
+"""The paper's method from end to end."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
+from sshade.core.progress import silent
+from sshade.proxy.sample import sample_proxy
+from sshade.solver.local_global import local_global
+from tests.shapes import bent, bumpy, family, moved_parts
+from tests.sshade.method.calls import paper
+
+MESHES = family()
+
+
+def ends(mesh: Mesh) -> DeformationTask:
+    """Twelve vertices at each end along the longest axis as handles, one end turned and shifted."""
+    x = mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))]
+    ends = x < x.min() + 0.08 * np.ptp(x), x > x.max() - 0.08 * np.ptp(x)
+    low, high = (np.flatnonzero(end)[:12] for end in ends)
+    turn, centre = Rotation.from_euler("z", -32, degrees=True), mesh.V[high].mean(axis=0)
+    turned = high, lambda V: turn.apply(V - centre) + centre + 0.1 * mesh.diagonal
+    own = moved_parts(mesh.V, (low, 0), turned, dynamic=np.repeat([False, True], 12))
+    return DeformationTask("ends", mesh, own)
+
+
+def bending(task, *, seed, progress=silent) -> DeformationResult:
+    """A coarse method without a solver."""
+    V = bent(task.mesh.V, 0.1)
+    V[task.handles.index] = task.handles.target
+    return DeformationResult(V, iterations=3, converged=None)
+
+
+@pytest.fixture(scope="module")
+def body_task() -> DeformationTask:
+    return ends(bumpy(3))
+
+
+@pytest.mark.parametrize("frames", ["triangle", "affine", "blended", "blended_affine"])
+def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
+    single = []
+    for i in range(3):
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(9, i), frames=frames)
+        own = body_task.handles
+        handles = Handles(np.arange(len(own)), own.target, dynamic=own.dynamic, group=own.group)
+        solved = local_global(DeformationTask("one", binding.proxy, handles))
+        V, _ = binding.carry(solved.vertices, rotations=solved.extra["rotations"])
+        single.append((V, solved, binding))
+    result = paper(body_task, vertices=70, samplings=3, frames=frames, seed=9)
+    first, second, third = (V for V, _, _ in single)
+    assert np.array_equal(result.vertices, ((first + second) + third) / 3)
+    assert np.abs(first - second).max() > 1e-3
+    assert result.iterations == np.mean([solved.iterations for _, solved, _ in single])
+    assert result.converged == all(solved.converged for _, solved, _ in single)
+    assert result.extra["samplings"] == 3
+    assert result.extra["proxy_vertices"] == np.mean([b.proxy.n for _, _, b in single])
+    assert result.extra["added_samples"] == sum(b.sampling.added for _, _, b in single)
+    assert result.extra["residual"] == max(solved.extra["residual"] for _, solved, _ in single)
+    assert result.extra["proxy_energy"] == np.mean([solved.extra["energy"] for _, solved, _ in single])
+    assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
+
+
+def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
+    def silently(task, *, seed, progress=silent) -> DeformationResult:
+        return DeformationResult(local_global(task).vertices, iterations=1, converged=True)
+
+    options = {"vertices": 150, "samplings": 1, "frames": "blended"}
+    result = paper(body_task, coarse=silently, **options)
+    binding = bind(body_task.mesh, 150, first=body_task.handles.index, seed=(0, 0), frames="blended")
+    own = body_task.handles
+    solved = local_global(DeformationTask("one", binding.proxy, Handles(np.arange(len(own)), own.target)))
+    assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
+    gap = np.abs(paper(body_task, **options).vertices - result.vertices).max()
+    assert 0 < gap < 0.01 * body_task.mesh.diagonal
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_handles_come_near_their_targets_and_static_ones_stay(name):
+    task = ends(MESHES[name])
+    result = paper(task, vertices=MESHES[name].n // 4, samplings=2)
+    gap = np.linalg.norm(result.vertices[task.handles.index] - task.handles.target, axis=1)
+    assert gap.max() <= 0.02 * task.mesh.diagonal
+    assert result.extra["degenerate_frames"] == 0
+
+
+def test_progress_is_that_of_each_proxy(body_task):
+    def telling(task, *, seed, progress=silent):
+        progress("inner", 1, 2, "note")
+        return bending(task, seed=seed)
+
+    told = []
+    options = {"vertices": 70, "samplings": 2, "workers": 1, "progress": lambda *report: told.append(report)}
+    paper(body_task, coarse=telling, **options)
+    assert told[::2] == [("proxy 1", 0, 1000), ("proxy 2", 0, 1000)]
+    assert told[1::2] == [("proxy 1", 1, 2, "note"), ("proxy 2", 1, 2, "note")]
+
+
+def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
+    def unsure(task, *, seed, progress=silent):
+        return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
+
+    for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
+        answers = iter(given)
+        assert paper(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
+
+
+@pytest.mark.parametrize("warm_start", [False, True])
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_an_error_of_the_coarse_method_is_passed_on(body_task, workers, warm_start):
+    def failing(task, *, seed, progress=silent):
+        raise ArithmeticError("no solution")
+
+    with pytest.raises(ArithmeticError, match="no solution"):
+        paper(body_task, vertices=60, samplings=3, coarse=failing, workers=workers, warm_start=warm_start)
+
+
+def test_the_first_result_starts_the_others(body_task):
+    """Each later proxy's task carries the first M' at its samples as a guess, on any number of threads."""
+    results = {}
+
+    def solver(task, *, seed, progress=silent) -> DeformationResult:
+        assert seed == 2
+        result = bending(task, seed=seed)
+        results[task.name] = (task, result)
+        return result
+
+    for workers in (1, 2, 3):
+        results.clear()
+        paper(body_task, vertices=70, samplings=3, coarse=solver, warm_start=True, workers=workers, seed=2)
+        number = {int(name.split()[-1]): run for name, run in results.items()}
+        first, solved = number[0]
+        assert first.guess is None
+        for name in ("target", "dynamic", "group"):
+            assert np.array_equal(getattr(first.handles, name), getattr(body_task.handles, name))
+        binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(2, 0))
+        carried = binding.carry(solved.vertices)[0]
+        for i in (1, 2):
+            sampling = sample_proxy(body_task.mesh, 70, first=body_task.handles.index, seed=(2, i))
+            assert np.array_equal(number[i][0].guess, carried[sampling.samples])

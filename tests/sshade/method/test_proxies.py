@@ -1,0 +1,74 @@
+"""The number of vertices of a proxy follows the same rule in all methods and commands."""
+
+import numpy as np
+import pytest
+
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from sshade import DeformationTask, Deformer, Handles
+from sshade.method.proxies import bind, proxy_vertices, shared_vertices
+from sshade.method.transfer import transfer_pose
+from tests.shapes import bumpy, end_handles
+from tests.sshade.method.calls import fast, fine, paper
+
+BODY = bumpy(3)
+TASK = DeformationTask("body", BODY, end_handles(BODY.V, share=0.02, shift=[0, 0, 0.2]))
+
+
+@pytest.mark.parametrize(
+    ("asked", "n", "handles", "count"),
+    [
+        (6000, 24_000, 300, 6000),
+        (6000, 23_999, 300, 5999),
+        (6000, 4802, 300, 1200),
+        (6000, 1000, 300, 304),  # room for the handles
+        (6000, 302, 300, 302),  # no more than the mesh has
+        (6000, 4, 0, 4),
+        (10, 5000, 300, 10),  # the sampling refuses so few
+    ],
+)
+def test_a_quarter_of_the_mesh_at_most_and_room_for_the_handles(asked, n, handles, count):
+    assert proxy_vertices(asked, n, handles) == count
+
+
+@pytest.mark.parametrize(
+    ("asked", "area", "shares"),
+    [
+        (100, [1, 3, 6], [10, 30, 60]),
+        (300, [1, 3, 6], [33, 70, 197]),  # the second gets its maximum, the others the rest
+        (60, [1, 1, 4], [10, 10, 40]),
+        (60, [1, 0.2, 4], [10, 10, 40]),  # the second needs more than its portion
+        (1000, [1, 3, 6], [40, 70, 250]),
+        (5, [1, 3, 6], [2, 10, 4]),
+        (100, [0, 0, 1], [2, 10, 88]),
+        (100, [1, 0, 0], [40, 10, 4]),
+    ],
+)
+def test_components_share_by_area_what_they_can_use(asked, area, shares):
+    least, most = np.array([2, 10, 4]), np.array([40, 70, 250])
+    assert shared_vertices(asked, np.array(area, dtype=float), least, most).tolist() == shares
+
+
+@pytest.mark.parametrize("method", [paper, fast, fine])
+def test_every_method_samples_a_quarter_and_says_so(method):
+    by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
+    assert by_default.extra["samples"] == asked.extra["samples"] == BODY.n // 4 == 160
+    assert np.array_equal(by_default.vertices, asked.vertices)
+    assert fewer.extra["samples"] == 100 and 100 <= fewer.extra["proxy_vertices"] < 110
+
+
+def test_what_is_bound_or_transferred_has_the_same_samples():
+    index = TASK.handles.index
+    dragged = Deformer(BODY, index, method="paper")(TASK.handles.target)
+    assert dragged.extra["samples"] == 160
+    assert np.array_equal(dragged.vertices, paper(TASK, samplings=1).vertices)
+    assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
+    assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
+
+
+def test_many_handles_have_a_proxy_that_holds_them():
+    index = np.arange(0, BODY.n, 3)
+    task = DeformationTask("many", BODY, Handles(index, BODY.V[index] + [1, 2, 3]))
+    result = fast(task)
+    assert result.extra["samples"] == len(index) + 4 > BODY.n // 4
+    assert np.abs(result.vertices - BODY.V - [1, 2, 3]).max() < 1e-9
+    assert deformation_graph(TASK).extra["nodes"] == 160

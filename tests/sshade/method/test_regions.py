@@ -1,0 +1,185 @@
+"""Handles that are regions of any size."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from baselines.deformation_graph.deformation_graph import deformation_graph
+from defaust.sources.generated.motions import Bend
+from eval.metrics.deformed import Deformed
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
+from sshade.mesh.adjacency import vertex_graph
+from sshade.method.regions import HandleRegions, edge_vertices
+from tests.shapes import bumpy, jittered, moved_parts, rotation, strip, tube
+from tests.sshade.method.calls import fast, fine, paper
+
+VERTICES = 600
+METHODS = {
+    "paper": partial(paper, vertices=VERTICES, samplings=2),
+    "fast": partial(fast, vertices=VERTICES),
+    "fine": partial(fine, vertices=VERTICES),
+    "graph": partial(deformation_graph, nodes=VERTICES),
+}
+
+
+@pytest.fixture(scope="module")
+def task() -> DeformationTask:
+    """Fix the lowest 30 % of the vertices, and move and turn the highest 5 % by 20 degrees."""
+    mesh = bumpy(5)
+    order, turn = np.argsort(mesh.V[:, 2], kind="stable"), Rotation.from_euler("z", 20, degrees=True)
+    moved = order[-int(0.05 * mesh.n) :], lambda V: turn.apply(V) + [0.2, 0.1, 0.2]
+    return DeformationTask("body", mesh, moved_parts(mesh.V, (order[: int(0.3 * mesh.n)], 0), moved))
+
+
+@pytest.fixture(scope="module")
+def results(task):
+    return {name: method(task) for name, method in METHODS.items()}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_handle_of_a_region_ends_on_its_target(task, results, name):
+    assert len(task.handles) > 5 * VERTICES
+    V = results[name].vertices
+    np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12 * task.mesh.diagonal)
+
+
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_the_volume_of_the_whole_is_held(task, results, name):
+    after = Mesh(results[name].vertices, task.mesh.F)
+    assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+
+
+def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
+    """The proxy has few samples inside the region, but the volume of the mesh is still constrained."""
+    z = task.mesh.V[:, 2]
+    own = moved_parts(task.mesh.V, (z < -1.0, lambda V: V * [1.05, 1.05, 1]), (z > 1.6, 0))
+    grown = DeformationTask("grown", task.mesh, own)
+    for name in ("fast", "fine"):
+        after = Mesh(METHODS[name](grown).vertices, task.mesh.F)
+        assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
+    free = Mesh(METHODS["fast"](grown, volume=0.0).vertices, task.mesh.F)
+    assert free.volume > 1.005 * task.mesh.volume
+
+
+@pytest.mark.parametrize("name", ["paper", "fast", "fine"])
+def test_the_surface_beside_an_edge_bends_no_more_than_elsewhere(task, results, name):
+    mesh = task.mesh
+    held = np.isin(np.arange(mesh.n), task.handles.index)
+    near = np.zeros(mesh.n, dtype=bool)
+    near[edge_vertices(mesh, task.handles.index)] = True
+    for _ in range(3):
+        near[mesh.edges[near[mesh.edges].any(axis=1)]] = True
+    deformed = Deformed(task, results[name].vertices)
+    ends, change = deformed.rest.topology.dihedral[:2].T, deformed.dihedral_changes
+    beside = near[ends].any(axis=1)
+    elsewhere = ~beside & ~held[ends].all(axis=1)
+    assert np.percentile(change[beside], 99.9) < np.percentile(change[elsewhere], 99.9)
+
+
+def half_a_plane(degrees: float) -> tuple[Mesh, np.ndarray, np.ndarray]:
+    """Return a plane, the vertices of one half, and a rotation about the direction of the edge."""
+    mesh = jittered(strip(80, 40), 0.1)
+    turned = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+    return mesh, np.flatnonzero(mesh.V[:, 0] < 39.5), turned
+
+
+def beside_the_half(mesh: Mesh, handles: Handles) -> tuple[np.ndarray, float]:
+    """Return all positions, and the slope in degrees of the surface beside the edge of the half."""
+    regions = HandleRegions(mesh, handles, vertices=600, graph=vertex_graph(mesh))
+    V = regions.on_targets(mesh.V, handles)
+    beside = (np.abs(mesh.V[:, 0] - 40) < 0.2) & (mesh.V[:, 1] > 8) & (mesh.V[:, 1] < 32)
+    edge = handles.index[np.abs(mesh.V[handles.index, 0] - 39) < 0.2]
+    along = V[beside].mean(axis=0) - V[edge].mean(axis=0)
+    return V, np.degrees(np.arctan2(-along[2], along[0]))
+
+
+@pytest.mark.parametrize(("degrees", "least", "most"), [(10, 9, 11), (35, 10, 30), (80, 0, 2)])
+def test_a_small_turn_is_taken_out_of_an_edge_and_a_bend_is_left(degrees, least, most):
+    """The half is turned about the edge."""
+    mesh, held, R = half_a_plane(degrees)
+    targets = (mesh.V[held] - [39, 0, 0]) @ R.T + [39, 0, 0]
+    V, slope = beside_the_half(mesh, Handles(held, targets))
+    np.testing.assert_array_equal(V[held], targets)
+    assert least <= abs(slope) <= most
+    far = mesh.V[:, 0] > 41 + 3 * np.sqrt(mesh.area) * (600**-0.5 + mesh.n**-0.5)
+    np.testing.assert_array_equal(V[far], mesh.V[far])
+
+
+@pytest.mark.parametrize("degrees", [10, 80])
+def test_a_prescribed_turn_is_that_of_the_surface_beside_an_edge_however_large(degrees):
+    """The half stays, and its handles have the rotation."""
+    mesh, held, R = half_a_plane(degrees)
+    handles = Handles(held, mesh.V[held], rotation=np.broadcast_to(R, (len(held), 3, 3)))
+    assert beside_the_half(mesh, handles)[1] == pytest.approx(degrees, rel=0.1)
+
+
+def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
+    """Only the solve without a guess knows its initialisation and the iterations of the coarser proxy."""
+    index, target = task.handles.index, np.array(task.handles.target)
+    target[: int(0.3 * task.mesh.n)] *= 1.15
+    grown = DeformationTask("grown", task.mesh, Handles(index, target))
+    once, extra = (fast(grown, vertices=VERTICES, attachment=0.1, volume=v) for v in (100.0, np.inf))
+    assert extra.iterations > once.iterations
+    assert extra.extra["proxy_initialisation"] in ("guide", "handles")
+    assert "proxy_coarser_iterations" in extra.extra
+
+
+def cylinder_bent_by_its_ends(vertices: int, **options) -> tuple[float, float]:
+    """Return the 99.9th percentile of the bend in degrees, and the distance to an arc in diagonals."""
+    mesh = jittered(tube(80, 150, length=12.0), 0.01)
+    bend, z = Bend(1.5, 10.5, 100.0), mesh.V[:, 2]
+    held = np.flatnonzero((z < 1.5) | (z > 10.5))
+    truth = bend(mesh.V)
+    task = DeformationTask("cylinder", mesh, Handles(held, truth[held]))
+    deformed = Deformed(task, fast(task, vertices=vertices, volume=0.0, **options).vertices)
+    away = np.linalg.norm(deformed.shape.V - truth, axis=1).mean() / mesh.diagonal
+    return float(np.percentile(deformed.dihedral_changes, 99.9)), float(away)
+
+
+@pytest.mark.parametrize("vertices", [1500, 2500])
+def test_what_is_between_two_regions_does_not_fold(vertices):
+    """The ends bend a tube. Without bending energy the tube kinks, and more samples sharpen the kink."""
+    folded, further = cylinder_bent_by_its_ends(vertices, bending=0.0, stiffness=0.06)
+    smooth, away = cylinder_bent_by_its_ends(vertices)
+    assert smooth < 0.7 * folded and away < 0.8 * further, (smooth, folded, away, further)
+
+
+def test_an_edge_of_many_vertices_is_thinned_and_still_exact():
+    """A comb of handle regions and free stripes has more vertices at edges than samples."""
+    mesh = jittered(strip(120, 30), 0.1)
+    held = np.flatnonzero(mesh.V[:, 0] % 6 < 3)
+    moved = mesh.V[held] @ rotation().T
+    task = DeformationTask("comb", mesh, Handles(held, moved))
+    assert len(edge_vertices(mesh, held)) > 1000
+    for name in ("paper", "fast", "fine"):
+        V = METHODS[name](task, vertices=400).vertices
+        np.testing.assert_array_equal(V[held], moved)
+        np.testing.assert_allclose(V, mesh.V @ rotation().T, atol=1e-4 * mesh.diagonal)
+
+
+def test_a_ring_divides_the_mesh():
+    """The surface between two regions depends only on these two regions."""
+    mesh = tube(32, 60, length=12.0)
+    z = mesh.V[:, 2]
+    own = moved_parts(mesh.V, (z < 1.5, 0), ((z > 5.5) & (z < 7.5), 0), (z > 10.5, [1, 0, 0.5]))
+    V = fast(DeformationTask("ring", mesh, own), vertices=480).vertices
+    lower = (z > 1.5) & (z < 5.5)
+    assert np.abs(V[lower] - mesh.V[lower]).max() < 5e-3 * mesh.diagonal
+    np.testing.assert_array_equal(V[own.index], own.target)
+
+
+def test_a_bound_mesh_without_free_vertices_returns_the_targets():
+    mesh = bumpy(2)
+    V = 2.0 * mesh.V
+    np.testing.assert_array_equal(Deformer(mesh, np.arange(mesh.n))(V).vertices, V)
+
+
+def test_too_few_samples_for_the_edges_and_handles_given_twice_are_refused(task):
+    with pytest.raises(InputError, match="50 proxy vertices cannot hold"):
+        fast(task, vertices=50)
+    with pytest.raises(InputError, match="given twice"):
+        Deformer(task.mesh, [1, 1], vertices=100)
+    with pytest.raises(InputError, match="need targets of shape"):
+        Deformer(task.mesh, task.handles.index, vertices=VERTICES)(task.handles.target[:5])

@@ -1,0 +1,196 @@
+"""Many poses of one mesh: bound once, each pose from the pose before, without flicker."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationTask, Handles, InputError, deform, deform_sequence
+from sshade.method import engine
+from sshade.method.sequence import NEAR_POSE, Sequence
+from tests.shapes import beside, bumpy, end_handles, shifted, tube
+
+
+def bar() -> DeformationTask:
+    mesh = tube(24, 60, length=6.0)
+    return DeformationTask("bar", mesh, end_handles(mesh.V, share=0.1))
+
+
+def bends(task: DeformationTask, angles: np.ndarray) -> list[np.ndarray]:
+    """Return targets for each angle: the upper end turns about an axis across the bar, the lower stays."""
+    rest = task.mesh.V[task.handles.index]
+    turns = [Rotation.from_rotvec([angle, 0, 0]) for angle in angles]
+    return [np.where(task.handles.dynamic[:, None], turn.apply(rest), rest) for turn in turns]
+
+
+def second_difference(poses: np.ndarray) -> float:
+    """Return the largest second difference in time of a point of poses (k, n, 3)."""
+    return float(np.linalg.norm(poses[2:] - 2 * poses[1:-1] + poses[:-2], axis=2).max())
+
+
+def count_samplings(monkeypatch) -> list[int]:
+    """Return a list that grows with each sampling of a proxy."""
+    found, bind = [], engine.Engine.bind
+
+    def counted(self, number, *arguments):
+        found.append(number)
+        return bind(self, number, *arguments)
+
+    monkeypatch.setattr(engine.Engine, "bind", counted)
+    return found
+
+
+@pytest.mark.parametrize("method", ["fast", "paper", "fine", "paper_plain"])
+def test_poses_far_from_the_pose_before_have_the_bits_of_single_runs(method):
+    task = bar()
+    poses = bends(task, np.array([0.8, -0.4, 0.6]))
+    options = {"method": method, "vertices": 150}
+    for pose, result in zip(poses, deform_sequence(task, poses, **options), strict=True):
+        single = deform(replace(task, handles=task.handles.at(pose)), **options)
+        assert not result.extra["followed"]
+        np.testing.assert_array_equal(result.vertices, single.vertices)
+
+
+def test_near_poses_follow_the_pose_before_and_the_mesh_is_bound_once(monkeypatch):
+    task = bar()
+    poses = bends(task, np.linspace(0.3, 0.4, 5))
+    bound = count_samplings(monkeypatch)
+    results = list(deform_sequence(task, poses, vertices=300))
+    assert bound == [0]
+    assert [result.extra["followed"] for result in results] == [False, True, True, True, True]
+    single = deform(replace(task, handles=task.handles.at(poses[-1])), vertices=300)
+    assert np.abs(results[-1].vertices - single.vertices).max() < 2e-3 * task.mesh.diagonal
+    for pose, result in zip(poses, results, strict=True):
+        np.testing.assert_allclose(result.vertices[task.handles.index], pose, atol=1e-12)
+
+
+def test_the_step_at_which_a_pose_starts_anew_is_a_tenth_of_the_diagonal():
+    task = bar()
+    rest, up = task.mesh.V[task.handles.index], task.handles.dynamic[:, None] * np.array([0.0, 0, 1])
+    step = NEAR_POSE * task.mesh.diagonal
+    poses = [rest, rest + 0.99 * step * up, rest - 0.02 * step * up]
+    followed = [r.extra["followed"] for r in deform_sequence(task, poses, vertices=150)]
+    assert followed == [False, True, False]
+
+
+def test_a_sequence_goes_on_from_stored_vertices_with_the_same_bits():
+    task = bar()
+    poses = [task.handles.at(pose) for pose in bends(task, np.linspace(0.1, 0.5, 6))]
+    whole = [result.vertices for result in deform_sequence(task, poses, vertices=200)]
+    sequence, after = Sequence(task, vertices=200), (poses[2], whole[2])
+    for number in (3, 4, 5):
+        result = sequence(poses[number], after=after)
+        after = poses[number], result.vertices
+        np.testing.assert_array_equal(result.vertices, whole[number])
+
+
+@pytest.mark.parametrize("options", [{}, {"volume_goal": 1.3}])
+def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(options):
+    mesh, options = bumpy(4), {**options, "vertices": 300}
+    ends = end_handles(mesh.V, count=20 if "volume_goal" in options else mesh.n // 4)
+    rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends)
+    poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
+    first, last = deform_sequence(task, poses, **options)
+    again = Sequence(task, **options)(poses[1], after=(poses[0], first.vertices))
+    assert again.extra["followed"]
+    np.testing.assert_array_equal(again.vertices, last.vertices)
+
+
+def test_converged_poses_do_not_depend_on_the_way_to_them():
+    task = bar()
+    there = bends(task, np.linspace(0.2, 0.4, 5))
+    back = bends(task, np.linspace(0.6, 0.4, 5))
+    options = {"vertices": 200, "tolerance": 1e-9, "max_iterations": 5000}
+    ends = [list(deform_sequence(task, poses, **options))[-1].vertices for poses in (there, back)]
+    single = deform(replace(task, handles=task.handles.at(there[-1])), **options).vertices
+    assert np.abs(ends[0] - ends[1]).max() < 2e-5 * task.mesh.diagonal
+    assert np.abs(ends[0] - single).max() < 2e-5 * task.mesh.diagonal
+
+
+def test_poses_that_follow_each_other_do_not_flicker():
+    """The second difference of the shape in time is bounded by the second difference of the handles.
+
+    It falls with the square of the time step. Noise from pose to pose would not fall. Single runs with
+    different proxies have such noise and flicker.
+    """
+    task = bar()
+    found = {}
+    for count in (17, 33):
+        poses = np.array(bends(task, np.linspace(0.0, 0.8, count)))
+        results = list(deform_sequence(task, poses, vertices=400))
+        found[count] = second_difference(np.array([result.vertices for result in results]))
+        assert found[count] < 1.5 * second_difference(poses)
+    assert found[33] < 0.35 * found[17]
+    noisy = [
+        deform(replace(task, handles=task.handles.at(pose)), vertices=400, seed=seed).vertices
+        for seed, pose in enumerate(bends(task, np.linspace(0.0, 0.8, 33))[20:28])
+    ]
+    assert second_difference(np.array(noisy)) > 2 * second_difference(poses)
+
+
+def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
+    mesh = beside(bumpy(3), shifted(bumpy(3), [5.0, 0, 0]))
+    handles = end_handles(mesh.V, share=0.05)
+    task = DeformationTask("two", mesh, handles)
+    rest, up = mesh.V[handles.index], handles.dynamic[:, None] * np.array([0.1, 0.05, 0.1])
+    bound = count_samplings(monkeypatch)
+    poses = [rest + s * up * (1 + 0.1 * rest[:, :1]) for s in (1.0, 1.2, 1.4)]
+    results = list(deform_sequence(task, poses, vertices=300))
+    assert len(bound) == 2 and results[-1].extra["components"] == 2
+    single = deform(replace(task, handles=handles.at(poses[-1])), vertices=300)
+    assert np.abs(results[-1].vertices - single.vertices).max() < 5e-3 * mesh.diagonal
+    first = deform(replace(task, handles=handles.at(poses[0])), vertices=300)
+    np.testing.assert_array_equal(results[0].vertices, first.vertices)
+
+
+def test_regions_soft_handles_and_rotations_follow():
+    mesh = tube(24, 60, length=6.0)
+    ends = end_handles(mesh.V, share=0.3)
+    for weight, rotated in ((np.inf, False), (3.0, False), (np.inf, True)):
+        handles = replace(ends, weight=np.where(ends.dynamic, weight, np.inf))
+        task = DeformationTask("ends", mesh, handles)
+        poses = []
+        for angle, pose in zip((0.1, 0.15, 0.2), bends(task, np.array([0.1, 0.15, 0.2])), strict=True):
+            R = np.full((len(ends), 3, 3), np.nan)
+            if rotated:
+                R[ends.dynamic] = Rotation.from_rotvec([angle, 0, 0]).as_matrix()
+            poses.append(handles.at(pose, R if rotated else None))
+        last = list(deform_sequence(task, poses, vertices=300))[-1]
+        single = deform(replace(task, handles=poses[-1]), vertices=300)
+        assert last.extra["followed"]
+        assert np.abs(last.vertices - single.vertices).max() < 3e-3 * mesh.diagonal
+
+
+def test_targets_alone_keep_the_rotations_of_the_task():
+    task = bar()
+    R = np.full((len(task.handles), 3, 3), np.nan)
+    R[task.handles.dynamic] = Rotation.from_rotvec([0, 0, 0.4]).as_matrix()
+    task = replace(task, handles=task.handles.at(task.mesh.V[task.handles.index], R))
+    (found,) = deform_sequence(task, [task.handles.target], vertices=150)
+    np.testing.assert_array_equal(found.vertices, deform(task, vertices=150).vertices)
+    assert np.abs(found.vertices - task.mesh.V).max() > 0.01
+
+
+def test_poses_with_other_handles_are_refused():
+    task = bar()
+    handles = task.handles
+    others = {
+        "vertices": Handles(handles.index[1:], handles.target[1:]),
+        "groups": replace(handles, group=handles.group + 1),
+        "weights": replace(handles, weight=np.full(len(handles), 2.0)),
+    }
+    for name, other in others.items():
+        with pytest.raises(InputError, match=f"other {name} than the handles of the first pose"):
+            list(deform_sequence(task, [other], vertices=100))
+    with pytest.raises(InputError):
+        list(deform_sequence(task, [handles.target[1:]], vertices=100))
+    with pytest.raises(InputError):
+        Sequence(task, method="slow")
+    with pytest.raises(InputError, match="pose before"):
+        Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))
+
+
+def test_a_sequence_without_a_task_is_refused():
+    with pytest.raises(TypeError, match="a sequence takes a DeformationTask, not a Mesh"):
+        list(deform_sequence(bumpy(1), []))

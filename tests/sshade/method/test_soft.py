@@ -1,0 +1,134 @@
+"""Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sshade import DeformationTask, Handles, deform
+from sshade.files.handles import read_handles, write_handles
+from sshade.solver.local_global import local_global
+from tests.shapes import beside, bumpy, shifted
+from tests.sshade.method.calls import METHODS
+
+BODY = bumpy(4)
+ORDER = np.argsort(BODY.V[:, 2], kind="stable")
+LOW, HIGH = ORDER[:20], ORDER[-20:]
+#: Half of the vertices, in two handle regions. A proxy has only some of them as samples.
+REGIONS = np.r_[ORDER[: BODY.n // 4], ORDER[-BODY.n // 4 :]]
+
+
+def task_of(weight, *, index=None, lift=(0.3, 0.0, 0.2), mesh=BODY) -> DeformationTask:
+    """Return a task that fixes the lower handles and pulls the upper handles with `weight`."""
+    index = np.r_[LOW, HIGH] if index is None else index
+    upper = mesh.V[index, 2] > 0
+    target = mesh.V[index] + np.where(upper[:, None], lift, 0)
+    weights = np.where(upper, weight, np.inf)
+    return DeformationTask("soft", mesh, Handles(index, target, group=upper, weight=weights))
+
+
+def followed(task: DeformationTask, V: np.ndarray) -> float:
+    """Return the mean fraction of the way to their targets that the soft handles moved."""
+    own, soft = task.handles, ~task.handles.hard
+    way = own.target[soft] - task.mesh.V[own.index[soft]]
+    gone = V[own.index[soft]] - task.mesh.V[own.index[soft]]
+    return float((gone * way).sum() / (way * way).sum())
+
+
+@pytest.mark.parametrize("index", [None, REGIONS], ids=["landmarks", "regions"])
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does(name, index):
+    """Without constraints, softening and attachment, all methods have the same minimum."""
+    same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
+    if name == "fine":
+        same["polish_iterations"] = 300
+    gone = {}
+    for weight in (0.05, 0.5, 1e6):
+        task = task_of(weight, index=index)
+        result = METHODS[name](task, vertices=600, **same)
+        own, V = task.handles, result.vertices
+        reference = local_global(task, start="rigid", tolerance=1e-6).vertices
+        gone[weight] = followed(task, V)
+        assert gone[weight] == pytest.approx(followed(task, reference), abs=0.01 if name == "fine" else 0.08)
+        gap = np.linalg.norm(V[own.index[own.hard]] - own.target[own.hard], axis=1).max()
+        assert gap < 1e-2 * BODY.diagonal if name == "paper" and index is None else gap < 1e-9
+    assert 0.05 < gone[0.05] < gone[0.5] - 0.05 < gone[1e6] == pytest.approx(1, abs=2e-2)
+
+
+def test_heavy_handles_are_hard_ones():
+    """All handles are soft: no vertex is fixed, and none is put on its target in the end."""
+    for name in ("fast", "fine"):
+        # The methods turn the surface beside hard regions in the end.
+        for index, close in ((np.r_[LOW, HIGH], 1e-4), (REGIONS, 3e-3)):
+            target = BODY.V[index] + np.where(BODY.V[index, 2:] > 0, [0.3, 0, 0.2], 0)
+            ends = [deform(BODY, index, target, method=name, vertices=600, weight=w).V for w in (1e7, np.inf)]
+            gap = np.linalg.norm(ends[0] - ends[1], axis=1)
+            assert gap.mean() < close * BODY.diagonal
+    assert np.abs(ends[0][index] - target).max() > 1e-9
+
+
+def test_a_fit_to_targets_at_every_vertex_is_taken():
+    """Registration with more handles than proxy vertices: a larger weight brings the mesh nearer."""
+    target = BODY.V * [1.1, 1.0, 0.95] + 0.05 * np.sin(3 * BODY.V[:, [1, 2, 0]])
+    free = {"volume": 0.0, "area": 0.0, "vertices": 500}
+    gaps = []
+    for weight in (1.0, 100.0):
+        moved = deform(BODY, np.arange(BODY.n), target, weight=weight, **free)
+        gaps.append(np.linalg.norm(moved.V - target, axis=1).mean() / BODY.diagonal)
+    assert gaps[1] < 0.3 * gaps[0] and gaps[1] < 4e-3
+
+
+def test_a_small_group_beside_large_regions_keeps_its_pull():
+    """Regions are sampled thinly, but a group of a single vertex still has a vertex of the proxy."""
+    tip = np.argmax(BODY.V[:, 0])
+    index = np.r_[np.setdiff1d(REGIONS, tip), tip]
+    target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0.4, 0, 0]])
+    group = np.r_[np.zeros(len(index) - 1, dtype=int), 1]
+    for weight in (1e4, [*np.full(len(index) - 1, np.inf), 1e4]):
+        task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weight))
+        V = METHODS["fast"](task, vertices=400, volume=0.0, area=0.0).vertices
+        assert V[tip, 0] - BODY.V[tip, 0] > 0.35
+
+
+def test_a_hard_handle_among_soft_ones_takes_them_along():
+    """All vertices are handles. Soft handles beside a hard handle follow it as at full resolution."""
+    tip, other = np.argmax(BODY.V[:, 0]), np.argmin(BODY.V[:, 0])
+    weight, target = np.ones(BODY.n), np.array(BODY.V)
+    weight[[tip, other]] = np.inf
+    target[tip] += [0.3, 0, 0]
+    task = DeformationTask("tip", BODY, Handles(np.arange(BODY.n), target, weight=weight))
+    V = METHODS["fast"](task, vertices=400, volume=0.0, area=0.0, stiffness=1.0).vertices
+    full = local_global(task, start="rigid").vertices
+    around = BODY.edges[(BODY.edges == tip).any(axis=1)]
+    around = around[around != tip]
+    followed = V[around, 0] - BODY.V[around, 0]
+    assert V[tip, 0] == target[tip, 0]
+    assert followed.mean() == pytest.approx((full[around, 0] - BODY.V[around, 0]).mean(), rel=0.3)
+    assert np.median(np.linalg.norm(V - full, axis=1)) < 1e-2 * BODY.diagonal
+
+
+def test_components_share_a_group_and_keep_its_stiffness():
+    """Two distant bodies each have half of each group. Each moves like a single body with half the weight."""
+    own = task_of(1.0).handles
+    both = beside(BODY, shifted(BODY, 50))
+    pair = Handles(
+        np.r_[own.index, own.index + BODY.n],
+        np.concatenate([own.target, own.target + 50]),
+        group=np.r_[own.group, own.group],
+        weight=np.r_[own.weight, own.weight],
+    )
+    joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
+    alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
+    assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
+
+
+def test_weights_are_written_and_read(tmp_path):
+    path, own = tmp_path / "pose.json", task_of(0.5).handles
+    write_handles(path, own)
+    again = read_handles(path, BODY)
+    order = np.argsort(own.index), np.argsort(again.index)
+    for name in ("weight", "target"):
+        assert np.array_equal(getattr(own, name)[order[0]], getattr(again, name)[order[1]])
+    entry = {"source": BODY.V[HIGH].tolist(), "target": (BODY.V[HIGH] + 0.1).tolist(), "weight": 3}
+    path.write_text(json.dumps({"handles": [entry]}))
+    assert np.array_equal(read_handles(path, BODY).weight, np.full(20, 3.0))

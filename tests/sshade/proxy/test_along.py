@@ -1,0 +1,110 @@
+"""Other meshes move along with a mesh: rigidly with rigid motions, closely near it, and without tears."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import DeformationResult, InputError, Mesh, move_along
+from sshade.proxy.along import FARTHEST, NEAREST
+from tests.shapes import beside, bumpy, icosphere, jittered, shifted, tube
+from tests.sshade.mesh.test_cutting import t_fin
+
+BALL = jittered(icosphere(3), 0.05)
+
+
+def around(count: int = 400) -> np.ndarray:
+    """Points inside of a ball, near it and on it."""
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * rng.uniform(0.0, 1.4, (count, 1))
+
+
+def stretch(mesh: Mesh, V: np.ndarray) -> float:
+    """The greatest ratio of the lengths of an edge."""
+    length, rest = (np.linalg.norm(X[mesh.edges[:, 0]] - X[mesh.edges[:, 1]], axis=1) for X in (V, mesh.V))
+    return (length / rest).max()
+
+
+def rod_bent(V: np.ndarray) -> np.ndarray:
+    """Bend space about x = 0 along z, the first quarter of a circle of radius 4 at z = 6."""
+    angle, radius = V[:, 2] * np.pi / 12, 4 - V[:, 0]
+    return np.stack([4 - radius * np.cos(angle), V[:, 1], radius * np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("origin", [0.0, 1e4])
+@pytest.mark.parametrize("mesh", [BALL, icosphere(0), t_fin(), icosphere(5)], ids=lambda mesh: f"{mesh.n}")
+def test_rigid_motions_are_exact_and_at_rest_nothing_moves(mesh, origin):
+    mesh = Mesh(mesh.V + origin, mesh.F)
+    X = np.concatenate([around() + origin, mesh.V])
+    assert move_along(mesh, mesh.V, X) == pytest.approx(X, abs=1e-14 * (10 + origin))
+    R = Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix()
+    moved = move_along(mesh, (mesh.V - origin) @ R.T + [1, 2, 3], X)
+    assert moved == pytest.approx((X - origin) @ R.T + [1, 2, 3], abs=1e-14 * (10 + origin))
+
+
+def test_tight_clothes_stay_outside_of_a_bent_rod():
+    rod = tube(40, 120)
+    for gap in (0.01, 0.05):
+        outward = rod.V * [1, 1, 0] / np.linalg.norm(rod.V[:, :2], axis=1, keepdims=True)
+        moved = move_along(rod, rod_bent(rod.V), rod.V + gap * outward)
+        inverse = 12 / np.pi * np.arctan2(moved[:, 2], 4 - moved[:, 0])
+        inside = (inverse > 1) & (inverse < 5)  # the ends of the rod have samples on one side alone
+        across = np.stack([4 - np.hypot(moved[:, 2], 4 - moved[:, 0]), moved[:, 1]], axis=1)[inside]
+        height = np.linalg.norm(across, axis=1) - np.linalg.norm(rod.V[:, :2], axis=1)[inside]
+        assert height == pytest.approx(gap, abs=0.006)
+
+
+def test_cloth_between_two_balls_stretches_where_the_nearest_sample_alone_would_tear_it():
+    left, right = shifted(icosphere(4), [-1.5, 0, 0]), shifted(icosphere(4), [1.5, 0, 0])
+    mesh, x = beside(left, right), np.linspace(-3, 3, 301)
+    y = np.array([-0.1, 0.1])
+    V = np.stack([np.repeat(x, 2), np.tile(y, 301), np.full(602, 1.2)], axis=1)
+    row = 2 * np.arange(300)[:, None]
+    cloth = Mesh(V, np.concatenate([row + [0, 2, 1], row + [1, 2, 3]]))
+    posed = mesh.V + np.repeat([[0.0, 0, 0], [0.0, 1, 0]], left.n, axis=0)
+    moved = move_along(mesh, posed, V)
+    assert stretch(cloth, moved) < 5  # and 50, with the nearest sample alone
+    assert abs(moved[:2] - V[:2]).max() < 1e-12 and abs(moved[-2:] - V[-2:] - [0, 1, 0]).max() < 1e-12
+
+
+def test_a_point_as_far_from_all_samples_moves_with_their_mean():
+    ball = icosphere(3)
+    assert ball.n > NEAREST
+    assert move_along(ball, ball.V + [0, 0, 2], np.zeros((1, 3))) == pytest.approx(np.array([[0, 0, 2.0]]))
+
+
+def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_few():
+    fine = bumpy(5)
+    posed = rod_bent(fine.V)
+    X = np.concatenate([fine.V, 1.1 * fine.V, 1.2 * fine.V])
+    moved = move_along(fine, DeformationResult(posed, 1, True), X)
+    assert np.array_equal(move_along(fine, posed, X[-7:]), moved[-7:])
+    assert abs(moved[: fine.n] - posed).max() < 0.005 * fine.diagonal
+
+
+def test_triangles_without_area_are_allowed():
+    V = np.concatenate([BALL.V, BALL.V[:1], BALL.V[:1]])
+    mesh = Mesh(V, np.concatenate([BALL.F, [[0, BALL.n, BALL.n + 1]]]))
+    assert abs(move_along(mesh, V, around()) - around()).max() < 1e-12
+    assert np.isfinite(move_along(mesh, V * [1, 1, 0], around())).all()
+    line = Mesh(np.arange(3.0)[:, None] * [1, 0, 0], [[0, 1, 2]])
+    assert move_along(line, line.V, line.V) == pytest.approx(line.V)
+
+
+def test_no_points_are_allowed():
+    assert move_along(BALL, BALL.V, np.empty((0, 3))).shape == (0, 3)
+
+
+def test_bad_points_and_poses_are_refused():
+    with pytest.raises(InputError, match="array, not one of shape"):
+        move_along(BALL, BALL.V, np.zeros(3))
+    with pytest.raises(InputError, match="point 1 has a NaN"):
+        move_along(BALL, BALL.V, [[0, 0, 0], [np.nan, 0, 0]])
+    far = (FARTHEST + 0.01) * BALL.diagonal
+    with pytest.raises(InputError, match=r"1 of 2 points are too far .* point 1 by"):
+        move_along(BALL, BALL.V, [[0, 0, 1], [0, 0, 1 + far]])
+    with pytest.raises(InputError, match="pose has shape"):
+        move_along(BALL, BALL.V[1:], around())
+    with pytest.raises(InputError, match="NaN"):
+        move_along(BALL, np.full_like(BALL.V, np.nan), around())

@@ -1,0 +1,86 @@
+"""A mesh bound to a proxy: invariances of every kind of frames, and binding files."""
+
+import numpy as np
+import pytest
+
+from sshade import Mesh, bind, load_binding, save_binding
+from sshade.proxy.frames import Frames
+from sshade.proxy.kinds import FrameKind
+from sshade.proxy.triangle import TriangleFrames
+from tests.shapes import bent, family, rotation
+
+#: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
+ROUNDING = 1e-12
+
+MESHES = family()
+BUMPY = MESHES["bumpy"]
+KINDS: list[FrameKind] = ["triangle", "affine", "blended", "blended_affine"]
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, kind):
+    mesh, turn, shift = MESHES[name], rotation(1), np.array([3.0, -1, 2])
+    binding = bind(mesh, mesh.n // 6, frames=kind)
+    for R, t in ((np.eye(3), np.zeros(3)), (turn, shift)):
+        given = np.broadcast_to(R, (binding.proxy.n, 3, 3))
+        for rotations in (None, given):
+            V, degenerate = binding.carry(binding.proxy.V @ R.T + t, rotations=rotations)
+            assert degenerate == 0
+            assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
+
+
+def test_samples_follow_their_proxy_vertices_where_the_proxy_turns_little():
+    """Frames do not interpolate: a sample may miss its vertex of N', at most by the stretch of triangles."""
+    binding = bind(BUMPY, BUMPY.n // 3)
+    for amount in (1e-2, 1e-3):
+        NV = bent(binding.proxy.V, amount)
+        V, _ = binding.carry(NV)
+        longest = np.linalg.norm(np.diff(binding.proxy.V[binding.proxy.edges], axis=1), axis=2).max()
+        assert np.linalg.norm(V[binding.sampling.samples] - NV, axis=1).max() <= 12 * amount * longest
+        assert np.abs(V - bent(BUMPY.V, amount)).max() <= 12 * amount * longest
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("exponent", [-40, 3, 40])
+def test_scaling_by_a_power_of_two_changes_no_bit(kind, exponent):
+    scale = 2.0**exponent
+    a, b = bind(BUMPY, 80, frames=kind), bind(Mesh(BUMPY.V * scale, BUMPY.F), 80, frames=kind)
+    NV = bent(a.proxy.V)
+    assert np.array_equal(a.carry(NV)[0] * scale, b.carry(NV * scale)[0])
+
+
+def test_a_frame_function_is_given_at_the_vertices_of_the_mesh():
+    a, b = bind(BUMPY, 80, frame_function=7 * BUMPY.V[:, 2] + 1), bind(BUMPY, 80, frame_function="z")
+    steep = np.abs(a.frames.L - b.frames.L).max(axis=(1, 2)) < 1e-9
+    assert steep.mean() > 0.8
+
+
+def test_frames_of_ones_own_take_the_place_of_the_named_ones():
+    made = []
+
+    def maker(proxy: Mesh, samples: np.ndarray) -> Frames:
+        assert np.array_equal(BUMPY.V[samples], proxy.V)
+        made.append(TriangleFrames.at_rest(proxy, "best"))
+        return made[-1]
+
+    binding, named = bind(BUMPY, 80, frames=maker), bind(BUMPY, 80, frame_function="best")
+    NV = bent(named.proxy.V)
+    assert binding.frames is made[0] and np.array_equal(binding.carry(NV)[0], named.carry(NV)[0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path, kind):
+    binding = bind(BUMPY, 80, frames=kind, frame_function="best")
+    save_binding(tmp_path / "map.npz", binding)
+    assert [p.name for p in tmp_path.iterdir()] == ["map.npz"]
+    NV = bent(binding.proxy.V)
+    again = load_binding(tmp_path / "map.npz", BUMPY)
+    assert again.frames.name == kind and np.array_equal(binding.carry(NV)[0], again.carry(NV)[0])
+    assert np.array_equal(binding.projection.barycentric, again.projection.barycentric)
+    for other in KINDS:
+        asked = load_binding(tmp_path / "map.npz", BUMPY, frames=other)
+        function = "best" if kind == other == "triangle" else "extent"
+        direct = bind(BUMPY, 80, frames=other, frame_function=function)
+        assert asked.frames.name == other
+        assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])

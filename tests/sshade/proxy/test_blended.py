@@ -1,0 +1,174 @@
+"""Frames at the proxy's vertices, blended over its triangles; and affine maps of triangles."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sshade import InputError, Mesh, bind
+from sshade.proxy.affine import AffineFrames, affine_maps
+from sshade.proxy.blended import BlendedFrames, nearest_rotations
+from sshade.proxy.projection import Projection
+from sshade.proxy.vertex_maps import VertexMaps
+from tests.shapes import bent, bumpy, family, rotation
+
+MESHES = family()
+
+
+def points_on(mesh: Mesh, count: int) -> Projection:
+    """Random points in random triangles."""
+    rng = np.random.default_rng(0)
+    return Projection(rng.integers(0, mesh.m, count), rng.dirichlet([1, 1, 1], count), np.zeros(count))
+
+
+def turns(count: int, *, most: float, seed: int = 0) -> np.ndarray:
+    """(count, 3, 3) rotations about random axes by up to `most` radians."""
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return Rotation.from_rotvec(axes * rng.uniform(0, most, (count, 1))).as_matrix()
+
+
+def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pose in the middle of the screw motion from one pose to another.
+
+    The whole motion is x -> turn x + shift. The half motion, applied twice, gives the whole motion.
+    """
+    turn = R[1] @ R[0].T
+    shift = v[1] - turn @ v[0]
+    half = Rotation.from_rotvec(0.5 * Rotation.from_matrix(turn).as_rotvec()).as_matrix()
+    return half @ R[0], half @ v[0] + np.linalg.solve(half + np.eye(3), shift)
+
+
+def one_by_one(
+    proxy: Mesh, V: np.ndarray, *, on: Projection, NV: np.ndarray, R: np.ndarray, S: np.ndarray
+) -> np.ndarray:
+    """Evaluate blended frames point by point from the definition."""
+    moved = np.empty_like(V)
+    for i, (t, w) in enumerate(zip(on.face, on.barycentric, strict=True)):
+        corners = proxy.F[t]
+        o = w @ NV[corners]
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            ends = corners[[a, b]]
+            turn, middle = half_way(R[ends], NV[ends])
+            e = proxy.V[ends[1]] - proxy.V[ends[0]]
+            bulge = 4 * (middle - NV[ends].mean(axis=0))
+            o += w[a] * w[b] * (bulge + 0.5 * turn @ (S[ends[0]] - S[ends[1]]) @ e)
+        q = Rotation.from_matrix(R[corners]).as_quat()
+        turn = Rotation.from_quat(w @ (q * np.where(q @ q[0] < 0, -1.0, 1.0)[:, None])).as_matrix()
+        moved[i] = o + turn @ np.einsum("c,cxy->xy", w, S[corners]) @ (V[i] - w @ proxy.V[corners])
+    return moved
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+def test_samples_go_where_their_proxy_vertices_go_to_the_last_bit(name, kind):
+    mesh = MESHES[name]
+    binding = bind(mesh, mesh.n // 6, frames=kind)
+    NV = bent(binding.proxy.V, 0.5) @ rotation(2).T
+    assert np.array_equal(binding.carry(NV)[0][binding.sampling.samples], NV)
+
+
+def test_decoding_follows_the_definition():
+    proxy = bumpy(1)
+    on, rng = points_on(proxy, 60), np.random.default_rng(1)
+    V = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]]) + 0.1 * rng.normal(size=(60, 3))
+    NV = bent(proxy.V, 0.5) @ rotation(3).T
+    R, unit = turns(proxy.n, most=0.9), np.broadcast_to(np.eye(3), (proxy.n, 3, 3))
+    A, _ = VertexMaps.at_rest(proxy)(NV)
+    fitted = nearest_rotations(A)
+    S = fitted.transpose(0, 2, 1) @ A
+    cases = ((False, R, R, unit), (False, None, fitted, unit), (True, R, fitted, S))
+    for stretch, given, used, stretches in cases:
+        frames = BlendedFrames(proxy, stretch=stretch)
+        moved, missing = frames.decode(frames.encode(V, on), NV, on=on, rotations=given)
+        assert missing == 0
+        expected = one_by_one(proxy, V, on=on, NV=NV, R=used, S=stretches)
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+@pytest.mark.parametrize("most", [0.5, np.pi / 2])
+def test_the_two_sides_of_an_edge_agree(kind, most):
+    """A point on an edge of the proxy moves to the same place from either triangle of the edge."""
+    proxy = bumpy(2)
+    rng, sides = np.random.default_rng(2), []
+    pairs = np.stack([proxy.F, np.roll(proxy.F, -1, axis=1)], axis=2).reshape(-1, 2)
+    face, corner = np.divmod(np.arange(len(pairs)), 3)
+    order = np.lexsort(np.sort(pairs, axis=1).T)
+    w = np.repeat(rng.uniform(0, 1, len(order) // 2), 2)
+    for first in (0, 1):
+        i = order[first::2]
+        barycentric = np.zeros((len(i), 3))
+        up = pairs[i, 0] < pairs[i, 1]
+        share = np.where(up, w[::2], 1 - w[::2])
+        barycentric[np.arange(len(i)), corner[i]] = share
+        barycentric[np.arange(len(i)), (corner[i] + 1) % 3] = 1 - share
+        sides.append(Projection(face[i], barycentric, np.zeros(len(i))))
+    frames = BlendedFrames(proxy, stretch=kind == "blended_affine")
+    NV, R = bent(proxy.V, 0.5) + 0.05 * rng.normal(size=proxy.V.shape), turns(proxy.n, most=most)
+    offsets = 0.1 * rng.normal(size=(len(w) // 2, 3))
+    one, two = (frames.decode(offsets, NV, on=side, rotations=R)[0] for side in sides)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
+
+
+def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
+    """Two corners have half turns about nearly the same axis.
+
+    Both half turns are equally far from the rotation of the third corner.
+    """
+    triangle = Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    half = Rotation.from_rotvec(np.pi * np.array([[1, -0.999, 0], [1, -1.001, 0]]) / np.sqrt(2)).as_matrix()
+    half = 2 * np.round((half + np.eye(3)) / 2, 12) - np.eye(3)
+    R = np.concatenate([np.eye(3)[None], half])
+    on = Projection(np.zeros(1, dtype=np.int64), np.array([[0.0, 0.5, 0.5]]), np.zeros(1))
+    frames = BlendedFrames(triangle)
+    offset = np.array([[0.3, -0.4, 0.5]])
+    moved, _ = frames.decode(offset, triangle.V, on=on, rotations=R)
+    expected = [0.5, 0.5, 0] + half.mean(axis=0) @ offset[0]
+    np.testing.assert_allclose(moved[0], expected, rtol=0, atol=2e-3)
+
+
+def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length_across():
+    proxy = bumpy(2)
+    NV, on = bent(proxy.V, 0.5), points_on(proxy, 300)
+    frames = AffineFrames(proxy)
+    inside = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]])
+    V = inside + 0.3 * proxy.face_normals[on.face]
+    expected = np.einsum("nc,ncx->nx", on.barycentric, NV[proxy.F[on.face]])
+    expected += 0.3 * Mesh(NV, proxy.F).face_normals[on.face]
+    moved, missing = frames.decode(frames.encode(V, on), NV, on=on)
+    assert missing == 0
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
+
+
+def test_triangles_without_area_have_no_map():
+    proxy = bumpy(2)
+    NV = bent(proxy.V)
+    NV[proxy.F[30, 2]] = NV[proxy.F[30, :2]].mean(axis=0)
+    A, known = affine_maps(proxy.V, NV, F=proxy.F)
+    assert np.flatnonzero(~known).tolist() == [30] and not A[30].any()
+    on = Projection(np.array([30]), np.full((1, 3), 1 / 3), np.zeros(1))
+    moved, missing = AffineFrames(proxy).decode(np.zeros((1, 3)), NV, on=on)
+    assert missing == 1 and np.allclose(moved[0], NV[proxy.F[30, 0]], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+def test_collapsed_parts_of_the_proxy_are_counted(kind):
+    binding = bind(bumpy(3), 100, frames=kind)
+    NV, turn = binding.proxy.V @ rotation(5).T, np.broadcast_to(rotation(5), (binding.proxy.n, 3, 3))
+    near = np.argsort(np.linalg.norm(binding.proxy.V - binding.proxy.V[20], axis=1))[:20]
+    NV[near] = NV[20]
+    V, missing = binding.carry(NV)
+    assert 0 < missing < 20 and np.isfinite(V).all()
+    assert binding.carry(NV, rotations=turn)[1] == (missing if kind == "blended_affine" else 0)
+
+
+def test_rotations_that_do_not_fit_are_refused():
+    binding = bind(bumpy(2), 40, frames="blended")
+    NV, unit = binding.proxy.V, np.tile(np.eye(3), (binding.proxy.n, 1, 1))
+    with pytest.raises(InputError, match=r"needs rotations of shape \(\d+, 3, 3\), not \(3, 3\)"):
+        binding.carry(NV, rotations=np.eye(3))
+    for wrong in (np.diag([1.0, 1, -1]), 1.001 * np.eye(3), np.full((3, 3), np.nan), np.zeros((3, 3))):
+        unit[-1] = wrong
+        with pytest.raises(InputError, match="it is no rotation"):
+            binding.carry(NV, rotations=unit)

@@ -1,0 +1,133 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sshade import Mesh
+from sshade.mesh.adjacency import vertex_graph
+from sshade.proxy.closed_ball import count_unions, refinements
+from sshade.proxy.fronts import Fronts, farthest_point_sampling
+from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
+
+MESHES = {
+    "sphere": jittered(icosphere(1), 0.05),
+    "torus": torus(9, 6),
+    "double torus": double_torus(cells=1),
+    "tube": tube(6, 8),
+    "strip": strip(9, 3),
+    "tetrahedron": tetrahedron(),
+}
+
+
+def cells_of(mesh: Mesh, samples: np.ndarray, cell: np.ndarray, distance: np.ndarray) -> SimpleNamespace:
+    """Return an arbitrary labelling of the vertices that can replace fronts."""
+    return SimpleNamespace(
+        graph=vertex_graph(mesh), samples=samples, cell=cell.astype(np.int32), distance=distance
+    )
+
+
+def random_cells(mesh: Mesh, k: int, rng: np.random.Generator) -> SimpleNamespace:
+    samples = rng.permutation(mesh.n)[:k]
+    cell = rng.integers(0, k, mesh.n)
+    cell[samples] = np.arange(k)
+    distance = rng.uniform(0.1, 1, mesh.n)
+    distance[samples] = 0.0
+    return cells_of(mesh, samples, cell, distance)
+
+
+def unions_of(mesh: Mesh, label: list[int]) -> set[tuple[int, ...]]:
+    """Return all single cells, pairs at an edge, and triples at a triangle."""
+    unions = {(i,) for i in label}
+    unions |= {tuple(sorted((label[u], label[v]))) for u, v in mesh.edges.tolist() if label[u] != label[v]}
+    return unions | {
+        tuple(sorted(label[v] for v in f)) for f in mesh.F.tolist() if len({label[v] for v in f}) == 3
+    }
+
+
+def euler_counts(mesh: Mesh, cell: np.ndarray) -> dict[tuple[int, ...], int]:
+    """Return the Euler count of each union, directly from its definition."""
+    border = {tuple(edge) for edge in mesh.boundary_edges.tolist()}
+    on_border = set(mesh.boundary_edges.ravel().tolist())
+    edges = [edge for edge in map(tuple, mesh.edges.tolist()) if edge not in border]
+    label, counts = cell.tolist(), {}
+    for union in unions_of(mesh, label):
+        inner_vertices = sum(label[v] in union and v not in on_border for v in range(mesh.n))
+        inner_edges = sum(label[u] in union or label[v] in union for u, v in edges)
+        triangles = sum(any(label[v] in union for v in f) for f in mesh.F.tolist())
+        counts[union] = inner_vertices - inner_edges + triangles
+    return counts
+
+
+def boundary_counts(mesh: Mesh, cell: np.ndarray) -> tuple[dict[int, int], dict[tuple[int, int], int]]:
+    """Return boundary vertices minus boundary edges of each cell, and boundary edges between pairs."""
+    label = cell.tolist()
+    border = mesh.boundary_edges.tolist()
+    trace = dict.fromkeys((label[v] for v in set(mesh.boundary_edges.ravel().tolist())), 0)
+    for v in set(mesh.boundary_edges.ravel().tolist()):
+        trace[label[v]] += 1
+    crossings: dict[tuple[int, int], int] = {}
+    for u, v in border:
+        if label[u] == label[v]:
+            trace[label[u]] -= 1
+        else:
+            pair = (min(label[u], label[v]), max(label[u], label[v]))
+            crossings[pair] = crossings.get(pair, 0) + 1
+    return trace, crossings
+
+
+def failing_unions(mesh: Mesh, cell: np.ndarray) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
+    """Return unions with an Euler count other than 1, and cells and pairs whose trace is not one arc."""
+    no_disc = {union for union, count in euler_counts(mesh, cell).items() if count != 1}
+    trace, crossings = boundary_counts(mesh, cell)
+    no_arc = {(i,) for i, count in trace.items() if count != 1}
+    return no_disc, no_arc | {pair for pair, count in crossings.items() if count > 1}
+
+
+@pytest.mark.parametrize("voronoi", [True, False], ids=["voronoi", "random"])
+@pytest.mark.parametrize("name", MESHES)
+@given(seed=st.integers(0, 10_000), k=st.integers(1, 25))
+def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed, k):
+    mesh, rng = MESHES[name], np.random.default_rng(seed)
+    k = min(k, mesh.n)
+    if voronoi:
+        fronts = farthest_point_sampling(vertex_graph(mesh), k, first=rng.permutation(mesh.n)[:1])
+    else:
+        fronts = random_cells(mesh, k, rng)
+    vertices, failed = refinements(mesh.F, fronts)
+    no_disc, no_arc = failing_unions(mesh, fronts.cell)
+    assert set(failed.tolist()) == {min(union) for union in no_disc | no_arc}
+    assert len(set(vertices.tolist())) == len(vertices)
+    assert not set(vertices.tolist()) & set(fronts.samples.tolist())
+    assert np.all(np.diff(fronts.distance[vertices]) <= 0)
+
+    found = count_unions(mesh.F, fronts)
+    unions = [*np.arange(len(found.chi))[:, None].tolist(), *found.pairs.tolist(), *found.triples.tolist()]
+    counts = np.concatenate([found.chi, found.pair_chi, found.triple_chi]).tolist()
+    assert dict(zip(map(tuple, unions), counts, strict=True)) == euler_counts(mesh, fronts.cell)
+    trace, arcs = boundary_counts(mesh, fronts.cell)
+    assert dict(enumerate(found.trace.tolist())) == dict.fromkeys(range(len(found.trace)), 1) | trace
+    joined = zip(map(tuple, found.pairs.tolist()), found.arcs.tolist(), strict=True)
+    assert {pair: count for pair, count in joined if count} == arcs
+
+
+def test_a_single_cell_fails_at_its_farthest_vertex():
+    mesh = MESHES["sphere"]
+    fronts = Fronts(vertex_graph(mesh), np.array([0]))
+    vertices, failed = refinements(mesh.F, fronts)
+    assert failed.tolist() == [0]
+    assert vertices.tolist() == [int(np.argmax(fronts.distance))]
+
+
+def test_only_the_trace_finds_a_cell_across_a_strip():
+    # The Euler characteristic leaves the boundary out and accepts bands across a strip.
+    mesh = strip(12, 2)
+    cell = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
+    fronts = cells_of(mesh, np.array([0, 9, 18, 27]), cell, np.linspace(1, 2, mesh.n))
+    no_disc, no_arc = failing_unions(mesh, cell)
+    assert not no_disc and no_arc >= {(1,), (2,)}
+    vertices, failed = refinements(mesh.F, fronts)
+    assert {1, 2} <= set(failed.tolist())
+    border = set(mesh.boundary_edges.ravel().tolist())
+    assert len(vertices) and set(vertices.tolist()) <= border

@@ -1,0 +1,147 @@
+import igl
+import numpy as np
+import pytest
+
+from sshade import InputError, Mesh
+from sshade.proxy.projection import Projection
+from sshade.proxy.triangle import TriangleFrames, frame_values
+from tests.shapes import bent, block, bumpy, jittered, rotation, strip
+
+BODY = bumpy(2)
+#: Length of the gradient of f below which f_2 replaces f.
+FLAT = 0.1
+
+
+def igl_gradients(mesh: Mesh, values: np.ndarray) -> np.ndarray:
+    """(m, 3) tangential gradient of one value a vertex on each triangle."""
+    G = igl.grad(np.array(mesh.V), np.array(mesh.F))
+    return np.asarray((G @ values).reshape(3, mesh.m).T)
+
+
+def at(face) -> Projection:
+    """Points at the barycentres of triangles."""
+    face = np.asarray(face)
+    return Projection(face, np.full((len(face), 3), 1 / 3), np.zeros(len(face)))
+
+
+def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
+    frames = TriangleFrames.at_rest(BODY, "best")
+    axis = np.argmin(np.abs(BODY.face_normals), axis=1)
+    every = np.stack([igl_gradients(BODY, x) for x in BODY.V.T], axis=1)
+    gradients = every[np.arange(BODY.m), axis]
+    g, w, n = frames.L.transpose(2, 0, 1)
+    assert np.allclose(g, gradients / np.linalg.norm(gradients, axis=1, keepdims=True), rtol=0, atol=1e-12)
+    assert np.allclose(n, BODY.face_normals, rtol=0, atol=1e-13)
+    assert np.allclose(w, np.cross(g, n), rtol=0, atol=1e-14)
+    assert np.allclose(frames.origin, BODY.V[BODY.F].mean(axis=1), rtol=0, atol=1e-15)
+    assert not frames.degenerate.any()
+
+
+@pytest.mark.parametrize(
+    ("function", "axis", "second"), [("extent", 2, 1), ("z", 2, 1), ("x", 0, 2), ("y", 1, 2)]
+)
+def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshold(function, axis, second):
+    # The block is longest along z and shortest along x. The jitter tilts some normals of the sides by more
+    # than the threshold, others by less.
+    mesh = jittered(block(np.ones((2, 3, 5)), cells=2), 0.03)
+    order = np.argsort(-np.ptp(mesh.V, axis=0))
+    assert order.tolist() == [2, 1, 0]
+    length = np.linalg.norm(igl_gradients(mesh, mesh.V[:, axis]), axis=1)
+    flat = length < FLAT
+    assert flat.any() and not flat.all() and np.abs(length - FLAT).min() > 1e-9
+    expected = np.where(flat[:, None], mesh.V[mesh.F, second], mesh.V[mesh.F, axis])
+    assert np.array_equal(frame_values(mesh, function), expected)
+    replaced = TriangleFrames.at_rest(mesh, function)
+    gradient = igl_gradients(mesh, mesh.V[:, second])[flat]
+    g = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    assert np.allclose(replaced.L[flat, :, 0], g, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_values_are_scaled_to_the_diagonal_before_the_threshold(scale):
+    f = np.maximum(BODY.V[:, 2], 0) + 0.02 * BODY.V[:, 0]
+    unit = f * BODY.diagonal / np.ptp(f)
+    flat = np.linalg.norm(igl_gradients(BODY, unit), axis=1) < FLAT
+    assert flat.any() and not flat.all()
+    values = frame_values(BODY, scale * f)
+    assert np.array_equal(values[flat], frame_values(BODY, "best")[flat])
+    assert np.allclose(values[~flat], unit[BODY.F[~flat]], rtol=1e-12)
+    with pytest.raises(InputError, match="constant"):
+        frame_values(BODY, np.ones(BODY.n))
+
+
+def test_a_stretch_along_g_scales_no_tangential_coordinate():
+    """If L contained the raw gradient, a stretch by 1.3 would shrink the coordinate by 1.3."""
+    sheet = strip(4, 3)
+    frames = TriangleFrames.at_rest(sheet, "x")
+    assert np.allclose(frames.L[:, :, 0], [1, 0, 0])
+    face = np.arange(sheet.m)
+    offset = np.array([0.2, -0.1, 0.05])
+    points = frames.origin + offset
+    stretched = sheet.V * [1.3, 1, 1]
+    moved, _ = frames.decode(frames.encode(points, at(face)), stretched, on=at(face))
+    barycentres = stretched[sheet.F].mean(axis=1)
+    assert np.allclose(moved - barycentres, offset, rtol=0, atol=1e-14)
+
+
+def collapsed(mesh: Mesh, face: int, NV: np.ndarray) -> np.ndarray:
+    """Return NV with the third corner of a face moved to the middle of the other two corners."""
+    NV = NV.copy()
+    a, b, c = mesh.F[face]
+    NV[c] = 0.5 * (NV[a] + NV[b])
+    return NV
+
+
+def assert_mean_turn(frames: TriangleFrames, face: int, NV: np.ndarray) -> None:
+    """Assert that a triangle turns by the rotation nearest to the sum of its edge neighbours' rotations."""
+    deformed = TriangleFrames.of_values(Mesh(NV, frames.F), frames.values)
+    missing = frames.degenerate | deformed.degenerate
+    on = at(np.full(4, face))
+    points = frames.origin[face] + np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    moved, count = frames.decode(frames.encode(points, on), NV, on=on)
+    assert missing[face] and count == missing.sum()
+    beside = np.flatnonzero((np.isin(frames.F, frames.F[face]).sum(axis=1) == 2) & ~missing)
+    U, _, Vt = np.linalg.svd(sum(deformed.L[t] @ frames.L[t].T for t in beside))
+    turn = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    assert np.allclose((moved[1:] - moved[0]).T, turn, rtol=0, atol=1e-9)
+    assert np.allclose(moved[0], NV[frames.F[face]].mean(axis=0), rtol=0, atol=1e-12)
+
+
+def test_zero_area_triangles_turn_like_the_mean_of_their_neighbours():
+    frames = TriangleFrames.at_rest(BODY, "best")
+    assert_mean_turn(frames, 30, collapsed(BODY, 30, bent(BODY.V) @ rotation(4).T))
+    sheet = strip(4, 3)
+    at_rest = TriangleFrames.at_rest(Mesh(collapsed(sheet, 8, sheet.V), sheet.F), "best")
+    assert_mean_turn(at_rest, 8, bent(sheet.V) @ rotation(5).T)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_mean_of_neighbours_is_a_rotation_even_if_they_fold_over(seed):
+    """The sum need not be near a rotation: half turns about three axes add up to minus the identity."""
+    V = [[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, -2, 0], [3, 2, 0], [-1, 2, 0]]
+    fan = Mesh(np.array(V, dtype=float), [[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
+    NV = np.random.default_rng(seed).normal(size=(6, 3))
+    assert_mean_turn(TriangleFrames.at_rest(fan, "x"), 0, collapsed(fan, 0, NV))
+
+
+def test_patches_of_zero_area_triangles_are_filled_from_their_rim():
+    frames = TriangleFrames.at_rest(BODY)
+    NV = BODY.V @ rotation(5).T + [1.0, 2, 3]
+    ring = np.unique(BODY.F[(BODY.F == 20).any(axis=1)])
+    NV[ring] = NV[20]
+    on = at(np.arange(BODY.m))
+    moved, count = frames.decode(frames.encode(frames.origin + [0.1, 0, 0], on), NV, on=on)
+    assert count == (np.isin(BODY.F, ring).sum(axis=1) >= 2).sum() > 6
+    # Every frame is a rotation of the frame at rest, so offsets keep their length.
+    offsets = moved - NV[BODY.F].mean(axis=1)
+    assert np.allclose(np.linalg.norm(offsets, axis=1), 0.1, rtol=1e-12)
+    # If no triangle has a frame, nothing turns.
+    moved, count = frames.decode(frames.encode(frames.origin + [0, 0.1, 0], on), np.ones((BODY.n, 3)), on=on)
+    assert count == BODY.m and np.allclose(moved, [1.0, 1.1, 1.0], rtol=0, atol=1e-15)
+
+
+def test_degeneracy_is_relative_to_the_triangle():
+    assert not TriangleFrames.at_rest(Mesh(BODY.V * 1e-30, BODY.F), "best").degenerate.any()
+    for height, degenerate in ((1e-13, True), (1e-10, False)):
+        needle = Mesh([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0]], [[0, 1, 2]])
+        assert TriangleFrames.of_values(needle, np.array([[0.0, 1, 0.5]])).degenerate.all() == degenerate
