@@ -182,7 +182,7 @@ def run(folder: str, *arguments: str, **options: Any) -> None:
     line = [sys.executable, "-m", "sshade", *arguments, *switches]
     done = subprocess.run(line, cwd=folder, capture_output=True, text=True)
     if done.returncode:
-        raise RuntimeError(done.stderr.strip())
+        raise sshade.InputError(done.stderr.strip())
 
 
 KINDS: dict[str, Callable[..., Call]] = {
