@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sshade.files.arrays import read as read
     from sshade.files.arrays import write as write
     from sshade.mesh.mesh import Mesh as Mesh
-    from sshade.method.deform import deform as deform
+    from sshade.method.call import deform as deform
     from sshade.method.deformer import Deformer as Deformer
     from sshade.method.proxies import bind as bind
     from sshade.method.sequence import deform_sequence as deform_sequence
@@ -38,7 +38,7 @@ _MODULES = {
     "edit.call": ["edit_handles"],
     "files.arrays": ["read", "write"],
     "mesh.mesh": ["Mesh"],
-    "method.deform": ["deform"],
+    "method.call": ["deform"],
     "method.deformer": ["Deformer"],
     "method.proxies": ["bind"],
     "method.sequence": ["deform_sequence"],

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from eval.metrics import Task
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.deform import deform
+from sshade.method.call import deform
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
 from sshade.proxy.coarse import sample_coarsely
 

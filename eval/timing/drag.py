@@ -14,7 +14,7 @@ from eval.run.targets import locate
 from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.core.errors import InputError
-from sshade.method.deform import deform
+from sshade.method.call import deform
 from sshade.method.deformer import Deformer
 from sshade.problem.options import accepted
 from sshade.problem.task import DeformationTask

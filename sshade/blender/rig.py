@@ -17,7 +17,7 @@ from sshade.edit.follower import Follower
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
 from sshade.mesh.surface import surface
-from sshade.method.deform import deform
+from sshade.method.call import deform
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 

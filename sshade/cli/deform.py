@@ -150,7 +150,7 @@ def _deform(
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.files.handles import handle_notes, on_surface
     from sshade.files.meshes import write_file
-    from sshade.method.deform import deform
+    from sshade.method.call import deform
     from sshade.method.dense_handles import are_dense
     from sshade.problem.task import DeformationTask
 

@@ -11,7 +11,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.state import Settings
 from sshade.mesh.mesh import Mesh
-from sshade.method.deform import deform
+from sshade.method.call import deform
 from sshade.method.deformer import Deformer
 from sshade.problem.handles import Handles
 from sshade.problem.options import REGIONS

@@ -14,7 +14,7 @@ from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.cli.configuration import CONFIGURATION
 from sshade.core.errors import InputError
-from sshade.method.deform import deform
+from sshade.method.call import deform
 from sshade.problem.options import GROUPS
 from sshade.problem.task import Method
 from tests.full import few
