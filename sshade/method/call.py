@@ -1,0 +1,166 @@
+"""``sshade.deform``: deform arrays, meshes of this package, of trimesh or of pyvista, and tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar, overload
+
+import numpy as np
+
+from sshade.files.objects import opened
+from sshade.mesh.surface import surface
+from sshade.mesh.weld import NEAR
+from sshade.method.deform import deform_task
+from sshade.problem.handle_checks import extent_of
+from sshade.problem.options import accepted, require_method, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
+from sshade.proxy.kinds import vertex_values
+
+ShapeT = TypeVar("ShapeT")
+
+
+@overload
+def deform(task: DeformationTask, /, **options: Any) -> DeformationResult: ...
+@overload
+def deform(V: np.ndarray, F: np.ndarray, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> np.ndarray: ...
+@overload
+def deform(mesh: ShapeT, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> ShapeT: ...
+
+
+@takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"), task=DeformationTask)
+def deform(
+    shape: Any,
+    /,
+    *arrays: Any,
+    method: str | Callable[..., DeformationResult] = "fast",
+    weight: np.ndarray | float | None = None,
+    rotations: np.ndarray | None = None,
+    carry_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
+    **options: Any,
+) -> Any:
+    """Deform a surface so that some of its vertices, the handles, reach given positions.
+
+    - ``deform(V, F, b, bc)`` returns positions (n, 3) float64,
+    - ``deform(mesh, b, bc)`` returns another mesh of the same kind,
+    - ``deform(task)`` returns a DeformationResult.
+
+    The surface may have several components, each with a handle, a boundary, a single side, edges of more than
+    two faces, duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices
+    along a seam, which move as one. Arrays and a trimesh may have faces that repeat a vertex, and vertices in
+    no face, which stay.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+        Rest positions, in any unit of length.
+    F : (m, 3) int
+        Triangles, counter-clockwise seen from outside.
+    mesh : Mesh, trimesh.Trimesh, trimesh.Scene or pyvista.PolyData
+        A trimesh, or another object with ``vertices``, ``faces`` and ``copy``, is copied with its texture,
+        colours and metadata. A scene, as ``trimesh.load`` makes it from a .glb, has one mesh; `bc` and the
+        deformation are in the coordinates of the scene. A PolyData has triangles; its normals are dropped.
+    task : DeformationTask
+    b : (k,) int
+        Handle vertices.
+    bc : (k, 3) float64
+        Their targets.
+    method : {"fast", "fine", "fine_free", "paper", "paper_plain", "interpolate"} or callable
+        "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 35 times as
+        long, and changes edges and angles less; "fine_free" does so without constraints. "paper" is the
+        published method with an accelerated solver, "paper_plain" with the published iterations.
+        "interpolate" is for dense handles: it solves for no elastic shape, and takes no options. Any other
+        :class:`sshade.Method` is called with the task.
+    weight : (k,) float64 or float, optional
+        Weight of soft handles, which are pulled to their targets; inf, the default, is a hard handle. 1 is
+        about as strong as the surface, at any size and resolution: see :class:`sshade.Handles`. All soft
+        handles of a call are one group, whose pull they share by area: weak handles take a part of the pull
+        of others. A task may have several groups.
+    rotations : (k, 3, 3) or (3, 3) float64, optional
+        Rotation of the surface at each handle, or one rotation for all; NaN where open. A vertex turns the
+        surface that is nearer to it than to other vertices of the proxy.
+    carry_unconstrained : bool
+        Move components without a handle rigidly with the nearest component, instead of refusing them. A task
+        has weights, rotations and this flag itself.
+    weld : float
+        Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal; two
+        rounding steps if all coordinates are float32 numbers, and two steps are larger. Copies along a seam
+        move as one. 0 joins exact copies alone.
+    repair : bool
+        Weld all copies of a vertex, along seams or not.
+    **options
+        The options of the method, ``seed`` and ``workers`` among them: see
+        :class:`sshade.problem.options.Options`; and ``progress``, a :class:`sshade.core.progress.Progress`.
+
+    Returns
+    -------
+    (n, 3) float64, mesh or DeformationResult
+        ``seconds`` of a result are summed over samplings, which overlap in time, as do ``bind`` and
+        ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
+        resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
+        largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
+        diagonal (``hard_handle_error``), the largest relative error of the volume goal
+        (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
+        ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
+        :func:`sshade.method.components.by_components`.
+
+    Raises
+    ------
+    TypeError
+        On another number of arguments.
+    InputError
+        On an invalid mesh, handles that are no vertices of the mesh or have contradictory targets, a
+        component without a handle, an unknown method or option, or a value out of range.
+    FloatingPointError
+        When a deformed position is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sshade
+    >>> V = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], dtype=float)
+    >>> F = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> U = sshade.deform(V, F, [0, 2], V[[0, 2]] + [0, 0, 1])
+    >>> bool(np.allclose(U, V + [0, 0, 1], atol=1e-4))
+    True
+    """
+    run = method if callable(method) else partial(deform_task, method=require_method(method))
+    if isinstance(shape, DeformationTask):
+        _expect(arrays, "a task", 0)
+        has = weight is not None or rotations is not None or carry_unconstrained
+        if has or repair or weld != NEAR:
+            raise TypeError(
+                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
+            )
+        return result_of(shape, run(shape, **options))
+    if (mesh := opened(shape)) is not None:
+        b, bc = _expect(arrays, "a mesh", 2)
+        V, F = mesh.V, mesh.F
+    else:
+        F, b, bc = _expect(arrays, "vertices", 3)
+        V = np.asarray(shape, dtype=np.float64)
+    whole = surface(V, F, weld=weld, repair=repair)
+    if rotations is not None and np.ndim(rotations) == 2:
+        rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
+    values = options.get("frame_function")
+    if values is not None and not isinstance(values, str):
+        options["frame_function"] = whole.picked(vertex_values(values, len(V)))
+    extent = extent_of(whole)
+    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
+    handles = replace(handles, index=whole.places(handles.index), extent=extent)
+    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
+    moved = whole.placed(V, result_of(task, run(task, **options)).vertices)
+    moved = np.array(moved, dtype=np.float64)  # a method may return the rest shape itself
+    return moved if mesh is None else mesh.moved(moved)
+
+
+def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
+    if len(arrays) != count:
+        raise TypeError(
+            f"{what} and {len(arrays)} arguments were given: deform takes a task, a mesh with handles b and "
+            "targets bc, or vertices V and faces F with b and bc"
+        )
+    return arrays
