@@ -24,7 +24,8 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.deform import deform_task
-from sshade.method.engine import Place, deform_once, sample_with_handles
+from sshade.method.placement import Placement, sample_with_handles
+from sshade.method.proxies import Proxies
 from sshade.method.regions import HandleRegions
 from sshade.problem.options import PRESETS, accepted, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
@@ -95,8 +96,8 @@ def paper_with(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    once = partial(deform_once, sample=samplers[handle_mode], projection=counted)
-    result = deform_task(task, method="paper", once=once, progress=progress, **options)
+    sampled = partial(Proxies, sample=samplers[handle_mode], projection=counted)
+    result = deform_task(task, method="paper", make_proxies=sampled, progress=progress, **options)
     far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})
@@ -180,7 +181,7 @@ def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.nd
 
 def sample_nearest_to_handles(
     mesh: Mesh, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Sampling, Place]:
+) -> tuple[Sampling, Placement]:
     """Sample M without regard to handles; each handle goes to the sample of its cell.
 
     A static handle stays at the sample's place. A dynamic one goes where the handle's motion takes it:
@@ -190,7 +191,7 @@ def sample_nearest_to_handles(
     Parameters
     ----------
     mesh, regions, seed
-        See :func:`sshade.method.engine.sample_with_handles`.
+        See :func:`sshade.method.placement.sample_with_handles`.
     """
     sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
 
@@ -210,4 +211,4 @@ def sample_nearest_to_handles(
         merged = len(sample) - len(index)
         return Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)
 
-    return sampling, place
+    return sampling, Placement(place)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from sshade.core.progress import Progress, silent
-from sshade.method.components import by_components
+from sshade.method.pieces import in_pieces
 from sshade.problem.options import SOLVER, Energy, Options, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.local_global import local_global
@@ -55,5 +55,5 @@ def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **optio
         return local_global(task, energy=energy, progress=progress, **options)
 
     if options.get("volume") or options.get("area") or task.carry_unconstrained:
-        return by_components(task, deform, Options(vertices=task.mesh.n), progress=progress)
+        return in_pieces(task, deform, Options(vertices=task.mesh.n), progress=progress)
     return deform(task, progress=progress)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh as Mesh
     from sshade.method.call import deform as deform
     from sshade.method.deformer import Deformer as Deformer
-    from sshade.method.proxies import bind as bind
     from sshade.method.sequence import deform_sequence as deform_sequence
     from sshade.method.transfer import transfer_pose as transfer_pose
     from sshade.plotting.figure import plot as plot
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from sshade.problem.task import Method as Method
     from sshade.problem.task import TransferTask as TransferTask
     from sshade.proxy.along import move_along as move_along
+    from sshade.proxy.bind import bind as bind
     from sshade.proxy.binding import Binding as Binding
     from sshade.proxy.binding_file import load_binding as load_binding
     from sshade.proxy.binding_file import save_binding as save_binding
@@ -40,7 +40,7 @@ _MODULES = {
     "mesh.mesh": ["Mesh"],
     "method.call": ["deform"],
     "method.deformer": ["Deformer"],
-    "method.proxies": ["bind"],
+    "proxy.bind": ["bind"],
     "method.sequence": ["deform_sequence"],
     "method.transfer": ["transfer_pose"],
     "plotting.figure": ["plot"],

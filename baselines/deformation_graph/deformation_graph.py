@@ -28,11 +28,11 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
-from sshade.method.proxies import proxy_vertices
 from sshade.method.regions import HandleRegions, all_on_targets
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
+from sshade.proxy.sizes import proxy_vertices
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.linear import Factorised
 from sshade.solver.run import Stop, run
@@ -60,7 +60,7 @@ def deformation_graph(
     nodes : int
         k, number of nodes. Each handle vertex is a node, except inside handle regions (see
         :class:`sshade.method.regions.HandleRegions`). A small mesh has one node for four vertices (see
-        :func:`sshade.method.proxies.proxy_vertices`).
+        :func:`sshade.proxy.sizes.proxy_vertices`).
     blended : int
         K, number of nodes that move a vertex, at least 1: the nearest nodes along the surface among the node
         of its Voronoi cell and the neighbours of this node in the graph.

@@ -40,7 +40,7 @@ def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
     from sshade.files.meshes import write_mesh
     from sshade.mesh.surface import cut_surface
-    from sshade.method.proxies import bind
+    from sshade.proxy.bind import bind
     from sshade.proxy.binding_file import save_binding
 
     _, whole = read_surface(options)

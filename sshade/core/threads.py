@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar, cast
@@ -66,6 +68,13 @@ def in_ranges(work: Callable[..., Result], n: int, *arguments: Any) -> list[Resu
     """
     with ThreadTeam(available_cpus() if n > CHUNK else 1) as team:
         return team.ranges(work, n, *arguments, rows=CHUNK)
+
+
+@contextmanager
+def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
+    """Run `work` in a thread beside a ``with`` block; the block ends when both have ended."""
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        yield pool.submit(work)
 
 
 class ThreadTeam:

@@ -1,6 +1,7 @@
-"""The method from end to end: the paper's, fast, fine, the bound Deformer, components, transfer.
+"""The method from end to end: the paper's, fast, fine, the bound Deformer, transfer.
 
-Read in this order: `deform` (the entry), `components` (meshes that are cut), `engine` (one connected mesh)
-with `proxies` and `regions`, `initialise` (where the proxy solve begins), and `polish` (full resolution).
-`deformer` and `drag` serve interactive edits, and `transfer` known poses.
+Read in this order: `deform` (the method on one page), `proxies` (the samplings and their average), `proxy`
+(sample and bind, solve, carry, correct), `solvers` and `start` (how a proxy is solved, and where that
+begins), `polish` (full resolution), and `pieces` (meshes that are cut). `call` is the public function,
+`deformer` and `sequence` keep proxies, and `transfer` puts meshes into known poses.
 """

@@ -105,7 +105,7 @@ def deform(
         diagonal (``hard_handle_error``), the largest relative error of the volume goal
         (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
         ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
-        :func:`sshade.method.components.by_components`.
+        :func:`sshade.method.pieces.Pieces.together`.
 
     Raises
     ------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -11,23 +9,17 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.core.errors import InputError
-from sshade.core.progress import Progress, renamed
+from sshade.core.progress import Progress
 from sshade.mesh.cutting import Cut
 from sshade.mesh.ids import flagged, members, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
 from sshade.method.junctions import deform_joined
-from sshade.method.proxies import joined, least_vertices, proxy_vertices, shared_vertices
 from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.kinds import vertex_values
-
-#: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
-#: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
-APART = 0.01
-#: Deforms a connected, oriented manifold: ``deform(task, progress=, **changes)``, with some options changed.
-DeformComponent = Callable[..., DeformationResult]
+from sshade.proxy.sizes import least_vertices, proxy_vertices, shared_vertices
 
 
 class ComponentSet:
@@ -48,12 +40,9 @@ class ComponentSet:
         copies are the sides of a one-sided surface.
     """
 
-    def __init__(
-        self, mesh: Mesh, cut: Cut, task: DeformationTask, deform: DeformComponent, options: Options
-    ) -> None:
+    def __init__(self, mesh: Mesh, cut: Cut, task: DeformationTask, options: Options) -> None:
         handles = task.handles
-        self._cut, self._handles, self._task = cut, handles, task
-        self._deform, self._options = deform, options
+        self._cut, self._handles, self._task, self._options = cut, handles, task, options
         self._component, count = cut.mesh.component, cut.mesh.topology.components
         self._number = numbered(handles.index, mesh.n)
         self._members = members(self._component, count)
@@ -159,55 +148,52 @@ class ComponentSet:
         self._done[origin] = True
         return True
 
-    def deform(
-        self, component: int, stage: str, changes: dict[str, Any], progress: Progress
-    ) -> DeformationResult:
-        """Deform a component, with some options changed, and store the positions of its vertices."""
-        vertex, sides = self._members[component], self._sides[component]
-        origin, guess = self._cut.origin[vertex], self._guess[component]
+    def sides(self, component: int) -> int:
+        """Return the number of sides of the surface that a component covers."""
+        return int(self._sides[component])
+
+    def origin(self, component: int) -> np.ndarray:
+        """Return the vertices (k,) of the uncut mesh of a component's vertices."""
+        return self._cut.origin[self._members[component]]
+
+    def part(
+        self, component: int, stage: str, changes: dict[str, Any]
+    ) -> tuple[DeformationTask, dict[str, Any]]:
+        """Return the task of a component, and options that differ from the options of the whole.
+
+        Parameters
+        ----------
+        component : int
+        stage : str
+            Name of the task.
+        changes : dict
+            Options, among them the share of ``vertices``.
+        """
+        vertex, origin, guess = self._members[component], self.origin(component), self._guess[component]
         F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
-        shape = Mesh(self._cut.mesh.V[vertex], F)
-        if sides == 2 and self._options.volume_goal is not None:
+        shape, handles = Mesh(self._cut.mesh.V[vertex], F), self._handles_of(origin)
+        two_sided = self._sides[component] == 1
+        if not two_sided and self._options.volume_goal is not None:
             raise InputError(
                 f"the surface around vertex {origin[0]} has one side and no volume; give it no volume goal"
             )
-        if sides == 2:  # the sides enclose nothing
+        if not two_sided:  # the sides enclose nothing
             changes = {**changes, "volume": 0.0}
             if self._options.thickness:
                 changes["thickness"] = 0.0
-        if not isinstance(self._options.frame_function, str):
-            changes = {
-                **changes,
-                "frame_function": vertex_values(self._options.frame_function, len(self._number))[origin],
-            }
-        handles = self._handles_of(origin)
+        if not isinstance(function := self._options.frame_function, str):
+            changes = {**changes, "frame_function": vertex_values(function, len(self._number))[origin]}
+        vertices = max(changes["vertices"], least_vertices(len(handles)))
+        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
+        guess = None if guess is None else guess[origin]
+        task = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
+        return task, {**changes, "vertices": vertices}
 
-        def solve(changes: dict[str, Any], guess: np.ndarray | None) -> DeformationResult:
-            vertices = max(changes["vertices"], least_vertices(len(handles)))
-            vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
-            part = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
-            report = renamed(progress, stage, within=True)
-            try:
-                return self._deform(part, progress=report, **{**changes, "vertices": vertices})
-            except InputError as error:
-                where = f"the component of {shape.n} vertices around vertex {origin[0]}"
-                raise InputError(f"{where} cannot be deformed: {error}") from error
-
-        result = solve(changes, None if guess is None else guess[origin])
-        means = at_means(origin, result.vertices)
-        distance = np.linalg.norm(result.vertices - means, axis=1)
-        if sides == 2 and distance.max() > APART * shape.diagonal:
-            if changes.get("polish_seconds") is not None:
-                left = changes["polish_seconds"] - result.seconds.get("polish", 0.0)
-                changes = {**changes, "polish_seconds": max(0.0, left)}
-            again = solve(changes, means)
-            both = joined(again.vertices, [result, again], {})
-            result = replace(again, iterations=2 * both.iterations, seconds=both.seconds)
-        self._take_over(origin, result.vertices, "gap" if sides == 1 else "side_gap")
+    def put(self, component: int, V: np.ndarray) -> None:
+        """Store the deformed positions (k, 3) of a component's vertices."""
+        origin, sides = self.origin(component), self._sides[component]
+        self._take_over(origin, V, "gap" if sides == 1 else "side_gap")
         self.one_sided[origin] |= sides == 2
-        if sides == 2 and self._options.volume > 0:
-            result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
-        return result
 
     def _handles_of(self, origin: np.ndarray) -> Handles:
         """Handles of a component, then copies of finished vertices, fixed at their positions."""

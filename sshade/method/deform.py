@@ -1,23 +1,30 @@
-"""Deform the mesh of a task, component by component."""
+"""The method: cut a mesh into pieces, deform each through proxies, and put them together.
+
+The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry its
+deformation back to the mesh, and average over samplings (:mod:`sshade.method.proxies` and
+:mod:`sshade.method.proxy`). The method `fine` polishes the result at full resolution.
+
+F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
+deformation via local representations", algorithm 1.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from math import inf
 from typing import Any
 
 import numpy as np
 
 from sshade.core.progress import Progress, silent
-from sshade.method.components import by_components
 from sshade.method.dense_handles import interpolate_handles
-from sshade.method.engine import deform_once
 from sshade.method.goals import goal_error, warn_of_missed, with_goal
-from sshade.method.polish import polished
+from sshade.method.pieces import Piece, Pieces, both
+from sshade.method.polish import Polish
+from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
-from sshade.problem.options import as_row, resolve
+from sshade.problem.options import Options, as_row, resolve
 from sshade.problem.task import DeformationResult, DeformationTask
 
 
@@ -26,10 +33,10 @@ def deform_task(
     *,
     method: str,
     progress: Progress = silent,
-    once: Callable[..., DeformationResult] = deform_once,
+    make_proxies: Callable[..., Proxies] = Proxies,
     **values: Any,
 ) -> DeformationResult:
-    """Deform the mesh of a task, component by component.
+    """Deform the mesh of a task, piece by piece.
 
     Parameters
     ----------
@@ -37,47 +44,77 @@ def deform_task(
     method : str
         A key of :data:`sshade.problem.options.PRESETS`.
     progress : Progress
-    once : callable
-        Takes the place of :func:`sshade.method.engine.deform_once`, or is that function with another
-        ``sample`` or ``projection``, for ablations.
+    make_proxies : callable
+        Gives the proxies of a piece: :class:`sshade.method.proxies.Proxies`, or a function in its place that
+        keeps them for later tasks or samples them in another way.
     **values
         Options, see :class:`sshade.problem.options.Options`; None stands for the method's own value.
 
     Returns
     -------
     DeformationResult
-        See :func:`deform`.
+        See :func:`sshade.deform`.
     """
-
-    def deform_component(task: DeformationTask, *, progress: Progress, **changes: Any) -> DeformationResult:
-        component_values = {**values, **changes}
-        options = resolve(method, component_values)
-        if regional := has_regions(task.mesh, task.handles.index, options):
-            options = resolve(method, component_values, regions=True)
-        options = with_goal(task.mesh, options, area=area)
-        run = partial(once, task, options.of_proxy(), progress=progress)
-        if task.handles.hard.sum() == task.mesh.n:
-            result = all_on_targets(task)
-        elif options.polish:
-            result = polished(task, options, deform=run, regional=regional, progress=progress)
-        else:
-            result = run()
-        totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
-        extra = {**result.extra, "options": as_row(totals, method)}
-        if options.volume_goal is not None:
-            extra["volume_goal_error"] = goal_error(task.mesh, result.vertices, options.volume_goal)
-            if options.volume == inf:
-                warn_of_missed(extra["volume_goal_error"])
-        return replace(result, extra=extra)
-
-    if method == "interpolate":
-        resolve(method, values)
-        return interpolate_handles(task, progress=progress)
-    area = values.get("area") is not None
     whole = resolve(method, values)
-    result = by_components(task, deform_component, whole, progress=progress)
+    if method == "interpolate":
+        return interpolate_handles(task, progress=progress)
+    pieces = Pieces(task, whole, progress)
+    for piece in pieces.in_order():
+        with piece.named():
+            result = deform_piece(piece, method, values, whole, make_proxies)
+            if (again := pieces.again(piece, result)) is not None:
+                result = both(result, deform_piece(again, method, values, whole, make_proxies))
+        pieces.put(piece, result)
+    result = pieces.together()
     facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
     return replace(result, extra={**facts, **result.extra})
+
+
+def deform_piece(
+    piece: Piece,
+    method: str,
+    values: Mapping[str, Any],
+    whole: Options,
+    make_proxies: Callable[..., Proxies] = Proxies,
+) -> DeformationResult:
+    """Deform a connected, oriented manifold.
+
+    Parameters
+    ----------
+    piece : Piece
+    method, values
+        See :func:`deform_task`.
+    whole : Options
+        Of the whole mesh, for the record.
+    make_proxies : callable
+    """
+    task, progress = piece.task, piece.progress
+    options = options_of_piece(piece, method, values)
+    if task.handles.hard.sum() == task.mesh.n:
+        result = all_on_targets(task)
+    else:
+        proxies = make_proxies(task.mesh, task.handles, options.of_proxy(), name=task.name)
+        if options.polish:
+            with Polish(task, options, progress) as polish:  # its solver is set up beside the proxies
+                result = polish.solve(proxies.deform(task.handles, guess=task.guess, progress=progress))
+        else:
+            result = proxies.deform(task.handles, guess=task.guess, progress=progress)
+    totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
+    extra = {**result.extra, "options": as_row(totals, method)}
+    if options.volume_goal is not None:
+        extra["volume_goal_error"] = goal_error(task.mesh, result.vertices, options.volume_goal)
+        if options.volume == inf:
+            warn_of_missed(extra["volume_goal_error"])
+    return replace(result, extra=extra)
+
+
+def options_of_piece(piece: Piece, method: str, values: Mapping[str, Any]) -> Options:
+    """Return the options of a piece: handle regions and a volume goal change them."""
+    mesh, given = piece.task.mesh, {**values, **piece.changes}
+    options = resolve(method, given)
+    if has_regions(mesh, piece.task.handles.index, options):
+        options = resolve(method, given, regions=True)
+    return with_goal(mesh, options, area=values.get("area") is not None)
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:

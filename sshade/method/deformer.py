@@ -15,9 +15,8 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.method.drag import NearestPlacement, bound_proxies
-from sshade.method.engine import Engine
 from sshade.method.goals import with_goal
+from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import ENERGY, Options, accepted, checked, require_method, resolve
@@ -96,11 +95,10 @@ class Deformer:
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
         self._task, self._options = DeformationTask("drag", mesh, self._rest), self._resolved(self._values)
-        self._engine = Engine(mesh, self._rest, self._options)
         self._last_handles: Handles | None = None
+        self._proxies = Proxies(mesh, self._rest, self._options, keep=True, progress=progress)
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
-        self._team = ThreadTeam(self._engine.proxies.carriers)
-        self._proxies = bound_proxies(self._engine, self._rest, self._options, progress=progress)
+        self._team = ThreadTeam(self._proxies.carriers)
 
     @property
     def index(self) -> np.ndarray:
@@ -110,7 +108,7 @@ class Deformer:
     @property
     def bindings(self) -> list[Binding]:
         """The bindings of M to its proxies."""
-        return [bound.binding for bound in self._proxies]
+        return [proxy.binding for proxy in self._proxies.kept]
 
     def rebind_handles(
         self,
@@ -139,14 +137,8 @@ class Deformer:
             the same.
         """
         rest = _at_rest(self.mesh, index, group=group, weight=weight)
-        if not self._proxies:
-            raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
-        proxies = []
-        for bound in self._proxies:
-            place = NearestPlacement(self.mesh, bound.proxy, rest)
-            proxies.append(replace(bound, place=place, solver=bound.solver.with_handles(place.rest)))
-        self._engine.regions = self._engine.regions_of(rest)
-        self._rest, self._proxies, self._last_handles = rest, proxies, None
+        self._proxies.rebind(rest)
+        self._rest, self._last_handles = rest, None
 
     def change_energy(self, **energy: Any) -> None:
         """Change constraints, the volume goal or softening from the next call on; the shape stays.
@@ -166,16 +158,11 @@ class Deformer:
         kept = {name: value for name, value in self._values.items() if name not in energy}
         changed = {**kept, **values}
         self._options, self._values = self._resolved(changed), changed
-        self._engine.aim(self._options.volume_goal)
-        for bound in self._proxies:
-            bound.solver.change(self._options)
-            bound.aim(self._options.volume_goal)
+        self._proxies.change(self._options)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
-        for bound in self._proxies:
-            bound.solver.reset()
-            bound.restart()
+        self._proxies.reset()
 
     def __call__(
         self,
@@ -266,11 +253,11 @@ class Deformer:
         """
         begin = perf_counter()
         handles, stopping = self._rest.at(targets, rotations), self._stopping(tolerance, max_iterations)
-        if self._engine.regions.covered:
+        if self._proxies.covered:
             raise InputError("all vertices are handles: there is no proxy")
         self._last_handles = handles
         stop = stopping.subset(("tolerance", "max_iterations"))
-        solved = self._proxies[0].solve(handles, **stop)
+        solved = self._proxies.kept[0].solve(handles, **stop)
         # A copy, because the caller may change the arrays, and a later call may start there.
         return replace(deepcopy(solved), seconds={"solve": perf_counter() - begin})
 
@@ -291,18 +278,11 @@ class Deformer:
     def _deformed(
         self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
-        task, regions = self._task.at(handles), self._engine.regions
-        if regions.covered:
+        task = self._task.at(handles)
+        if self._proxies.covered:
             result = all_on_targets(task)
         else:
-            alone = len(self._proxies) == 1
-
-            def deform(number: int) -> DeformationResult:
-                bound, into = self._proxies[number], out if alone else None
-                again = settle or bound.solver.at_start
-                return bound.deform(handles, regions, options, again=again, team=self._team, out=into)
-
-            result = self._engine.average(deform, handles, options)
+            result = self._proxies.deform(handles, options=options, settle=settle, team=self._team, out=out)
         if out is not None and result.vertices is not out:
             out[:] = result.vertices
             result = replace(result, vertices=out)

@@ -17,11 +17,11 @@ from sshade.core.progress import Progress, renamed
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
-from sshade.method.engine import solve_proxy
-from sshade.method.proxies import sample_components
 from sshade.method.regions import EDGE_RATIO, edge_vertices
+from sshade.method.solvers import solve_proxy
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationTask, Handles
+from sshade.proxy.bind import sample_components
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.fronts import thinned
 from sshade.proxy.kinds import frame_maker
@@ -88,7 +88,7 @@ def deform_joined(
         guess=None if guess is None else guess[samples[one]],
     )
     free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0)
-    solved = solve_proxy(task, free, seed=options.seed, progress=renamed(progress, "junctions"))
+    solved = solve_proxy(task, free, progress=renamed(progress, "junctions"))
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
     return binding.carry(solved.vertices[number], rotations=solved.extra["rotations"][number])[0]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ import numpy as np
 from sshade.core.progress import Progress, renamed
 from sshade.core.threads import available_cpus
 from sshade.mesh.adjacency import vertex_graph
-from sshade.method.regions import HandleRegions
+from sshade.method.regions import HandleRegions, has_regions
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
@@ -27,81 +26,81 @@ from sshade.solver.solution import Solution
 WINDOW = 4
 
 
-def polished(
-    task: DeformationTask,
-    options: Options,
-    *,
-    deform: Callable[[], DeformationResult],
-    regional: bool,
-    progress: Progress,
-) -> DeformationResult:
-    """Solve at full resolution from the result of a proxy.
+class Polish:
+    """A solve at full resolution from the result of a proxy.
 
     A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
     A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
-    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. The solver is set up in a
-    thread beside the proxy's solve.
+    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. A thread sets the solver up
+    inside of a ``with`` block, beside the proxy's solve.
 
     Parameters
     ----------
     task : DeformationTask
     options : Options
-    deform : callable
-        Deforms through the proxy.
-    regional : bool
-        Whether handles are regions.
     progress : Progress
-
-    Returns
-    -------
-    DeformationResult
-        `iterations` counts the polish alone. `converged` is None where it used up its iterations or seconds,
-        as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
-        ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has the
-        facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
     """
-    begin = perf_counter()
-    with ThreadPoolExecutor(max_workers=1) as pool:
+
+    def __init__(self, task: DeformationTask, options: Options, progress: Progress) -> None:
+        self._task, self._options, self._progress = task, options, progress
+        self._begin = perf_counter()
+
+    def __enter__(self) -> Polish:
         bind = partial(bind_task, factorised=False, exact_steps=0)
-        solver_ready = pool.submit(bind, task, options)
-        proxy = deform()
-        arrived = perf_counter()
-        progress("polish", 0, options.polish_iterations, "preparing")
-        solver, targets, precompute = solver_ready.result()
-    ready = perf_counter()
-    energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
-    energy["volume_goal"] = options.volume_goal or 1.0
-    energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
-    start = [proxy.vertices]
-    proxy = replace(proxy, vertices=np.empty((0, 3)))
-    solution = solver.solve(
-        targets,
-        start=start.pop(),  # so that the solver can free it
-        tolerance=options.tolerance,
-        max_iterations=options.polish_iterations,
-        window=WINDOW,
-        max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
-        progress=renamed(progress, "polish"),
-        **energy,
-    )
-    kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
-    facts: dict[str, Any] = {"proxy_iterations": proxy.iterations}
-    facts |= {name: proxy.extra[name] for name in kept if name in proxy.extra}
-    if regional:
-        progress("regions", 0, 1)
-        graph = vertex_graph(task.mesh)
-        regions = HandleRegions(task.mesh, task.handles, vertices=facts["samples"], graph=graph)
-        turned = regions.on_targets(solution.positions, task.handles)
-        solution = _solution_at(solver, solution, turned, targets, energy)
-        progress("regions", 1, 1)
-    seconds = {
-        "proxy": arrived - begin,
-        "precompute": precompute,
-        "wait": ready - arrived,
-        "polish": perf_counter() - ready,
-    }
-    facts = {**solution.facts(), **facts}
-    return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
+        self._pool = ThreadPoolExecutor(max_workers=1)
+        self._ready = self._pool.submit(bind, self._task, self._options)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._pool.shutdown()
+
+    def solve(self, proxy: DeformationResult) -> DeformationResult:
+        """Solve from the result of a proxy.
+
+        Returns
+        -------
+        DeformationResult
+            `iterations` counts the polish alone. `converged` is None where it used up its iterations or
+            seconds, as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
+            ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has
+            the facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
+        """
+        task, options, arrived = self._task, self._options, perf_counter()
+        self._progress("polish", 0, options.polish_iterations, "preparing")
+        solver, targets, precompute = self._ready.result()
+        ready = perf_counter()
+        energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
+        energy["volume_goal"] = options.volume_goal or 1.0
+        energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
+        start = [proxy.vertices]
+        proxy = replace(proxy, vertices=np.empty((0, 3)))
+        solution = solver.solve(
+            targets,
+            start=start.pop(),  # so that the solver can free it
+            tolerance=options.tolerance,
+            max_iterations=options.polish_iterations,
+            window=WINDOW,
+            max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
+            progress=renamed(self._progress, "polish"),
+            **energy,
+        )
+        if has_regions(task.mesh, task.handles.index, options):
+            self._progress("regions", 0, 1)
+            graph, samples = vertex_graph(task.mesh), proxy.extra["samples"]
+            regions = HandleRegions(task.mesh, task.handles, vertices=samples, graph=graph)
+            turned = regions.on_targets(solution.positions, task.handles)
+            solution = _solution_at(solver, solution, turned, targets, energy)
+            self._progress("regions", 1, 1)
+        seconds = {
+            "proxy": arrived - self._begin,
+            "precompute": precompute,
+            "wait": ready - arrived,
+            "polish": perf_counter() - ready,
+        }
+        kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
+        facts = {name: proxy.extra[name] for name in kept if name in proxy.extra}
+        facts = {**solution.facts(), **facts, "proxy_iterations": proxy.iterations}
+        return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
 
 
 def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

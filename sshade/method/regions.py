@@ -27,12 +27,12 @@ from sshade.mesh.harmonic import harmonic
 from sshade.mesh.ids import flagged, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.method.normal_shift import shifted
-from sshade.method.proxies import proxy_vertices
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.fronts import Fronts, thinned
+from sshade.proxy.sizes import proxy_vertices
 from sshade.proxy.vertex_maps import VertexMaps
 from sshade.solver.constraints import ROUNDING, volume_and_area
 

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import ThreadTeam
+from sshade.mesh.mesh import Mesh
 from sshade.method.deform import deform_task
-from sshade.method.drag import bound_proxies
-from sshade.method.engine import Engine, deform_once
+from sshade.method.proxies import Proxies
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options, accepted, require_method, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -57,7 +56,7 @@ class Sequence:
             raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
         resolve(require_method(method), options)
         self.task, self._method, self._options = task, method, options
-        self._bound: dict[bytes, _Bound] = {}
+        self._kept: dict[bytes, Proxies] = {}
 
     def __call__(
         self,
@@ -92,9 +91,9 @@ class Sequence:
         if after is not None and self._is_near(handles, after[0]):
             guess = self.task.mesh.checked(after[1], "pose before")
         pose = replace(self.task, handles=handles, guess=guess)
-        bindings = _Bindings(self._bound)
-        result = deform_task(pose, method=self._method, progress=progress, once=bindings, **self._options)
-        self._bound = bindings.used
+        kept = _Kept(self._kept)
+        result = deform_task(pose, method=self._method, progress=progress, make_proxies=kept, **self._options)
+        self._kept = kept.used
         result = replace(result, extra={**result.extra, "followed": guess is not None})
         return result.of(self.task.at(pose.handles))
 
@@ -169,56 +168,27 @@ def _deformed_poses(
 
 
 @dataclass
-class _Bindings:
-    """Takes the place of :func:`sshade.method.engine.deform_once` in a pose, and binds each mesh once.
-
-    A pose deforms several connected manifolds if its mesh has several components or was cut.
+class _Kept:
+    """Gives the proxies of each piece of a mesh, which later poses use again.
 
     Parameters
     ----------
     known, used : mapping
-        Bindings of the pose before, and of this pose, by a hash of all that determines them.
+        Proxies of the pose before, and of this pose, by a hash of all that determines them.
     """
 
-    known: Mapping[bytes, _Bound]
-    used: dict[bytes, _Bound] = field(default_factory=dict)
+    known: Mapping[bytes, Proxies]
+    used: dict[bytes, Proxies] = field(default_factory=dict)
 
-    def __call__(self, task: DeformationTask, options: Options, *, progress: Progress) -> DeformationResult:
+    def __call__(self, mesh: Mesh, handles: Handles, options: Options, *, name: str) -> Proxies:
         if options.coarse is not None or not options.accelerate:
-            return deform_once(task, options, progress=progress)
-        mesh, handles = task.mesh, task.handles
+            return Proxies(mesh, handles, options, name=name)
         kinds = handles.index, handles.group, handles.weight, handles.has_rotation
         key = blake2b(repr(options).encode())
         for array in (mesh.V, mesh.F, *kinds):
             key.update(np.ascontiguousarray(array).tobytes())
-        name = key.digest()
-        bound = self.used.get(name) or self.known.get(name) or _Bound(task, options)
-        self.used[name] = bound
-        return bound.deform(task)
-
-
-class _Bound:
-    """A connected, oriented manifold, bound for handles whose targets change."""
-
-    def __init__(self, task: DeformationTask, options: Options) -> None:
-        self._options = options
-        self._engine = Engine(task.mesh, task.handles, options)
-        rest = task.handles.at(task.mesh.V[task.handles.index], task.handles.rotation)
-        self._proxies = bound_proxies(self._engine, rest, options)
-
-    def deform(self, task: DeformationTask) -> DeformationResult:
-        """Deform for the targets of a task, from its guess."""
-        regions = self._engine.regions
-        with ThreadTeam(self._engine.proxies.carriers) as team:
-
-            def deform(number: int) -> DeformationResult:
-                bound = self._proxies[number]
-                bound.restart()
-                if task.guess is None:
-                    bound.solver.reset()
-                else:
-                    bound.solver.start_at(task.guess[bound.sampling.samples])
-                result = bound.deform(task.handles, regions, self._options, again=True, team=team)
-                return replace(result, extra={**result.extra, "added_samples": bound.sampling.added})
-
-            return self._engine.average(deform, task.handles, self._options)
+        known = key.digest()
+        proxies = self.used.get(known) or self.known.get(known) or Proxies(mesh, handles, options, keep=True)
+        self.used[known] = proxies
+        proxies.reset()
+        return proxies

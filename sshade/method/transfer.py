@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sshade.core.progress import Progress, silent
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.cutting import Cut
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cut_surface, mean_of_copies
-from sshade.method.proxies import Proxies, bind
+from sshade.method.proxies import averaged
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask
+from sshade.proxy.bind import bind
+from sshade.proxy.frames import FrameMaker
+from sshade.proxy.kinds import frame_maker
+from sshade.proxy.sizes import proxy_vertices
 
 
 @takes_options(PROXIES)
@@ -57,33 +65,56 @@ def transfer(
     F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
     deformation via local representations", the sections on isometric and pose transfer.
     """
-    cut, given = cut_surface(task.rest), checked(options, PROXIES, subject="transfer")
+    given = checked(options, PROXIES, subject="transfer")
+    resolved = Options(**{"samplings": TRANSFER_SAMPLINGS, **given})
+    cut = cut_surface(task.rest)
     rest, posed = cut.mesh, task.posed[cut.origin]
     edited = None if task.mesh.V is task.rest.V else task.mesh.V[cut.origin]
-    proxies, done = Proxies(rest, Options(**{"samplings": TRANSFER_SAMPLINGS, **given})), count(1)
+    frames = frame_maker(resolved.frames, rest, frame_function=resolved.frame_function)
+    begin = perf_counter()
+    graph = vertex_graph(rest)
+    graph_seconds = perf_counter() - begin
+    samples = proxy_vertices(resolved.vertices, rest.n, coarser=resolved.coarser)
+    shapes = _Shapes(cut, posed, edited, samples, frames, graph, resolved.seed, residual)
+    report = partial(_report, progress, resolved.samplings, count())
+    report()
+    run = partial(_one_sampling, shapes, report)
+    facts = {"samples": samples, "faces_without_area": int(rest.without_area.sum())}
+    return averaged(run, resolved, facts, graph_seconds=graph_seconds).of(task)
 
-    def one_sampling(number: int) -> DeformationResult:
-        binding = bind(
-            rest,
-            proxies.vertices,
-            coarser=1,
-            seed=(proxies.seed, number),
-            frames=proxies.frames,
-            graph=proxies.graph,
-        )
-        NV, on = posed[binding.sampling.samples], binding.projection
-        local = binding.local if edited is None else binding.frames.encode(edited, on)
-        begin = perf_counter()
-        V, degenerate = binding.frames.decode(local, NV, on=on)
-        if residual:
-            V = V + (posed - binding.frames.decode(binding.local, NV, on=on)[0])
-        V = mean_of_copies(cut, V)
-        progress("samplings", next(done), proxies.samplings)
-        seconds = {**binding.seconds, "carry": perf_counter() - begin}
-        return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
 
-    progress("samplings", 0, proxies.samplings)
-    return proxies.average(one_sampling).of(task)
+class _Shapes(NamedTuple):
+    """What all samplings of a transfer share: M, M' and S, cut to manifolds, and how M is sampled."""
+
+    cut: Cut
+    posed: np.ndarray
+    edited: np.ndarray | None
+    samples: int
+    frames: FrameMaker
+    graph: VertexGraph
+    seed: int
+    residual: bool
+
+
+def _report(progress: Progress, samplings: int, ended: Iterator[int]) -> None:
+    progress("samplings", next(ended), samplings)
+
+
+def _one_sampling(shapes: _Shapes, report: Callable[[], None], number: int) -> DeformationResult:
+    """Transfer the pose by one proxy."""
+    seed, rest = (shapes.seed, number), shapes.cut.mesh
+    frames, graph = shapes.frames, shapes.graph
+    binding = bind(rest, shapes.samples, coarser=1, seed=seed, frames=frames, graph=graph)
+    NV, on = shapes.posed[binding.sampling.samples], binding.projection
+    local = binding.local if shapes.edited is None else binding.frames.encode(shapes.edited, on)
+    begin = perf_counter()
+    V, degenerate = binding.frames.decode(local, NV, on=on)
+    if shapes.residual:
+        V = V + (shapes.posed - binding.frames.decode(binding.local, NV, on=on)[0])
+    V = mean_of_copies(shapes.cut, V)
+    report()
+    seconds = {**binding.seconds, "carry": perf_counter() - begin}
+    return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
 
 
 def transfer_pose(

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, InputError, Mesh
-from sshade.method import deformer as deformer_module
+from sshade.method import proxy as proxy_module
 from tests.shapes import bumpy, end_handles, moved_parts, tube
 from tests.sshade.method.calls import fast, paper
 
@@ -270,14 +270,14 @@ def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, w
     drag = Deformer(mesh, held, vertices=150, samplings=2)
     before = drag(lifted(mesh, held, 0.3)).vertices
     if wrong == "far":  # the handles are too far from the second proxy only
-        second, place = drag._proxies[1].proxy, deformer_module.NearestPlacement
+        second, place = drag._proxies.kept[1].mesh, proxy_module.NearestPlacement
 
         def placed(mesh, proxy, rest):
             if proxy is second:
                 raise InputError("too far")
             return place(mesh, proxy, rest)
 
-        monkeypatch.setattr(deformer_module, "NearestPlacement", placed)
+        monkeypatch.setattr(proxy_module, "NearestPlacement", placed)
     with pytest.raises(InputError):
         drag.rebind_handles([0] if wrong == "far" else wrong)
     np.testing.assert_array_equal(drag.index, held)

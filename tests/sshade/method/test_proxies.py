@@ -5,8 +5,8 @@ import pytest
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer, Handles
-from sshade.method.proxies import bind, proxy_vertices, shared_vertices
 from sshade.method.transfer import transfer_pose
+from sshade.proxy.bind import bind, proxy_vertices, shared_vertices
 from tests.shapes import bumpy, end_handles
 from tests.sshade.method.calls import fast, fine, paper
 

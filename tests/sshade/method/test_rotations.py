@@ -13,7 +13,8 @@ from baselines.arap import arap
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.files.handles import read_handles
 from sshade.mesh.rigid import rigid_motion
-from sshade.method.engine import solve_proxy
+from sshade.method import start
+from sshade.method.solvers import solve_proxy
 from sshade.problem.options import resolve
 from sshade.solver.local_global import LocalGlobal, local_global
 from tests.shapes import block, bumpy, jittered, moved_parts, rotation, strip, tube
@@ -172,7 +173,7 @@ def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
     assert np.abs(V_2 - V @ R.T - shift).max() < 1e-5 * mesh.diagonal
 
 
-def test_levels_take_rotations_along():
+def test_levels_take_rotations_along(monkeypatch):
     """The solve on the coarser proxy has the same prescribed rotation as the solve on the proxy."""
     task = sheet(64, degrees=45)
     seen = []
@@ -181,7 +182,8 @@ def test_levels_take_rotations_along():
         seen.append((given.mesh.n, given.handles.prescribed_rotations))
         return local_global(given, **options)
 
-    solve_proxy(task, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}), solve=spy)
+    monkeypatch.setattr(start, "local_global", spy)
+    solve_proxy(task, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}))
     assert len(seen) == 2 and seen[0][0] < seen[1][0]
     for _, prescribed in seen:
         assert np.array_equal(prescribed[1], turn(45)[None])

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, deform, deform_sequence
-from sshade.method import engine
+from sshade.method.proxy import Proxy
 from sshade.method.sequence import NEAR_POSE, Sequence
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
 
@@ -31,13 +31,13 @@ def second_difference(poses: np.ndarray) -> float:
 
 def count_samplings(monkeypatch) -> list[int]:
     """Return a list that grows with each sampling of a proxy."""
-    found, bind = [], engine.Engine.bind
+    found, sample = [], Proxy.__init__
 
-    def counted(self, number, *arguments):
+    def counted(self, rest, options, number, **arguments):
         found.append(number)
-        return bind(self, number, *arguments)
+        sample(self, rest, options, number, **arguments)
 
-    monkeypatch.setattr(engine.Engine, "bind", counted)
+    monkeypatch.setattr(Proxy, "__init__", counted)
     return found
 
 

@@ -1,3 +1,5 @@
+"""Where the solve on a proxy begins: on a coarser proxy, and at the minimum of the guide energy."""
+
 from dataclasses import replace
 from functools import partial
 from threading import Event
@@ -8,19 +10,21 @@ import pytest
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
-from sshade.method.engine import deform_coarsely
-from sshade.method.initialise import RATIO, ROOM, initialised
+from sshade.method import start
+from sshade.method.solvers import solve_proxy
+from sshade.method.start import RATIO, ROOM, lowest
+from sshade.problem.options import Options
 from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
 
 SOLVER = partial(local_global, volume=np.inf, start="rest", max_iterations=5000)
+OPTIONS = Options(volume=np.inf, max_iterations=5000, coarser_start=True)
 
 
-def initialise(task, solve, *, guide=None, tolerance=1e-5, seed=0, **context) -> DeformationResult:
-    coarsely = partial(deform_coarsely, seed=seed)
-    context |= {"tolerance": tolerance, "seed": seed}
-    return initialised(task, solve=solve, guide=guide, deform_coarsely=coarsely, **context)
+def solve(task, *, volume_goal=1.0, **changes) -> DeformationResult:
+    """Solve a task as a proxy's."""
+    return solve_proxy(task, replace(OPTIONS, **changes), volume_goal=volume_goal)
 
 
 @pytest.fixture
@@ -32,12 +36,12 @@ def task() -> DeformationTask:
 
 @pytest.fixture
 def always(monkeypatch) -> None:
-    monkeypatch.setattr("sshade.method.initialise.SMALLEST", 100)
+    monkeypatch.setattr("sshade.method.start.SMALLEST", 100)
 
 
 def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
     alone = SOLVER(task, tolerance=1e-7)
-    found = initialise(task, SOLVER, tolerance=1e-7)
+    found = solve(task, tolerance=1e-7)
     assert found.converged and found.extra["coarser_iterations"] > 5
     assert found.iterations < alone.iterations
     assert found.extra["energy"] == pytest.approx(alone.extra["energy"], rel=1e-6)
@@ -45,7 +49,7 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
 
 
 def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
-    one, same, other = (initialise(task, SOLVER, seed=seed).vertices for seed in (1, 1, 2))
+    one, same, other = (solve(task, seed=seed).vertices for seed in (1, 1, 2))
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
@@ -55,37 +59,41 @@ def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
     ids=["small", "many handles", "from a guess"],
 )
 def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, smallest, step, guess):
-    monkeypatch.setattr("sshade.method.initialise.SMALLEST", smallest)
+    monkeypatch.setattr("sshade.method.start.SMALLEST", smallest)
     index, V = np.arange(0, task.mesh.n, step), bent(task.mesh.V)
     task = replace(task, handles=Handles(index, V[index]), guess=V if guess else None)
-    found, alone = initialise(task, SOLVER), SOLVER(task)
+    found, alone = solve(task), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices)
     assert found.extra.get("coarser_iterations") == (None if guess else 0.0)
 
 
-@pytest.mark.parametrize("guide", [None, partial(SOLVER, stiffness=0.5)])
+@pytest.mark.parametrize("guide_attachment", [0.0, 3.0])
 @pytest.mark.parametrize("goal", [0.9, 1.1])
-def test_another_volume_is_that_of_the_last_level(task, always, guide, goal):
+def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, guide_attachment, goal):
     goals = []
 
     def spy(given, **options):
-        goals.append((given.mesh.n == task.mesh.n, options.get("volume_goal", 1.0)))
-        return SOLVER(given, **options)
+        goals.append((given.mesh.n == task.mesh.n, options["volume_goal"]))
+        return local_global(given, **options)
 
-    found = initialise(task, spy, guide=guide, volume_goal=goal)
+    monkeypatch.setattr(start, "local_global", spy)
+    found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
-    assert goals == [(False, 1.0)] * (2 if guide else 1) + [(True, goal)]
-    assert ("initialisation" in found.extra) == (guide is not None)
+    assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
+    assert ("initialisation" in found.extra) == (guide_attachment > 0)
 
 
-def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(task, always, caplog):
+def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
+    task, always, monkeypatch, caplog
+):
     def solver(given, **options):
         if given.mesh.n < task.mesh.n:
             raise InputError("1 triangles of the rest mesh have no area")
-        return SOLVER(given, **options)
+        return local_global(given, **options)
 
+    monkeypatch.setattr(start, "local_global", solver)
     caplog.set_level("INFO")
-    found = initialise(task, solver)
+    found = solve(task)
     assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
     size = max(task.mesh.n // RATIO, ROOM * len(task.handles))
     assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
@@ -100,20 +108,20 @@ def test_fast_begins_with_it(task, always):
 @pytest.mark.parametrize("ratio", [0.5, 0.89, 0.91, 2.0])
 def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, task, levels, ratio):
     """The solver has the energy 1 from the result of the guide, and the energy `ratio` without a guess."""
-    monkeypatch.setattr("sshade.method.initialise.SMALLEST", 100 if levels == 2 else 10_000)
+    monkeypatch.setattr("sshade.method.start.SMALLEST", 100 if levels == 2 else 10_000)
     far = np.array([3.0, 0.0, 0.0])
     begun = []
 
-    def guide(task, **options):
-        return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
-
     def solver(task, **options):
+        if "bound" not in options:  # the guide
+            return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
         own = task.guess is None
         V = task.mesh.V if own else task.guess
         begun.append((task.mesh.n, own))
         return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
 
-    found = initialise(task, solver, guide=guide)
+    monkeypatch.setattr(start, "local_global", solver)
+    found = solve(task, guide_attachment=3.0)
     own_wins = ratio < 0.9
     assert found.extra["initialisation"] == ("handles" if own_wins else "guide")
     moved = np.linalg.norm(found.vertices - task.mesh.V, axis=1)
@@ -126,10 +134,10 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
         assert not begun[2][1] and begun[2][0] == task.mesh.n > begun[0][0]
 
 
-def test_an_interrupt_of_one_start_ends_the_other(task):
+def test_an_interrupt_of_one_start_ends_the_other(task, monkeypatch):
     begun, reports = Event(), []
 
-    def solve(given, *, progress, **_):
+    def endless(given, *, progress, **_):
         begun.set()
         while len(reports) < 1000:
             reports.append(progress("iterations", len(reports), 1000))
@@ -139,6 +147,8 @@ def test_an_interrupt_of_one_start_ends_the_other(task):
         begun.wait()
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(start, "local_global", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        initialise(task, solve, guide=interrupted, progress=silent)
+        guided = replace(OPTIONS, guide_attachment=3.0)
+        lowest(task, guided, endless, volume_goal=1.0, tolerance=1e-5, progress=silent)
     assert len(reports) < 1000

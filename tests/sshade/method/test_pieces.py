@@ -14,7 +14,7 @@ from scipy.spatial.distance import pdist
 from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.core.progress import silent
-from sshade.method.components import by_components
+from sshade.method.pieces import in_pieces
 from sshade.problem.options import Options
 from tests.shapes import (
     QUARTER,
@@ -136,11 +136,11 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
     mesh = beside(BODY, tiny, triangle)
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
-    result = by_components(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
+    result = in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
     assert shares == [(162, 16, 40), (162, 16, 40)]
     assert np.allclose(result.vertices[-3:], triangle.V + 1, atol=1e-12) and result.extra["rigid"] == 1
     shares.clear()
-    by_components(DeformationTask("m", mesh, own), spy, Options(vertices=50), progress=silent)
+    in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=50), progress=silent)
     assert shares == [(162, 16, 30), (162, 16, 20)]
 
 
@@ -240,7 +240,7 @@ def with_copies(
         return DeformationResult(V, iterations=3, converged=None, seconds={"solve": 1.0})
 
     task = DeformationTask("m", mesh, Handles(list(index), mesh.V[list(index)] * 1.1, **soft))
-    return by_components(task, moved, Options(vertices=20), progress=silent), tasks
+    return in_pieces(task, moved, Options(vertices=20), progress=silent), tasks
 
 
 @pytest.mark.parametrize("weight", [np.inf, 2.0])
@@ -411,11 +411,11 @@ def test_an_array_as_frame_function_is_cut_like_the_mesh():
 def test_components_share_the_seconds_of_a_polish(monkeypatch):
     given = []
 
-    def polished(task, options, **_):
-        given.append(options.polish_seconds)
-        return DeformationResult(task.mesh.V, 0, None, {"polish": 4.0})
+    def polished(polish, proxy):
+        given.append(polish._options.polish_seconds)
+        return replace(proxy, seconds={"polish": 4.0})
 
-    monkeypatch.setattr("sshade.method.deform.polished", polished)
+    monkeypatch.setattr("sshade.method.polish.Polish.solve", polished)
     result = deformed(PAIR, OF_PAIR, fine, polish_seconds=10.0)
     assert given == pytest.approx([5.0, 6.0]) and result.extra["options"]["polish_seconds"] == 10.0
 

@@ -1,0 +1,235 @@
+"""The pieces of a mesh of several components, or that is not manifold.
+
+The engine needs a connected, oriented manifold. Other meshes are cut into an oriented manifold
+(:mod:`sshade.mesh.cutting`). Vertices of which cutting made copies are placed first, by one coarse solve of
+all components that have such vertices (:mod:`sshade.method.junctions`). The components are then deformed
+one after another, with their copies fixed there, so that they fit together again. A component without
+handles that is joined to no other is unconstrained: a task refuses it, or lets it follow the nearest
+component rigidly.
+
+A one-sided surface becomes a surface of twice its area, its two sides, which are deformed together; each
+vertex goes to the mean of its two copies. The mean is as smooth as the sides are, so nothing tears.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress, renamed
+from sshade.mesh.cutting import cut_to_manifold
+from sshade.mesh.surface import without_duplicates
+from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
+from sshade.method.component_set import ComponentSet, at_means
+from sshade.method.facts import NO_PROXY, OF_PIECES, joined
+from sshade.problem.options import Options
+from sshade.problem.task import DeformationResult, DeformationTask
+
+log = logging.getLogger(__name__)
+
+#: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
+#: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
+APART = 0.01
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A connected, oriented manifold that is deformed by itself.
+
+    Attributes
+    ----------
+    task : DeformationTask
+    changes : mapping
+        Options that differ from the options of the whole.
+    progress : Progress
+    component : int
+        Of the cut mesh.
+    where : str
+        Place for errors; empty if the piece is the whole mesh.
+    """
+
+    task: DeformationTask
+    changes: Mapping[str, Any]
+    progress: Progress
+    component: int = 0
+    where: str = ""
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Name the piece in an InputError."""
+        try:
+            yield
+        except InputError as error:
+            if not self.where:
+                raise
+            raise InputError(f"{self.where} cannot be deformed: {error}") from error
+
+
+class Pieces:
+    """The pieces of a task's mesh, and their results.
+
+    A connected, oriented manifold is its own piece; other meshes are cut. A component whose hard handles
+    share one rigid motion moves with them, without a proxy, unless it is joined to another component.
+    Unconstrained components follow the nearest component: see
+    :func:`sshade.mesh.unconstrained.move_rigidly`.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    options : Options
+        `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
+        vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
+        :func:`sshade.proxy.sizes.proxy_vertices`. The other components get the rest of its portion. Both
+        sides of a one-sided surface count.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        If the proxy cannot hold the handles.
+    """
+
+    def __init__(self, task: DeformationTask, options: Options, progress: Progress) -> None:
+        self._task, self._options, self._progress = task, options, progress
+        self._results: list[DeformationResult] = []
+        self._facts: dict[str, Any] = {}
+        self._parts: ComponentSet | None = None
+        self._alone: DeformationTask | None = task
+        whole = task.mesh
+        if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:
+            return
+        mesh = without_duplicates(whole)
+        self._mesh, self._unconstrained = mesh, without_handles(mesh, task.handles.index)
+        self._contact = contacts(mesh, self._unconstrained)
+        self._contact.warn()
+        cut = cut_to_manifold(mesh)
+        self._facts = {
+            "components": 1,
+            "unconstrained": len(self._unconstrained),
+            "touching": self._contact.components,
+            "duplicates": whole.m - mesh.m,
+            "one_sided": 0,
+            "copies": len(cut.origin) - mesh.n - len(np.unique(mesh.F[cut.one_sided])),
+            "turned": cut.turned,
+            "gap": 0.0,
+        }
+        if cut.mesh.topology.components == 1 and cut.mesh is mesh:
+            self._alone = replace(task, mesh=mesh)
+            return
+        self._alone, self._parts = None, ComponentSet(mesh, cut, task, options)
+        every = self._parts.order()
+        self._order = [component for component in every if not self._parts.move_with_handles(component)]
+        self._facts |= {"components": len(every), "rigid": len(every) - len(self._order)}
+        self._parts.place_junctions(self._order, progress)
+
+    def in_order(self) -> Iterator[Piece]:
+        """Yield the pieces; :meth:`put` must take the result of a piece before the next one is made.
+
+        Pieces with handles come first, then pieces that are joined to earlier pieces.
+        """
+        parts = self._parts
+        if parts is None:
+            assert self._alone is not None
+            yield Piece(self._alone, {}, self._progress)
+            return
+        vertices, area = parts.proxy_vertices(self._order), parts.area[self._order]
+        self._seconds_left = self._options.polish_seconds
+        for number, component in enumerate(self._order):
+            changes: dict[str, Any] = {"vertices": int(vertices[number])}
+            if self._seconds_left is not None:
+                changes["polish_seconds"] = area[number] / area[number:].sum() * self._seconds_left
+            stage = f"component {number + 1}/{len(self._order)}"
+            task, changes = parts.part(component, stage, changes)
+            report = renamed(self._progress, stage, within=True)
+            where = f"the component of {task.mesh.n} vertices around vertex {parts.origin(component)[0]}"
+            yield Piece(task, changes, report, component, where)
+
+    def again(self, piece: Piece, result: DeformationResult) -> Piece | None:
+        """Return the piece from the mean of its sides, if it is one-sided and its sides came apart."""
+        if self._parts is None or self._parts.sides(piece.component) == 1:
+            return None
+        means = at_means(self._parts.origin(piece.component), result.vertices)
+        if np.linalg.norm(result.vertices - means, axis=1).max() <= APART * piece.task.mesh.diagonal:
+            return None
+        changes = dict(piece.changes)
+        if changes.get("polish_seconds") is not None:
+            left = changes["polish_seconds"] - result.seconds.get("polish", 0.0)
+            changes["polish_seconds"] = max(0.0, left)
+        return replace(piece, task=replace(piece.task, guess=means), changes=changes)
+
+    def put(self, piece: Piece, result: DeformationResult) -> None:
+        """Take the result of a piece."""
+        if self._parts is not None:
+            self._parts.put(piece.component, result.vertices)
+            if self._parts.sides(piece.component) == 2 and self._options.volume > 0:
+                result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
+            if self._seconds_left is not None:
+                self._seconds_left = max(0.0, self._seconds_left - result.seconds.get("polish", 0.0))
+        self._results.append(result)
+
+    def together(self) -> DeformationResult:
+        """Return the result of the whole mesh.
+
+        Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
+        ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of ``rigid``
+        components among them, of ``unconstrained`` components, of unconstrained components ``touching``
+        others, of removed ``duplicates`` of faces, of vertices on bent ``one_sided`` surfaces, of further
+        ``copies`` of vertices, and of faces ``turned`` to agree. Largest distances, as fractions of the
+        diagonal: ``gap`` between a copy and the joined vertex, ``side_gap`` between a side of a one-sided
+        surface and the mean of its sides, ``opening`` between vertices that touched at rest.
+        """
+        results, parts = self._results, self._parts
+        _warn_of_volume([result.extra for result in results])
+        if parts is None:
+            return replace(results[0], extra={**results[0].extra, **self._facts})
+        V = parts.positions
+        move_rigidly(self._mesh, V, self._unconstrained)
+        gaps = {**parts.gaps, "opening": self._contact.opening(V)}
+        facts = {**self._facts, "one_sided": int(parts.one_sided.sum())}
+        facts |= {name: gap / self._mesh.diagonal for name, gap in gaps.items()}
+        joint = joined(V, results or [DeformationResult(V, 0, True, {}, NO_PROXY)], OF_PIECES)
+        return replace(joint, seconds={**parts.seconds, **joint.seconds}, extra={**joint.extra, **facts})
+
+
+def in_pieces(
+    task: DeformationTask, deform: Callable[..., DeformationResult], options: Options, *, progress: Progress
+) -> DeformationResult:
+    """Extend a method for connected, oriented manifolds to all meshes.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    deform : callable
+        ``deform(task, progress=, **changes)``, with some options changed.
+    options, progress
+        See :class:`Pieces`.
+    """
+    pieces = Pieces(task, options, progress)
+    for piece in pieces.in_order():
+        with piece.named():
+            result = deform(piece.task, progress=piece.progress, **piece.changes)
+            if (again := pieces.again(piece, result)) is not None:
+                result = both(result, deform(again.task, progress=again.progress, **again.changes))
+        pieces.put(piece, result)
+    return pieces.together()
+
+
+def both(first: DeformationResult, again: DeformationResult) -> DeformationResult:
+    """Return the second result of a piece that was deformed twice, with the work of both."""
+    work = joined(again.vertices, [first, again], {})
+    return replace(again, iterations=2 * work.iterations, seconds=work.seconds)
+
+
+def _warn_of_volume(facts: list[Mapping[str, Any]]) -> None:
+    """Warn once of all pieces whose volume should be constrained, but is not."""
+    states = [fact.get("volume_constraint", fact.get("proxy_volume_constraint", "")) for fact in facts]
+    for state, count in Counter(state for state in states if state.startswith("off: ")).items():
+        where = f" in {count} of {len(facts)} components" if len(facts) > 1 else ""
+        log.warning("the volume constraint is off%s: %s", where, state.removeprefix("off: "))

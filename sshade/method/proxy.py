@@ -1,0 +1,299 @@
+"""One proxy of a mesh: sample and bind, solve, carry, correct.
+
+F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
+deformation via local representations", algorithm 1.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from sshade.core.progress import Progress, renamed, silent
+from sshade.core.threads import ThreadTeam, beside
+from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.mesh import Mesh
+from sshade.method.facts import OF_SAMPLINGS
+from sshade.method.placement import NearestPlacement, Sampler, sample_with_handles
+from sshade.method.regions import HandleRegions
+from sshade.method.solvers import FollowingSolver, OnceSolver
+from sshade.problem.options import Options
+from sshade.problem.task import DeformationResult, Handles
+from sshade.proxy.binding import Binding, bind_proxy
+from sshade.proxy.kinds import frame_maker
+from sshade.proxy.projection import Projector, project_to_fans
+from sshade.proxy.sample import proxy_mesh
+from sshade.proxy.sizes import proxy_vertices
+
+#: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
+VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
+#: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
+#: bounding-box diagonal.
+MET = 1e-5
+
+
+class Rest:
+    """What all proxies of a connected, oriented manifold M share.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        M: manifold, oriented, one component.
+    handles : Handles
+        Only their vertices, groups and weights matter, and which handles have a rotation.
+    options : Options
+    sample, projection : callable
+        How M is sampled, and the projection P onto a proxy.
+
+    Attributes
+    ----------
+    mesh, sample, projection
+        The parameters.
+    frames : FrameMaker
+    regions : HandleRegions
+        Of the present handles.
+    vertices : int
+        Number of samples.
+    graph_seconds : float
+    faces_without_area : int
+
+    Raises
+    ------
+    InputError
+        On another mesh, or a frame function that does not fit the mesh.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        handles: Handles,
+        options: Options,
+        *,
+        sample: Sampler = sample_with_handles,
+        projection: Projector = project_to_fans,
+    ) -> None:
+        self.mesh, self.sample, self.projection = mesh, sample, projection
+        self.faces_without_area = int(mesh.without_area.sum())
+        self.frames = frame_maker(options.frames, mesh, frame_function=options.frame_function)
+        begin = perf_counter()
+        self._graph = vertex_graph(mesh)
+        self.graph_seconds = perf_counter() - begin
+        mesh.require_one_component()
+        self.vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
+        self.take(handles, options)
+
+    def take(self, handles: Handles, options: Options) -> None:
+        """Take other handles, or another volume goal."""
+        self.regions = HandleRegions(
+            self.mesh,
+            handles,
+            vertices=self.vertices,
+            graph=self._graph,
+            volume_goal=options.volume_goal,
+        )
+
+
+class Proxy:
+    """A proxy N of a mesh M: its samples, the binding of M to it, and its solver.
+
+    Parameters
+    ----------
+    rest : Rest
+        M, and what its proxies share.
+    options : Options
+    number : int
+        Number of the sampling; with the seed it chooses the samples.
+    handles : Handles, optional
+        Of M, at rest. With them the proxy is kept: M is bound to it and its solver is factorised now, and
+        each deformation starts from the last one. Without them it serves one deformation.
+    guess : (n, 3) float64, optional
+        Shape of M in which the one deformation starts.
+    name : str
+        Of the task.
+    progress : Progress
+
+    Attributes
+    ----------
+    mesh : Mesh
+        N.
+    sampling : Sampling
+    sampling_seconds : float
+    """
+
+    def __init__(
+        self,
+        rest: Rest,
+        options: Options,
+        number: int,
+        *,
+        handles: Handles | None = None,
+        guess: np.ndarray | None = None,
+        name: str = "mesh",
+        progress: Progress = silent,
+    ) -> None:
+        self._rest, self._options, self._kept = rest, options, handles is not None
+        stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
+        progress(stage, 0, options.max_iterations)
+        begin = perf_counter()
+        self.sampling, self._place = rest.sample(rest.mesh, rest.regions, (options.seed, number))
+        self.sampling_seconds = perf_counter() - begin
+        self.mesh = proxy_mesh(rest.mesh, self.sampling)
+        self._binding: Binding | None = None
+        self._goal = self._first_goal = options.volume_goal or 1.0
+        self._solver: Any
+        if handles is None:
+            self._solver = OnceSolver(
+                self.mesh,
+                options,
+                name=f"{name} proxy {number}",
+                guess=None if guess is None else guess[self.sampling.samples],
+                progress=renamed(progress, stage),
+                coarser_progress=renamed(progress, f"coarser {stage}"),
+            )
+        else:
+            with beside(self._bind) as binding:  # the solver is factorised beside it
+                self._solver = FollowingSolver(self.mesh, self._place(handles), options)
+                self._binding = binding.result()
+
+    def _bind(self) -> Binding:
+        """Find where the vertices of M lie on N, and what :class:`HandleRegions` needs of M at rest."""
+        rest = self._rest
+        binding = bind_proxy(rest.mesh, self.sampling, frames=rest.frames, projection=rest.projection)
+        rest.regions.prepare()
+        return binding
+
+    @property
+    def binding(self) -> Binding:
+        """The binding of M to N; the first deformation makes it beside the solve."""
+        assert self._binding is not None
+        return self._binding
+
+    @property
+    def at_start(self) -> bool:
+        """Whether the next deformation starts as the method does, and not from the last shape."""
+        return not self._kept or self._solver.at_start
+
+    def reset(self, guess: np.ndarray | None = None) -> None:
+        """Forget the last shape and all corrections; start at a shape (n, 3) of M, or as the method does."""
+        self._solver.reset()
+        self._goal = self._first_goal
+        self._place.forget()
+        if guess is not None:
+            self._solver.start_at(guess[self.sampling.samples])
+
+    def rebound(self, handles: Handles) -> tuple[NearestPlacement, FollowingSolver]:
+        """Return the placement and the solver of other handles of M, at rest; the shape stays."""
+        place = NearestPlacement(self._rest.mesh, self.mesh, handles)
+        return place, self._solver.with_handles(place.rest)
+
+    def take(self, place: NearestPlacement, solver: FollowingSolver) -> None:
+        """Go on with a placement and a solver of :meth:`rebound`."""
+        self._place, self._solver = place, solver
+
+    def change(self, options: Options) -> None:
+        """Solve with another energy from now on, from the present shape."""
+        self._options = options
+        self._solver.change(options)
+        self._goal = self._first_goal = options.volume_goal or 1.0
+
+    def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
+        """Solve N for handles of M at their targets.
+
+        Raises
+        ------
+        InputError
+            Where the handles cannot be placed on N.
+        """
+        stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
+        on_proxy = self._place(handles)
+        if self._binding is not None:
+            return self._solver(on_proxy, volume_goal=self._goal, **stop)
+        with beside(self._bind) as binding:
+            solved = self._solver(on_proxy, volume_goal=self._goal, **stop)
+            self._binding = binding.result()
+        return solved
+
+    def deform(
+        self,
+        handles: Handles,
+        *,
+        tolerance: float,
+        max_iterations: int,
+        again: bool = True,
+        team: ThreadTeam,
+        out: np.ndarray | None = None,
+    ) -> DeformationResult:
+        """Deform M for handles at their targets.
+
+        A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
+        the volume of N. Another solve with a corrected volume goal removes the deficit. So it is with the
+        volume that the user wants. In the same way, further solves bring handles that are no vertices of N
+        to their targets.
+
+        Parameters
+        ----------
+        handles : Handles
+            Of M.
+        tolerance : float
+        max_iterations : int
+            Of all solves together.
+        again : bool
+            Solve again at once where M' needs a correction. Without it, the next call makes the correction.
+        team : ThreadTeam
+            Threads that prolong N' to M'.
+        out : (n, 3) float64, C-contiguous, optional
+            Takes the prolonged positions.
+        """
+        regions, corrects = self._rest.regions, corrects_volume(self._options)
+        scale = abs(regions.volume) or 1.0 if corrects else 1.0
+        iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
+        best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
+        for _ in range(1 + VOLUME_ROUNDS if again else 1):
+            begin = perf_counter()
+            left = int(max_iterations - iterations)
+            solved = self.solve(handles, tolerance=tolerance, max_iterations=left)
+            seconds["solve"] += perf_counter() - begin
+            iterations += solved.iterations
+            exact, R = solved.extra.get("volume_constraint") == "exact", solved.extra.get("rotations")
+            begin = perf_counter()
+            V, degenerate = self.binding.carry(solved.vertices, rotations=R, team=team, out=out)
+            V = regions.on_targets(V, handles) if corrects else V
+            deficit = regions.volume_deficit(V) if corrects else 0.0
+            missing = abs(deficit) / scale
+            seconds["carry"] += perf_counter() - begin
+            worse = missing > max(smallest, VOLUME_ERROR)
+            if best is not None and (worse or (was_exact and not exact)):
+                break  # the last shape was better
+            solver_facts |= solved.extra
+            best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
+            corrected = missing <= VOLUME_ERROR or not exact
+            if not corrected:
+                goal = self._goal + deficit / self.mesh.volume  # an exact constraint needs a volume
+                corrected = goal <= 0
+                self._goal = self._goal if corrected else goal
+            met = self._place.learn(handles, V) <= MET * self._rest.mesh.diagonal
+            if (corrected and met) or iterations >= max_iterations:
+                break
+        assert best is not None
+        V, converged, degenerate = best
+        facts = {
+            "proxy_vertices": self.mesh.n,
+            "added_samples": self.sampling.added,
+            "degenerate_frames": degenerate,
+            "residual": solver_facts.get("residual", float("nan")),
+        }
+        solved_facts = {f"proxy_{name}": fact for name, fact in solver_facts.items()}
+        facts |= {name: fact for name, fact in solved_facts.items() if name in OF_SAMPLINGS}
+        if "energy" in solver_facts:
+            facts["energy"] = solver_facts["energy"]
+        if not self._kept:
+            seconds = {"remesh": self.sampling_seconds, **self.binding.seconds, **seconds}
+        return DeformationResult(V, iterations, converged, seconds, facts)
+
+
+def corrects_volume(options: Options) -> bool:
+    """Whether the volume deficit of M' is corrected where handles are regions."""
+    return options.volume == inf and options.coarse is None

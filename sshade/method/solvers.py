@@ -1,0 +1,199 @@
+"""Solvers of a proxy: for one deformation, for targets that follow each other, and methods of the user.
+
+``solver(handles, volume_goal=, tolerance=, max_iterations=)`` solves the proxy for handles on it. The goal is
+the volume of N', as a multiple of the volume of N. Each solve starts from the result of the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import beside
+from sshade.mesh.mesh import Mesh
+from sshade.method.start import solve_bound, solve_from_start, solver_threads
+from sshade.problem.options import ENERGY, Options
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.solver.attachment import Attachment
+from sshade.solver.following import Following
+from sshade.solver.local_global import LocalGlobal, bind_task
+from sshade.solver.start import initial_guess
+
+
+def solve_proxy(
+    task: DeformationTask,
+    options: Options,
+    *,
+    volume_goal: float = 1.0,
+    progress: Progress = silent,
+    coarser_progress: Progress = silent,
+) -> DeformationResult:
+    """Solve the task of a proxy once; the solver is bound beside the search of a start."""
+    with beside(partial(bind_task, task, options)) as bound:
+        solve = partial(solve_bound, bound=bound, options=options, volume_goal=volume_goal)
+        reports = {"progress": progress, "coarser_progress": coarser_progress}
+        return solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
+
+
+class OnceSolver:
+    """Solve a proxy for one deformation, by our solver or by the user's method ``options.coarse``.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N.
+    options : Options
+    name : str
+        Of the task.
+    guess : (k, 3) float64, optional
+        Shape in which the first solve starts; by default as the options say.
+    progress, coarser_progress : Progress
+    """
+
+    def __init__(
+        self,
+        proxy: Mesh,
+        options: Options,
+        *,
+        name: str,
+        guess: np.ndarray | None,
+        progress: Progress,
+        coarser_progress: Progress,
+    ) -> None:
+        self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
+        self._progress, self._coarser_progress = progress, coarser_progress
+
+    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+        task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
+        if (method := self._options.coarse) is not None:
+            return method(task, seed=self._options.seed, progress=self._progress)
+        result = solve_proxy(
+            task,
+            replace(self._options, **stop),
+            volume_goal=volume_goal,
+            progress=self._progress,
+            coarser_progress=self._coarser_progress,
+        )
+        self._guess = result.vertices
+        return result
+
+
+class FollowingSolver:
+    """Solve a proxy from where its last solve ended, with one factorisation for all targets.
+
+    The first solve starts as the method does. After a change of the energy or of the handles, the next solve
+    starts from the last shape.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N.
+    handles : Handles
+        On N, at rest.
+    options : Options
+    """
+
+    def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
+        self._proxy, self._options = proxy, options
+        #: Handles whose rotations the attachment knows. A new one needs another attachment.
+        self._rotated = handles.has_rotation
+        self._attachment = Attachment(proxy, handles, options.attachment)
+        attachment = self._attachment
+        self._solver = LocalGlobal(
+            proxy,
+            attachment.vertex,
+            stiffness=attachment.stiffness,
+            bending=options.bending,
+            thickness=options.thickness,
+        )
+        self._solver.factorise()
+        self.reset()
+
+    @property
+    def at_start(self) -> bool:
+        """Whether no solve has run yet with the present handles and energy."""
+        return self._following is None
+
+    def reset(self) -> None:
+        """Forget the last solve, its shape and rotations."""
+        self._following: Following | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+
+    def start_at(self, V: np.ndarray) -> None:
+        """Start the next solve at positions V (k, 3) of the proxy's vertices."""
+        self._following = None
+        self._last = V, np.tile(np.eye(3), (len(V), 1, 1))
+
+    def change(self, options: Options) -> None:
+        """Solve with another energy from now on, from the present shape."""
+        self._options, self._following = options, None
+
+    def with_handles(self, handles: Handles) -> FollowingSolver:
+        """Return a solver for other handles on N, which starts at the present shape."""
+        other = copy(self)
+        other._take(handles)
+        return other
+
+    def _take(self, handles: Handles) -> None:
+        attachment = Attachment(self._proxy, handles, self._options.attachment)
+        self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
+        self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
+
+    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+        if (handles.has_rotation & ~self._rotated).any():
+            self._take(handles)
+        targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
+        aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "volume_goal": volume_goal}
+        aim["prescribed"] = handles.prescribed_rotations
+        energy: dict[str, Any] = self._options.subset(ENERGY)
+        energy["workers"] = solver_threads(self._options)
+        if self._following is None and self._last is not None:
+            at = self._last[0][self._solver.index]
+            self._following = Following(self._solver, *self._last, at, **energy)
+        try:
+            if self._following is None:
+                result = self._first(handles, aim, replace(self._options, **stop))
+                R = result.extra["rotations"]
+                self._following = Following(self._solver, result.vertices, R, **aim, **energy)
+            else:
+                result = self._following.solve(**aim, **stop).result()
+        except FloatingPointError:  # the positions are of no use to the next solve
+            self.reset()
+            raise
+        self._last = result.vertices, result.extra["rotations"]
+        return result
+
+    def _first(self, handles: Handles, aim: Mapping[str, Any], options: Options) -> DeformationResult:
+        task, goal = DeformationTask("drag", self._proxy, handles), aim["volume_goal"]
+        solve = partial(self._solve, aim=aim, options=options)
+        reports = {"progress": silent, "coarser_progress": silent}
+        return solve_from_start(task, options, solve, volume_goal=goal, **reports)
+
+    def _solve(
+        self,
+        task: DeformationTask,
+        *,
+        aim: Mapping[str, Any],
+        options: Options,
+        tolerance: float,
+        progress: Progress,
+        softened: bool = False,
+    ) -> DeformationResult:
+        """Solve with the factorisation, from the task's guess or the plain start."""
+        solution = self._solver.solve(
+            start=initial_guess(task, options.start),
+            tolerance=tolerance,
+            max_iterations=options.max_iterations,
+            workers=solver_threads(options),
+            softened=softened,
+            progress=progress,
+            **aim,
+            **options.subset(ENERGY),
+        )
+        return solution.result()

@@ -1,0 +1,221 @@
+"""Initialise the proxy solve on a coarser proxy, and choose its local minimum by a guide energy.
+
+Large motions need many local/global iterations but little detail. A proxy with a sixth of the vertices
+finds them in a sixth of the time, at a tenth of the accuracy; the solve on the full proxy then starts near
+its minimum.
+
+The initialisation also decides which minimum is found, because handles alone do not say to which side a
+knee bends. On the coarsest proxy the solver therefore minimises a guide energy first, in which handles
+attach whole parts of the body. It also starts once from the rest shape or the rigid motion of the handles.
+The second result is used only where its energy is clearly lower. More starts do not pay: they end lower by
+more than a few per cent only where a far twist collapses and intersects itself.
+"""
+
+from __future__ import annotations
+
+import logging
+from concurrent.futures import CancelledError, Future
+from dataclasses import replace
+from functools import partial
+from threading import Event
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.core.progress import Progress
+from sshade.core.threads import available_cpus, beside
+from sshade.mesh.adjacency import vertex_graph
+from sshade.method.placement import sample_with_handles
+from sshade.method.regions import HandleRegions
+from sshade.problem.options import SOLVER, Options
+from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.proxy.binding import bind_proxy
+from sshade.proxy.kinds import frame_maker
+from sshade.proxy.sample import proxy_mesh
+from sshade.proxy.sizes import proxy_vertices
+from sshade.solver.local_global import Bound, bind_task, local_global
+
+log = logging.getLogger(__name__)
+
+#: Number of vertices below which a coarser proxy saves no time.
+SMALLEST = 3000
+#: Ratio of a proxy's vertices to its coarser proxy's, and smallest ratio of the coarser proxy's vertices to
+#: handles. ROOM is also the smallest ratio of vertices where many handles enlarge the coarser proxy.
+RATIO, ROOM = 6, 2
+#: Tolerance on the coarser proxy, as a multiple of the tolerance asked for.
+ROUGH = 10.0
+#: Ratio of energies below which the result from the plain start replaces the result from the guide.
+CLEARLY_LOWER = 0.9
+#: Largest area weight of the guide energy.
+GUIDE_AREA = 1.0
+
+
+class Solve(Protocol):
+    """Solves the task of a proxy, from the task's guess if it has one.
+
+    If `softened`, the guess is near the minimum: see :meth:`sshade.solver.local_global.LocalGlobal.solve`.
+    """
+
+    def __call__(
+        self, task: DeformationTask, *, tolerance: float, progress: Progress, softened: bool = False
+    ) -> DeformationResult: ...
+
+
+class Start(NamedTuple):
+    """Where the solve on a proxy begins.
+
+    Attributes
+    ----------
+    vertices : (k, 3) float64
+        Vertices of N.
+    facts : dict
+        ``coarser_iterations``, and with a guide energy the ``initialisation``: "guide" or "handles".
+    """
+
+    vertices: np.ndarray
+    facts: dict[str, Any]
+
+
+def solver_threads(options: Options) -> int:
+    """Return the number of threads that share an iteration on a proxy: one if samplings share the CPUs."""
+    return (options.workers or available_cpus()) if options.samplings == 1 else 1
+
+
+def solve_bound(
+    task: DeformationTask,
+    *,
+    bound: Future[Bound],
+    options: Options,
+    volume_goal: float,
+    tolerance: float,
+    progress: Progress,
+    softened: bool = False,
+) -> DeformationResult:
+    """Solve a task with the solver that `bound` gets for its mesh and handles."""
+    return local_global(
+        task,
+        bound=bound.result(),
+        accelerate=options.accelerate,
+        volume_goal=volume_goal,
+        workers=solver_threads(options),
+        softened=softened,
+        progress=progress,
+        **{**options.subset(SOLVER), "tolerance": tolerance},
+    )
+
+
+def solve_from_start(
+    task: DeformationTask,
+    options: Options,
+    solve: Solve,
+    *,
+    volume_goal: float,
+    progress: Progress,
+    coarser_progress: Progress,
+) -> DeformationResult:
+    """Solve a proxy from the start that the options ask for.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        Of the proxy. A task with a guess starts there. Small proxies, below :data:`SMALLEST` vertices,
+        proxies with many handles, and thin proxies whose topology a coarser proxy cannot keep have no coarser
+        proxy.
+    options : Options
+    solve : Solve
+        The solver of the proxy.
+    volume_goal : float
+        Volume of N', as a multiple of the volume of N.
+    progress, coarser_progress : Progress
+        Of the solves on the proxy and on the coarser proxy.
+
+    Returns
+    -------
+    DeformationResult
+        As of `solve`. Without a guess, ``extra`` has ``coarser_iterations``, 0 without a coarser proxy, and
+        with a guide energy the ``initialisation`` of the result: "guide" or "handles".
+    """
+    tolerance = options.tolerance
+    if task.guess is not None or not options.coarser_start:
+        return solve(task, tolerance=tolerance, progress=progress)
+    if (start := coarser_start(task, options, coarser_progress)) is not None:
+        near = replace(task, guess=start.vertices)
+        result = solve(near, tolerance=tolerance, progress=progress, softened=True)
+        return replace(result, extra={**result.extra, **start.facts})
+    result = lowest(task, options, solve, volume_goal=volume_goal, tolerance=tolerance, progress=progress)
+    return replace(result, extra={**result.extra, "coarser_iterations": 0.0})
+
+
+def coarser_start(task: DeformationTask, options: Options, progress: Progress) -> Start | None:
+    """Deform N through a coarser proxy, at its own volume; return None where that does not help."""
+    mesh, handles = task.mesh, task.handles
+    size = max(mesh.n // RATIO, ROOM * len(handles))
+    if mesh.n < SMALLEST or size > mesh.n // ROOM:
+        return None
+    try:
+        mesh.require_one_component()
+        vertices = proxy_vertices(size, mesh.n, len(handles), coarser=ROOM)
+        regions = HandleRegions(mesh, handles, vertices=vertices, graph=vertex_graph(mesh))
+        sampling, place = sample_with_handles(mesh, regions, (options.seed, 0))
+        coarser = DeformationTask(task.name, proxy_mesh(mesh, sampling), place(handles))
+        frames, tolerance = frame_maker("blended", mesh), ROUGH * options.tolerance
+        with (
+            beside(partial(bind_proxy, mesh, sampling, frames=frames)) as binding,
+            beside(partial(bind_task, coarser, options)) as bound,
+        ):
+            solve = partial(solve_bound, bound=bound, options=options, volume_goal=1.0)
+            goal = {"volume_goal": 1.0, "tolerance": tolerance}
+            rough = lowest(coarser, options, solve, **goal, progress=progress)
+            V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
+        V = regions.on_targets(V, handles)
+    except InputError as error:
+        log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
+        return None
+    facts = {"coarser_iterations": rough.iterations}
+    if "initialisation" in rough.extra:
+        facts["initialisation"] = rough.extra["initialisation"]
+    return Start(V, facts)
+
+
+def lowest(
+    task: DeformationTask,
+    options: Options,
+    solve: Solve,
+    *,
+    volume_goal: float,
+    tolerance: float,
+    progress: Progress,
+) -> DeformationResult:
+    """Solve from the minimum of the guide energy and from the plain start, and return the better result.
+
+    Without a guide energy, solve from the plain start. An error of one solve, such as an interrupt, ends the
+    other at its next report of progress.
+    """
+    if not options.guide_attachment:
+        return solve(task, tolerance=tolerance, progress=progress)
+    stiff: dict[str, Any] = {"attachment": options.guide_attachment, "stiffness": 1.0}
+    stiff |= {"area": min(options.area, GUIDE_AREA), "tolerance": tolerance}
+    guide = {**options.subset(SOLVER), **stiff}
+    failed = Event()
+    report = partial(_report_unless, failed, progress)
+    with beside(partial(solve, task, tolerance=tolerance, progress=report)) as started:
+        try:
+            context: dict[str, Any] = {"volume_goal": volume_goal, "workers": solver_threads(options)}
+            at_guide = local_global(task, **guide, **context, progress=progress).vertices
+            guided = solve(replace(task, guess=at_guide), tolerance=tolerance, progress=progress)
+            plain = started.result()
+        except BaseException:
+            failed.set()
+            raise
+    lower = plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"]
+    result, name = (plain, "handles") if lower else (guided, "guide")
+    return replace(result, extra={**result.extra, "initialisation": name})
+
+
+def _report_unless(
+    failed: Event, progress: Progress, stage: str, done: int, total: int, note: str = ""
+) -> None:
+    if failed.is_set():
+        raise CancelledError
+    progress(stage, done, total, note)
