@@ -150,7 +150,7 @@ def _deform(
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
     from sshade.files.handles import handle_notes, on_surface
     from sshade.files.meshes import write_file
-    from sshade.method.call import deform
+    from sshade.method.deform import deform_task
     from sshade.method.dense_handles import are_dense
     from sshade.problem.task import DeformationTask
 
@@ -165,7 +165,7 @@ def _deform(
     others = along.read_files(options.along, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
-        result = deform(task, method=options.method, progress=progress, **values)
+        result = deform_task(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
     placed = whole.placed(V, result.vertices)
     write_file(options.output, file, placed)

@@ -158,7 +158,34 @@ def run_command(main: Callable[[], int]) -> int:
     """
     _prepare_output()
     with _ended_by_sigterm():
-        return _run(main)
+        try:
+            code = main()
+            sys.stdout.flush()
+            return code
+        except (InputError, FloatingPointError) as error:
+            mistake = str(error)
+        except BrokenPipeError:
+            _drop_output()
+            return 141
+        except OSError as error:
+            _drop_output()
+            mistake = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
+        except MemoryError as error:
+            mistake = f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})"
+        except ModuleNotFoundError as error:
+            if (missing := missing_library(error)) is None:
+                raise
+            mistake = missing
+        except (KeyboardInterrupt, Ended, SystemError) as error:
+            arrived = arrived_in(error)
+            if isinstance(arrived, Ended):
+                return 128 + signal.SIGTERM
+            if not isinstance(arrived, KeyboardInterrupt):
+                raise
+            say("interrupted")
+            return 130
+    say(f"error: {mistake}")
+    return 2
 
 
 def _prepare_output() -> None:
@@ -169,37 +196,6 @@ def _prepare_output() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
-
-
-def _run(main: Callable[[], int]) -> int:
-    try:
-        code = main()
-        sys.stdout.flush()
-        return code
-    except (InputError, FloatingPointError) as error:
-        mistake = str(error)
-    except BrokenPipeError:
-        _drop_output()
-        return 141
-    except OSError as error:
-        _drop_output()
-        mistake = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
-    except MemoryError as error:
-        mistake = f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})"
-    except ModuleNotFoundError as error:
-        if (missing := missing_library(error)) is None:
-            raise
-        mistake = missing
-    except (KeyboardInterrupt, Ended, SystemError) as error:
-        arrived = arrived_in(error)
-        if isinstance(arrived, Ended):
-            return 128 + signal.SIGTERM
-        if not isinstance(arrived, KeyboardInterrupt):
-            raise
-        say("interrupted")
-        return 130
-    say(f"error: {mistake}")
-    return 2
 
 
 def arrived_in(error: BaseException) -> BaseException:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,7 +78,7 @@ class Program(NamedTuple):
                 return run_command(lambda: self.tell(name))
             if name == "--print-completion":
                 return run_command(lambda: self.complete(arguments))
-            return run_command(lambda: self.call(name, arguments))
+            return run_command(partial(self.call, name, arguments))
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from sshade.core.errors import InputError
 
 Result = TypeVar("Result")
+Covariant = TypeVar("Covariant", covariant=True)
 
+#: Number of vertices below which a thread costs more than it saves.
+SMALL = 1000
 #: Number of rows in a range of :func:`in_ranges`, for work that allocates arrays for each range.
 CHUNK = 65_536
 #: Number of rows in a range of :meth:`ThreadTeam.ranges`, for short repeated work: rows stay in the cache.
@@ -56,6 +60,8 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
         The error of the first chunk that failed; see :class:`ThreadTeam`.
     """
     workers = number_of_workers(workers, default=2 * available_cpus())
+    if count == 1:
+        return [chunk(0)]
     with ThreadTeam(max(1, min(workers, count))) as team:
         return team(chunk, count)
 
@@ -71,10 +77,34 @@ def in_ranges(work: Callable[..., Result], n: int, *arguments: Any) -> list[Resu
 
 
 @contextmanager
-def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
-    """Run `work` in a thread beside a ``with`` block; the block ends when both have ended."""
+def beside(work: Callable[[], Result], *, size: int) -> Iterator[Pending[Result]]:
+    """Run `work` in a thread beside a ``with`` block; the block ends when both have ended.
+
+    Parameters
+    ----------
+    work : callable
+    size : int
+        Number of vertices that the work is about. Below :data:`SMALL` there is no thread, and the work is
+        done when its result is asked for.
+    """
+    if size < SMALL:
+        yield Later(work)
+        return
     with ThreadPoolExecutor(max_workers=1) as pool:
         yield pool.submit(work)
+
+
+class Pending(Protocol[Covariant]):
+    """Work whose result is asked for later, such as a Future."""
+
+    def result(self) -> Covariant: ...
+
+
+class Later(Generic[Result]):
+    """Work that is done when its result is first asked for."""
+
+    def __init__(self, work: Callable[[], Result]) -> None:
+        self.result: Callable[[], Result] = cache(work)
 
 
 class ThreadTeam:

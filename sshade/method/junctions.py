@@ -18,9 +18,9 @@ from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.method.regions import EDGE_RATIO, edge_vertices
-from sshade.method.solvers import solve_proxy
+from sshade.method.solvers import OnceSolver
 from sshade.problem.options import Options
-from sshade.problem.task import DeformationTask, Handles
+from sshade.problem.task import Handles
 from sshade.proxy.bind import sample_components
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.fronts import thinned
@@ -81,14 +81,11 @@ def deform_joined(
     proxy = Mesh(parts.V[samples[one]], F)
     handle = numbered(handles.index, parts.n)
     on = np.flatnonzero(handle[samples] >= 0)
-    task = DeformationTask(
-        "junctions",
-        proxy,
-        handles.sampled(handle[samples[on]], number[on], parts.V),
-        guess=None if guess is None else guess[samples[one]],
-    )
-    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0)
-    solved = solve_proxy(task, free, progress=renamed(progress, "junctions"))
+    on_proxy = handles.sampled(handle[samples[on]], number[on], parts.V)
+    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, coarse=None)
+    start = None if guess is None else guess[samples[one]]
+    solver = OnceSolver(proxy, free, name="junctions", guess=start, progress=renamed(progress, "junctions"))
+    solved = solver(on_proxy)
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
     return binding.carry(solved.vertices[number], rotations=solved.extra["rotations"][number])[0]
 

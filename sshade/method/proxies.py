@@ -116,32 +116,47 @@ class Proxies:
         options = options or self._options
         if self.kept and guess is not None:
             self.reset(guess)
-        stop = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
-        context: dict[str, Any] = {**stop, "guess": guess, "settle": settle, "progress": progress}
-        context["out"] = out if options.samplings == 1 else None
+        rest = self._rest
         with ThreadTeam(1 if team else self.carriers) as own_team:
-            context["team"] = team or own_team
-            first = None
-            if options.warm_start and not self.kept:  # the others start from the first result
-                first = self._deformed(handles, context, 0)
-                context["guess"] = first.vertices
-            run = partial(self._deformed, handles, context)
-            rest = self._rest
-            facts = {"samples": rest.vertices, "faces_without_area": rest.faces_without_area}
-            mean = averaged(run, options, facts, graph_seconds=rest.graph_seconds, first=first)
-        regions, V = self._rest.regions, mean.vertices
+            work: dict[str, Any] = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
+            work |= {"settle": settle, "team": team or own_team}
+            if options.samplings == 1:
+                results = [self._proxy(guess, progress, 0).deform(handles, out=out, **work)]
+                V = results[0].vertices
+            else:
+                V, results = self._averaged(handles, guess, progress, work)
         # With a corrected volume, each M' is on its targets.
-        V = regions.correct_volume(V) if corrects_volume(options) else regions.on_targets(V, handles)
-        return mean if V is mean.vertices else replace(mean, vertices=V)
+        corrects = corrects_volume(options)
+        V = rest.regions.correct_volume(V) if corrects else rest.regions.on_targets(V, handles)
+        facts = {"samples": rest.vertices, "faces_without_area": rest.faces_without_area}
+        return of_samplings(V, results, facts, graph_seconds=rest.graph_seconds)
 
-    def _deformed(self, handles: Handles, context: dict[str, Any], number: int) -> DeformationResult:
-        """Deform M through one proxy."""
-        kinds = {name: context[name] for name in ("tolerance", "max_iterations", "team", "out")}
+    def _proxy(self, guess: np.ndarray | None, progress: Progress, number: int) -> Proxy:
+        """Return a kept proxy, or a new one for one deformation."""
         if self.kept:
-            proxy = self.kept[number]
-            return proxy.deform(handles, again=context["settle"] or proxy.at_start, **kinds)
-        start = {"guess": context["guess"], "name": self._name, "progress": context["progress"]}
-        return Proxy(self._rest, self._options, number, **start).deform(handles, **kinds)
+            return self.kept[number]
+        return Proxy(self._rest, self._options, number, guess=guess, name=self._name, progress=progress)
+
+    def _averaged(
+        self, handles: Handles, guess: np.ndarray | None, progress: Progress, work: dict[str, Any]
+    ) -> tuple[np.ndarray, list[DeformationResult]]:
+        """Average M' over several proxies; with a warm start, all start from the first result."""
+        first = None
+        if self._options.warm_start and not self.kept:
+            first = self._proxy(guess, progress, 0).deform(handles, **work)
+            guess = first.vertices
+        run = partial(self._deformed, handles, guess, progress, work)
+        return averaged(run, self._options, first=first)
+
+    def _deformed(
+        self,
+        handles: Handles,
+        guess: np.ndarray | None,
+        progress: Progress,
+        work: dict[str, Any],
+        number: int,
+    ) -> DeformationResult:
+        return self._proxy(guess, progress, number).deform(handles, **work)
 
     def reset(self, guess: np.ndarray | None = None) -> None:
         """Let kept proxies start at a shape (n, 3) of M, or as the method does."""
@@ -172,40 +187,53 @@ class Proxies:
 
 
 def averaged(
-    deform: Callable[[int], DeformationResult],
-    options: Options,
-    facts: dict[str, Any],
-    *,
-    graph_seconds: float,
-    first: DeformationResult | None = None,
-) -> DeformationResult:
+    deform: Callable[[int], DeformationResult], options: Options, *, first: DeformationResult | None = None
+) -> tuple[np.ndarray, list[DeformationResult]]:
     """Average M' over samplings, ``deform(0)`` to ``deform(samplings - 1)``, which run in threads.
 
     Positions are summed in the order of the samplings, whatever the number of threads. The memory of
-    each M' is freed once it is in the sum. ``seconds`` are summed; ``extra`` follows :data:`OF_SAMPLINGS`.
+    each M' is freed once it is in the sum.
 
     Parameters
     ----------
     deform : callable
     options : Options
         Of these, ``samplings`` and ``workers``.
-    facts : dict
-        Facts that are equal in all samplings.
-    graph_seconds : float
-        Time of the graph that all samplings share.
     first : DeformationResult, optional
         Result of the first sampling, if it is known.
+
+    Returns
+    -------
+    (n, 3) float64
+        The mean.
+    list of DeformationResult
+        Results without their vertices.
     """
     mean = _RunningMean()
     run = partial(_summed, deform, first, mean)
     results = in_threads(run, options.samplings, workers=options.workers)
-    total = mean.total / options.samplings if options.samplings > 1 else mean.total
-    facts = {"samplings": options.samplings, **facts}
+    return mean.total / options.samplings if options.samplings > 1 else mean.total, results
+
+
+def of_samplings(
+    V: np.ndarray, results: list[DeformationResult], facts: dict[str, Any], *, graph_seconds: float
+) -> DeformationResult:
+    """Join results of samplings: ``seconds`` are summed, and ``extra`` follows :data:`OF_SAMPLINGS`.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+    results : list of DeformationResult
+    facts : dict
+        Facts that are equal in all samplings.
+    graph_seconds : float
+        Time of the graph that all samplings share.
+    """
     times = results[0].seconds
     if "remesh" in times:
         times = {**times, "remesh": times["remesh"] + graph_seconds}
         results[0] = replace(results[0], seconds=times)
-    return joined(total, results, OF_SAMPLINGS, extra=facts)
+    return joined(V, results, OF_SAMPLINGS, extra={"samplings": len(results), **facts})
 
 
 def _summed(

@@ -154,7 +154,7 @@ class Proxy:
                 coarser_progress=renamed(progress, f"coarser {stage}"),
             )
         else:
-            with beside(self._bind) as binding:  # the solver is factorised beside it
+            with beside(self._bind, size=rest.mesh.n) as binding:  # the solver is factorised beside it
                 self._solver = FollowingSolver(self.mesh, self._place(handles), options)
                 self._binding = binding.result()
 
@@ -211,7 +211,7 @@ class Proxy:
         on_proxy = self._place(handles)
         if self._binding is not None:
             return self._solver(on_proxy, volume_goal=self._goal, **stop)
-        with beside(self._bind) as binding:
+        with beside(self._bind, size=self._rest.mesh.n) as binding:
             solved = self._solver(on_proxy, volume_goal=self._goal, **stop)
             self._binding = binding.result()
         return solved
@@ -222,7 +222,7 @@ class Proxy:
         *,
         tolerance: float,
         max_iterations: int,
-        again: bool = True,
+        settle: bool = True,
         team: ThreadTeam,
         out: np.ndarray | None = None,
     ) -> DeformationResult:
@@ -240,8 +240,9 @@ class Proxy:
         tolerance : float
         max_iterations : int
             Of all solves together.
-        again : bool
-            Solve again at once where M' needs a correction. Without it, the next call makes the correction.
+        settle : bool
+            Solve again at once where M' needs a correction. Without it, the next call makes the correction,
+            unless this is the first call.
         team : ThreadTeam
             Threads that prolong N' to M'.
         out : (n, 3) float64, C-contiguous, optional
@@ -251,7 +252,7 @@ class Proxy:
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
-        for _ in range(1 + VOLUME_ROUNDS if again else 1):
+        for _ in range(1 + VOLUME_ROUNDS if settle or self.at_start else 1):
             begin = perf_counter()
             left = int(max_iterations - iterations)
             solved = self.solve(handles, tolerance=tolerance, max_iterations=left)

@@ -17,28 +17,13 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import beside
 from sshade.mesh.mesh import Mesh
-from sshade.method.start import solve_bound, solve_from_start, solver_threads
+from sshade.method.start import solve_from_start, solve_once, solver_threads
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
-from sshade.solver.local_global import LocalGlobal, bind_task
+from sshade.solver.local_global import LocalGlobal, bind_task, solve_bound
 from sshade.solver.start import initial_guess
-
-
-def solve_proxy(
-    task: DeformationTask,
-    options: Options,
-    *,
-    volume_goal: float = 1.0,
-    progress: Progress = silent,
-    coarser_progress: Progress = silent,
-) -> DeformationResult:
-    """Solve the task of a proxy once; the solver is bound beside the search of a start."""
-    with beside(partial(bind_task, task, options)) as bound:
-        solve = partial(solve_bound, bound=bound, options=options, volume_goal=volume_goal)
-        reports = {"progress": progress, "coarser_progress": coarser_progress}
-        return solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
 
 
 class OnceSolver:
@@ -61,25 +46,34 @@ class OnceSolver:
         proxy: Mesh,
         options: Options,
         *,
-        name: str,
-        guess: np.ndarray | None,
-        progress: Progress,
-        coarser_progress: Progress,
+        name: str = "proxy",
+        guess: np.ndarray | None = None,
+        progress: Progress = silent,
+        coarser_progress: Progress = silent,
     ) -> None:
         self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
         self._progress, self._coarser_progress = progress, coarser_progress
 
-    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+    def __call__(self, handles: Handles, *, volume_goal: float = 1.0, **stop: Any) -> DeformationResult:
         task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
         if (method := self._options.coarse) is not None:
             return method(task, seed=self._options.seed, progress=self._progress)
-        result = solve_proxy(
-            task,
-            replace(self._options, **stop),
-            volume_goal=volume_goal,
-            progress=self._progress,
-            coarser_progress=self._coarser_progress,
-        )
+        options = replace(self._options, **stop)
+        with beside(partial(bind_task, task, options), size=self._proxy.n) as bound:
+            if self._guess is None and options.coarser_start:
+                solve = partial(solve_once, bound=bound, options=options, volume_goal=volume_goal)
+                reports = {"progress": self._progress, "coarser_progress": self._coarser_progress}
+                result = solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
+            else:
+                result = solve_bound(
+                    bound.result(),
+                    task,
+                    options,
+                    accelerate=options.accelerate,
+                    volume_goal=volume_goal,
+                    workers=solver_threads(options, self._proxy.n),
+                    progress=self._progress,
+                )
         self._guess = result.vertices
         return result
 
@@ -152,7 +146,7 @@ class FollowingSolver:
         aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "volume_goal": volume_goal}
         aim["prescribed"] = handles.prescribed_rotations
         energy: dict[str, Any] = self._options.subset(ENERGY)
-        energy["workers"] = solver_threads(self._options)
+        energy["workers"] = solver_threads(self._options, self._proxy.n)
         if self._following is None and self._last is not None:
             at = self._last[0][self._solver.index]
             self._following = Following(self._solver, *self._last, at, **energy)
@@ -172,6 +166,8 @@ class FollowingSolver:
     def _first(self, handles: Handles, aim: Mapping[str, Any], options: Options) -> DeformationResult:
         task, goal = DeformationTask("drag", self._proxy, handles), aim["volume_goal"]
         solve = partial(self._solve, aim=aim, options=options)
+        if not options.coarser_start:
+            return solve(task, tolerance=options.tolerance, progress=silent)
         reports = {"progress": silent, "coarser_progress": silent}
         return solve_from_start(task, options, solve, volume_goal=goal, **reports)
 
@@ -190,7 +186,7 @@ class FollowingSolver:
             start=initial_guess(task, options.start),
             tolerance=tolerance,
             max_iterations=options.max_iterations,
-            workers=solver_threads(options),
+            workers=solver_threads(options, task.mesh.n),
             softened=softened,
             progress=progress,
             **aim,

@@ -14,7 +14,7 @@ more than a few per cent only where a far twist collapses and intersects itself.
 from __future__ import annotations
 
 import logging
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError
 from dataclasses import replace
 from functools import partial
 from threading import Event
@@ -24,17 +24,18 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
-from sshade.core.threads import available_cpus, beside
+from sshade.core.threads import SMALL, Pending, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.method.placement import sample_with_handles
 from sshade.method.regions import HandleRegions
-from sshade.problem.options import SOLVER, Options
+from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.kinds import frame_maker
 from sshade.proxy.sample import proxy_mesh
 from sshade.proxy.sizes import proxy_vertices
-from sshade.solver.local_global import Bound, bind_task, local_global
+from sshade.solver.local_global import Bound, bind_task, solve_bound
+from sshade.solver.start import initial_guess
 
 log = logging.getLogger(__name__)
 
@@ -77,31 +78,34 @@ class Start(NamedTuple):
     facts: dict[str, Any]
 
 
-def solver_threads(options: Options) -> int:
-    """Return the number of threads that share an iteration on a proxy: one if samplings share the CPUs."""
-    return (options.workers or available_cpus()) if options.samplings == 1 else 1
+def solver_threads(options: Options, n: int) -> int:
+    """Return the number of threads that share an iteration on a proxy of n vertices.
+
+    One thread iterates if samplings share the CPUs, or the proxy is small.
+    """
+    return (options.workers or available_cpus()) if options.samplings == 1 and n >= SMALL else 1
 
 
-def solve_bound(
+def solve_once(
     task: DeformationTask,
     *,
-    bound: Future[Bound],
+    bound: Pending[Bound],
     options: Options,
     volume_goal: float,
     tolerance: float,
     progress: Progress,
     softened: bool = False,
 ) -> DeformationResult:
-    """Solve a task with the solver that `bound` gets for its mesh and handles."""
-    return local_global(
+    """Solve a task with the solver that `bound` gets for its mesh and handles; see :class:`Solve`."""
+    return solve_bound(
+        bound.result(),
         task,
-        bound=bound.result(),
+        replace(options, tolerance=tolerance),
         accelerate=options.accelerate,
         volume_goal=volume_goal,
-        workers=solver_threads(options),
+        workers=solver_threads(options, task.mesh.n),
         softened=softened,
         progress=progress,
-        **{**options.subset(SOLVER), "tolerance": tolerance},
     )
 
 
@@ -114,14 +118,13 @@ def solve_from_start(
     progress: Progress,
     coarser_progress: Progress,
 ) -> DeformationResult:
-    """Solve a proxy from the start that the options ask for.
+    """Solve a proxy from a coarser proxy, or from the lower of two starts.
 
     Parameters
     ----------
     task : DeformationTask
-        Of the proxy. A task with a guess starts there. Small proxies, below :data:`SMALLEST` vertices,
-        proxies with many handles, and thin proxies whose topology a coarser proxy cannot keep have no coarser
-        proxy.
+        Of the proxy, without a guess. Small proxies, below :data:`SMALLEST` vertices, proxies with many
+        handles, and thin proxies whose topology a coarser proxy cannot keep have no coarser proxy.
     options : Options
     solve : Solve
         The solver of the proxy.
@@ -133,12 +136,10 @@ def solve_from_start(
     Returns
     -------
     DeformationResult
-        As of `solve`. Without a guess, ``extra`` has ``coarser_iterations``, 0 without a coarser proxy, and
-        with a guide energy the ``initialisation`` of the result: "guide" or "handles".
+        As of `solve`. ``extra`` has ``coarser_iterations``, 0 without a coarser proxy, and with a guide
+        energy the ``initialisation`` of the result: "guide" or "handles".
     """
     tolerance = options.tolerance
-    if task.guess is not None or not options.coarser_start:
-        return solve(task, tolerance=tolerance, progress=progress)
     if (start := coarser_start(task, options, coarser_progress)) is not None:
         near = replace(task, guess=start.vertices)
         result = solve(near, tolerance=tolerance, progress=progress, softened=True)
@@ -161,10 +162,10 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
         coarser = DeformationTask(task.name, proxy_mesh(mesh, sampling), place(handles))
         frames, tolerance = frame_maker("blended", mesh), ROUGH * options.tolerance
         with (
-            beside(partial(bind_proxy, mesh, sampling, frames=frames)) as binding,
-            beside(partial(bind_task, coarser, options)) as bound,
+            beside(partial(bind_proxy, mesh, sampling, frames=frames), size=mesh.n) as binding,
+            beside(partial(bind_task, coarser, options), size=coarser.mesh.n) as bound,
         ):
-            solve = partial(solve_bound, bound=bound, options=options, volume_goal=1.0)
+            solve = partial(solve_once, bound=bound, options=options, volume_goal=1.0)
             goal = {"volume_goal": 1.0, "tolerance": tolerance}
             rough = lowest(coarser, options, solve, **goal, progress=progress)
             V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
@@ -194,15 +195,24 @@ def lowest(
     """
     if not options.guide_attachment:
         return solve(task, tolerance=tolerance, progress=progress)
-    stiff: dict[str, Any] = {"attachment": options.guide_attachment, "stiffness": 1.0}
-    stiff |= {"area": min(options.area, GUIDE_AREA), "tolerance": tolerance}
-    guide = {**options.subset(SOLVER), **stiff}
-    failed = Event()
+    guide = replace(options, attachment=options.guide_attachment, stiffness=1.0)
+    guide = replace(guide, area=min(options.area, GUIDE_AREA))
+    failed, handles, n = Event(), task.handles, task.mesh.n
     report = partial(_report_unless, failed, progress)
-    with beside(partial(solve, task, tolerance=tolerance, progress=report)) as started:
+    with beside(partial(solve, task, tolerance=tolerance, progress=report), size=n) as started:
         try:
-            context: dict[str, Any] = {"volume_goal": volume_goal, "workers": solver_threads(options)}
-            at_guide = local_global(task, **guide, **context, progress=progress).vertices
+            bound = bind_task(task, guide)
+            at_guide = bound.solver.solve(
+                bound.targets,
+                start=initial_guess(task, guide.start),
+                prescribed=handles.prescribed_rotations,
+                volume_goal=volume_goal,
+                workers=solver_threads(options, n),
+                tolerance=tolerance,
+                max_iterations=guide.max_iterations,
+                progress=progress,
+                **guide.subset(ENERGY),
+            ).positions
             guided = solve(replace(task, guess=at_guide), tolerance=tolerance, progress=progress)
             plain = started.result()
         except BaseException:

@@ -15,7 +15,7 @@ from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.cutting import Cut
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cut_surface, mean_of_copies
-from sshade.method.proxies import averaged
+from sshade.method.proxies import averaged, of_samplings
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.bind import bind
@@ -80,7 +80,7 @@ def transfer(
     report()
     run = partial(_one_sampling, shapes, report)
     facts = {"samples": samples, "faces_without_area": int(rest.without_area.sum())}
-    return averaged(run, resolved, facts, graph_seconds=graph_seconds).of(task)
+    return of_samplings(*averaged(run, resolved), facts, graph_seconds=graph_seconds).of(task)
 
 
 class _Shapes(NamedTuple):

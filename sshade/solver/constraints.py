@@ -29,7 +29,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
-from sshade.core.threads import ThreadTeam, in_ranges
+from sshade.core.threads import ROWS, ThreadTeam, in_ranges
 from sshade.mesh.mesh import Mesh
 from sshade.solver.order import faces_in_order, vertex_ranges
 
@@ -121,7 +121,7 @@ class Surface:
     def measure(self, P: np.ndarray, team: ThreadTeam) -> np.ndarray:
         """Return (2,) volume and area at positions P (n, 3); the same bits with any number of threads."""
         origin = P[self.F[0, 0]]
-        return sum(team.ranges(volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
+        return sum(_over(team, volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
 
     def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
         """Describe volume and area at positions P (n, 3) after a solve with these weights and this goal.
@@ -266,11 +266,11 @@ class Constraints:
 
     def _along(self, G: np.ndarray) -> np.ndarray:
         """(q, q) derivatives ``sum_i G_i . Z_i`` of each quantity along each direction."""
-        return sum(self._team.ranges(_along, G.shape[1], G, self._Z))
+        return sum(_over(self._team, _along, G.shape[1], G, self._Z))
 
     def add_moves(self, B: np.ndarray) -> None:
         """Add the gradients, times the changes of the multipliers in the last :meth:`project`, to B."""
-        self._team.ranges(_shift, len(B), B, self._G, self._grown)
+        _over(self._team, _shift, len(B), B, self._G, self._grown)
 
     def project(self, P: np.ndarray, before: np.ndarray, solve: Solves) -> None:
         """Move P along the directions until the equations hold, and update the multipliers.
@@ -357,7 +357,7 @@ class Constraints:
             if action == STAY:
                 break
             multiplier += step
-            self._team.ranges(_shift, len(P), P, self._Z, step)
+            _over(self._team, _shift, len(P), P, self._Z, step)
             if action == MOVE_LAST:
                 break
         return best
@@ -370,6 +370,11 @@ def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:
     if not mesh.is_oriented:
         return "orientation"
     return "flat" if abs(rest[VOLUME]) <= FLAT * rest[AREA] ** 1.5 else ""
+
+
+def _over(team: ThreadTeam, work: Callable[..., Any], n: int, *arguments: Any, rows: int = ROWS) -> list[Any]:
+    """Return the results of `work` for ranges of n rows; a single range needs no team."""
+    return [work(0, n, *arguments)] if n <= rows else team.ranges(work, n, *arguments, rows=rows)
 
 
 @kernel(fastmath={"contract"})

@@ -310,20 +310,43 @@ def local_global(
     if not 0 < volume_goal < inf:
         raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     solver_options = complete(options)
-    guess = initial_guess(task, solver_options.start)
     bound = bound or bind_task(task, solver_options, energy=energy, factorised=factorised)
+    return solve_bound(
+        bound,
+        task,
+        solver_options,
+        accelerate=accelerate,
+        volume_goal=volume_goal,
+        workers=workers,
+        softened=softened,
+        progress=progress,
+    )
+
+
+def solve_bound(
+    bound: Bound,
+    task: DeformationTask,
+    options: Options,
+    *,
+    accelerate: bool = True,
+    volume_goal: float = 1.0,
+    workers: int = 1,
+    softened: bool = False,
+    progress: Progress = silent,
+) -> DeformationResult:
+    """Solve a task with a solver that is bound to it; parameters and result as of :func:`local_global`."""
     begin = perf_counter()
     solution = bound.solver.solve(
         bound.targets,
-        start=guess,
+        start=initial_guess(task, options.start),
         prescribed=task.handles.prescribed_rotations,
         accelerate=accelerate,
         volume_goal=volume_goal,
         workers=workers,
         softened=softened,
         progress=progress,
-        tolerance=solver_options.tolerance,
-        max_iterations=solver_options.max_iterations,
-        **solver_options.subset(ENERGY),
+        tolerance=options.tolerance,
+        max_iterations=options.max_iterations,
+        **options.subset(ENERGY),
     )
     return solution.result({"precompute": bound.seconds, "solve": perf_counter() - begin})

@@ -14,9 +14,9 @@ from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.files.handles import read_handles
 from sshade.mesh.rigid import rigid_motion
 from sshade.method import start
-from sshade.method.solvers import solve_proxy
+from sshade.method.solvers import OnceSolver
 from sshade.problem.options import resolve
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal, local_global, solve_bound
 from tests.shapes import block, bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.method.calls import METHODS
 from tests.sshade.naive import Naive
@@ -178,12 +178,12 @@ def test_levels_take_rotations_along(monkeypatch):
     task = sheet(64, degrees=45)
     seen = []
 
-    def spy(given, **options):
+    def spy(bound, given, *arguments, **options):
         seen.append((given.mesh.n, given.handles.prescribed_rotations))
-        return local_global(given, **options)
+        return solve_bound(bound, given, *arguments, **options)
 
-    monkeypatch.setattr(start, "local_global", spy)
-    solve_proxy(task, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}))
+    monkeypatch.setattr(start, "solve_bound", spy)
+    OnceSolver(task.mesh, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}))(task.handles)
     assert len(seen) == 2 and seen[0][0] < seen[1][0]
     for _, prescribed in seen:
         assert np.array_equal(prescribed[1], turn(45)[None])

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 from threading import Event
 from time import sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ import pytest
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
 from sshade.method import start
-from sshade.method.solvers import solve_proxy
+from sshade.method.solvers import OnceSolver
 from sshade.method.start import RATIO, ROOM, lowest
 from sshade.problem.options import Options
-from sshade.solver.local_global import local_global
+from sshade.solver.local_global import local_global, solve_bound
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
 
@@ -24,7 +25,8 @@ OPTIONS = Options(volume=np.inf, max_iterations=5000, coarser_start=True)
 
 def solve(task, *, volume_goal=1.0, **changes) -> DeformationResult:
     """Solve a task as a proxy's."""
-    return solve_proxy(task, replace(OPTIONS, **changes), volume_goal=volume_goal)
+    solver = OnceSolver(task.mesh, replace(OPTIONS, **changes), guess=task.guess)
+    return solver(task.handles, volume_goal=volume_goal)
 
 
 @pytest.fixture
@@ -72,26 +74,26 @@ def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatc
 def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, guide_attachment, goal):
     goals = []
 
-    def spy(given, **options):
+    def spy(bound, given, solver, **options):
         goals.append((given.mesh.n == task.mesh.n, options["volume_goal"]))
-        return local_global(given, **options)
+        return solve_bound(bound, given, solver, **options)
 
-    monkeypatch.setattr(start, "local_global", spy)
+    monkeypatch.setattr(start, "solve_bound", spy)
     found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
-    assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
+    assert goals == [(False, 1.0)] * (2 if guide_attachment else 1) + [(True, goal)]
     assert ("initialisation" in found.extra) == (guide_attachment > 0)
 
 
 def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
     task, always, monkeypatch, caplog
 ):
-    def solver(given, **options):
+    def solver(bound, given, *arguments, **options):
         if given.mesh.n < task.mesh.n:
             raise InputError("1 triangles of the rest mesh have no area")
-        return local_global(given, **options)
+        return solve_bound(bound, given, *arguments, **options)
 
-    monkeypatch.setattr(start, "local_global", solver)
+    monkeypatch.setattr(start, "solve_bound", solver)
     caplog.set_level("INFO")
     found = solve(task)
     assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
@@ -112,15 +114,18 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
     far = np.array([3.0, 0.0, 0.0])
     begun = []
 
-    def solver(task, **options):
-        if "bound" not in options:  # the guide
-            return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
+    def guide(task, options):
+        at = SimpleNamespace(positions=task.mesh.V + far)
+        return SimpleNamespace(targets=None, solver=SimpleNamespace(solve=lambda *_, **__: at))
+
+    def solver(bound, task, options, **_):
         own = task.guess is None
         V = task.mesh.V if own else task.guess
         begun.append((task.mesh.n, own))
         return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
 
-    monkeypatch.setattr(start, "local_global", solver)
+    monkeypatch.setattr(start, "bind_task", guide)
+    monkeypatch.setattr(start, "solve_bound", solver)
     found = solve(task, guide_attachment=3.0)
     own_wins = ratio < 0.9
     assert found.extra["initialisation"] == ("handles" if own_wins else "guide")
@@ -143,11 +148,11 @@ def test_an_interrupt_of_one_start_ends_the_other(task, monkeypatch):
             reports.append(progress("iterations", len(reports), 1000))
             sleep(0.005)
 
-    def interrupted(given, **_):
+    def interrupted(given, options):
         begun.wait()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(start, "local_global", interrupted)
+    monkeypatch.setattr(start, "bind_task", interrupted)
     with pytest.raises(KeyboardInterrupt):
         guided = replace(OPTIONS, guide_attachment=3.0)
         lowest(task, guided, endless, volume_goal=1.0, tolerance=1e-5, progress=silent)
