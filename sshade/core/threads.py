@@ -66,6 +66,11 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
         return team(chunk, count)
 
 
+def in_turn(chunk: Callable[[int], Result], count: int) -> list[Result]:
+    """Return ``[chunk(0), ..., chunk(count - 1)]`` by the calling thread, as a team of one does."""
+    return [chunk(i) for i in range(count)]
+
+
 def in_ranges(work: Callable[..., Result], n: int, *arguments: Any) -> list[Result]:
     """Return ``[work(first, end, *arguments), ...]`` for ranges that cover n rows, in order.
 

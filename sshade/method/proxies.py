@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import ThreadTeam, available_cpus, in_threads
+from sshade.core.threads import ThreadTeam, available_cpus, in_threads, number_of_workers
 from sshade.mesh.mesh import Mesh
 from sshade.method.facts import OF_SAMPLINGS, joined
 from sshade.method.proxy import Proxy, Rest, corrects_volume
@@ -124,7 +124,13 @@ class Proxies:
                 results = [self._proxy(guess, progress, 0).deform(handles, out=out, **work)]
                 V = results[0].vertices
             else:
-                V, results = self._averaged(handles, guess, progress, work)
+                first = None
+                if options.warm_start and not self.kept:  # all others start from the first result
+                    first = self._proxy(guess, progress, 0).deform(handles, **work)
+                    guess = first.vertices
+                run = partial(self._deformed, handles, guess, progress, work, first)
+                with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
+                    V, results = mean_of(pool.map(run, range(options.samplings)))
         # With a corrected volume, each M' is on its targets.
         corrects = corrects_volume(options)
         V = rest.regions.correct_volume(V) if corrects else rest.regions.on_targets(V, handles)
@@ -137,25 +143,18 @@ class Proxies:
             return self.kept[number]
         return Proxy(self._rest, self._options, number, guess=guess, name=self._name, progress=progress)
 
-    def _averaged(
-        self, handles: Handles, guess: np.ndarray | None, progress: Progress, work: dict[str, Any]
-    ) -> tuple[np.ndarray, list[DeformationResult]]:
-        """Average M' over several proxies; with a warm start, all start from the first result."""
-        first = None
-        if self._options.warm_start and not self.kept:
-            first = self._proxy(guess, progress, 0).deform(handles, **work)
-            guess = first.vertices
-        run = partial(self._deformed, handles, guess, progress, work)
-        return averaged(run, self._options, first=first)
-
     def _deformed(
         self,
         handles: Handles,
         guess: np.ndarray | None,
         progress: Progress,
         work: dict[str, Any],
+        first: DeformationResult | None,
         number: int,
     ) -> DeformationResult:
+        """Deform M through one proxy; `first` is the result of the first one, if it is known."""
+        if first is not None and number == 0:
+            return first
         return self._proxy(guess, progress, number).deform(handles, **work)
 
     def reset(self, guess: np.ndarray | None = None) -> None:
@@ -186,33 +185,23 @@ class Proxies:
             proxy.change(options)
 
 
-def averaged(
-    deform: Callable[[int], DeformationResult], options: Options, *, first: DeformationResult | None = None
-) -> tuple[np.ndarray, list[DeformationResult]]:
-    """Average M' over samplings, ``deform(0)`` to ``deform(samplings - 1)``, which run in threads.
+def threads_of(options: Options) -> int:
+    """Return the number of threads that work on samplings: by default two for each CPU."""
+    return min(options.samplings, number_of_workers(options.workers, default=2 * available_cpus()))
 
-    Positions are summed in the order of the samplings, whatever the number of threads. The memory of
-    each M' is freed once it is in the sum.
 
-    Parameters
-    ----------
-    deform : callable
-    options : Options
-        Of these, ``samplings`` and ``workers``.
-    first : DeformationResult, optional
-        Result of the first sampling, if it is known.
+def mean_of(results: Iterable[DeformationResult]) -> tuple[np.ndarray, list[DeformationResult]]:
+    """Return the mean (n, 3) of the positions of results, and the results without their positions.
 
-    Returns
-    -------
-    (n, 3) float64
-        The mean.
-    list of DeformationResult
-        Results without their vertices.
+    Positions are summed in the order of the results, so that the mean does not depend on the number of
+    threads. The memory of each result is freed once it is in the sum.
     """
-    mean = _RunningMean()
-    run = partial(_summed, deform, first, mean)
-    results = in_threads(run, options.samplings, workers=options.workers)
-    return mean.total / options.samplings if options.samplings > 1 else mean.total, results
+    total: Any = 0.0
+    kept = []
+    for result in results:
+        total = total + result.vertices
+        kept.append(replace(result, vertices=np.empty((0, 3))))
+    return total / len(kept), kept
 
 
 def of_samplings(
@@ -234,31 +223,3 @@ def of_samplings(
         times = {**times, "remesh": times["remesh"] + graph_seconds}
         results[0] = replace(results[0], seconds=times)
     return joined(V, results, OF_SAMPLINGS, extra={"samplings": len(results), **facts})
-
-
-def _summed(
-    deform: Callable[[int], DeformationResult],
-    first: DeformationResult | None,
-    mean: _RunningMean,
-    number: int,
-) -> DeformationResult:
-    result = first if first is not None and number == 0 else deform(number)
-    mean.add(number, result.vertices)
-    return replace(result, vertices=np.empty((0, 3)))
-
-
-class _RunningMean:
-    """The sum of arrays that come in any order, added up in the order of their numbers."""
-
-    def __init__(self) -> None:
-        self.total: Any = None
-        self._next, self._early, self._lock = 0, dict[int, np.ndarray](), Lock()
-
-    def add(self, number: int, array: np.ndarray) -> None:
-        """Add an array as soon as all arrays of lower numbers are in the sum."""
-        with self._lock:
-            self._early[number] = array
-            while self._next in self._early:
-                array = self._early.pop(self._next)
-                self.total = array if self._next == 0 else self.total + array
-                self._next += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
 from time import perf_counter
@@ -15,7 +16,7 @@ from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.cutting import Cut
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cut_surface, mean_of_copies
-from sshade.method.proxies import averaged, of_samplings
+from sshade.method.proxies import mean_of, of_samplings, threads_of
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.bind import bind
@@ -80,7 +81,9 @@ def transfer(
     report()
     run = partial(_one_sampling, shapes, report)
     facts = {"samples": samples, "faces_without_area": int(rest.without_area.sum())}
-    return of_samplings(*averaged(run, resolved), facts, graph_seconds=graph_seconds).of(task)
+    with ThreadPoolExecutor(max_workers=threads_of(resolved)) as pool:
+        mean, results = mean_of(pool.map(run, range(resolved.samplings)))
+    return of_samplings(mean, results, facts, graph_seconds=graph_seconds).of(task)
 
 
 class _Shapes(NamedTuple):

@@ -138,7 +138,7 @@ class Descent:
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
         """Write directions M B_q to X_q, for B and X (q, n, 3)."""
         # V-cycles have work arrays of their own.
-        if isinstance(self._linear, Factorised) and len(B) > 1:
+        if isinstance(self._linear, Factorised) and min(len(B), self._team.workers) > 1:
             self._team(lambda q: self._linear.solve(B[q], X[q]), len(B))
             return
         for q in range(len(B)):

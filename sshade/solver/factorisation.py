@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import csc_array, csc_matrix, sparray, spmatrix
 
 from sshade.core.kernels import kernel
-from sshade.core.threads import ThreadTeam
+from sshade.core.threads import ThreadTeam, in_turn
 
 #: Number of entries below which a thread solves alone. A second thread would work for less time than it takes
 #: to start.
@@ -97,17 +97,17 @@ class Factorisation:
         The threads of a team, if there is one, share the work.
         """
         first, top = self.halves
-        n, bounds, team = len(X), [(0, first), (first, top)], team or ThreadTeam(1)
+        n, bounds, each = len(X), [(0, first), (first, top)], team or in_turn
         start, row, value, _ = self.factors
         if top:
             to_top = np.zeros((2, n - top, 3))
-            team(lambda i: _forward(*bounds[i], start, self._top, row, value, X, top, to_top[i]), 2)
+            each(lambda i: _forward(*bounds[i], start, self._top, row, value, X, top, to_top[i]), 2)
             X[top:] += to_top[0]
             X[top:] += to_top[1]
         _forward(top, n, start, start, row, value, X, top, X[top:])
         _backward(top, n, *self.factors, X)
         if top:
-            team(lambda i: _backward(*bounds[i], *self.factors, X), 2)
+            each(lambda i: _backward(*bounds[i], *self.factors, X), 2)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""
