@@ -123,7 +123,7 @@ def add_options(
         text = text if "coarser" in names else text.replace(" (see `coarser`)", "")
         about: dict[str, Any] = {"default": default, "help": text}
         if option.kind == "bool":
-            about["action"] = "store_true"
+            about["action"] = argparse.BooleanOptionalAction
         elif option.choices:
             about["choices"] = option.choices
         else:

@@ -34,9 +34,7 @@ methods:
   fast         one proxy with volume and area constraints (default)
   fine         fast with a polish at full resolution: five times slower at 170,000 vertices, twenty times
                at 2.7 million
-  fine_free    fine without constraints
-  paper        the published method, the mean of five proxies
-  paper_plain  paper with the published iterations
+  paper        the published method with an accelerated solver, the mean of five proxies
   interpolate  a smooth map through dense handles, without an elastic surface; takes no options
 
 examples:
@@ -81,7 +79,7 @@ from sshade.core.errors import InputError
 from sshade.files.atomic import naming
 from sshade.files.document import SUFFIXES, check_input
 from sshade.files.entries import HandleFile, read_handle_file
-from sshade.problem.options import GROUPS, PAPER, Options, require_method, resolve
+from sshade.problem.options import GROUPS, Options, require_method, resolve
 
 if TYPE_CHECKING:
     from sshade.problem.task import DeformationTask
@@ -96,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     handles = f"{HANDLES}; several for a sequence"
     add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
-    method = "fast (default), fine, fine_free, paper, paper_plain or interpolate, see above"
+    method = "fast (default), fine, paper or interpolate, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
     further = ("method", "weight", "raw", "carry_unconstrained")
     add_options(parser, OPTIONS, further=further)
@@ -122,7 +120,7 @@ def command(options: argparse.Namespace) -> int:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
     companions = along.outputs(options, options.output)
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
-    if require_method(options.method) in PAPER:
+    if require_method(options.method) == "paper":
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
     if options.from_file:
         of_file = {name: value for name, value in options.from_file.items() if name in OPTIONS}
@@ -178,7 +176,7 @@ def _deform(
     size = result.extra["proxy_vertices"]
     proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
     say(f"{options.output}: {len(V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
-    exact = options.method not in PAPER
+    exact = options.method != "paper"
     for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
         say(f"warning: {warning}")
     rounded = rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal)

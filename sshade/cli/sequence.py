@@ -166,7 +166,6 @@ def _deform(
     from sshade.files.handles import handle_notes
     from sshade.method.dense_handles import are_dense
     from sshade.method.sequence import Sequence
-    from sshade.problem.options import PAPER
     from sshade.problem.task import DeformationResult, DeformationTask
 
     file, whole = read_surface(options, options.output)
@@ -204,7 +203,7 @@ def _deform(
         say(f"note: {note}")
     rounding = max(moves)
     for warning in warnings_of(
-        max(errors), rounding=rounding / mesh.diagonal, exact=options.method not in PAPER
+        max(errors), rounding=rounding / mesh.diagonal, exact=options.method != "paper"
     ):
         say(f"warning: {warning}")
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}

@@ -68,11 +68,11 @@ def deform(
         Handle vertices.
     bc : (k, 3) float64
         Their targets.
-    method : {"fast", "fine", "fine_free", "paper", "paper_plain", "interpolate"} or callable
+    method : {"fast", "fine", "paper", "interpolate"} or callable
         "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 35 times as
-        long, and changes edges and angles less; "fine_free" does so without constraints. "paper" is the
-        published method with an accelerated solver, "paper_plain" with the published iterations.
-        "interpolate" is for dense handles: it solves for no elastic shape, and takes no options. Any other
+        long, and changes edges and angles less, and least with ``volume=0, area=0``. "paper" is the published
+        method with an accelerated solver; ``accelerate=False`` takes the published iterations. "interpolate"
+        is for dense handles: it solves for no elastic shape, and takes no options. Any other
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
         Weight of soft handles, which are pulled to their targets; inf, the default, is a hard handle. 1 is

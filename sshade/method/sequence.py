@@ -38,8 +38,8 @@ class Sequence:
     task : DeformationTask
         Mesh, handle vertices, groups and weights of all poses. Its targets and its guess are not used.
     method : str
-        See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper_plain"
-        does not bind.
+        See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper" with
+        ``accelerate=False`` does not bind.
     **options
         Options of the method, see :class:`sshade.problem.options.Options`.
 

@@ -1,7 +1,7 @@
 """Every option of the methods once: its type, unit, default, range, and effect.
 
 Validation, ``--help``, the reference page and the columns of result rows are all made from :class:`Options`.
-:data:`PRESETS` has the values for each of the five methods.
+:data:`PRESETS` has the values for each method.
 """
 
 from __future__ import annotations
@@ -24,17 +24,10 @@ Energy = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
-#: Groups of methods: the paper's; with a polish at full resolution; with our start and guide energy (all
-#: except the paper's); and without a polish.
-PAPER = ("paper", "paper_plain")
-FINE = ("fine", "fine_free")
-FAST = ("fast", *FINE)
-WITHOUT_POLISH = (*PAPER, "fast")
 
-
-def _option(default: Any, values: str, methods: tuple[str, ...] = (*PAPER, *FAST)) -> Any:
+def _option(default: Any, values: str, methods: str = "paper fast fine") -> Any:
     """Declare an option with its default, its interval or possible names, and the methods that take it."""
-    return field(default=default, metadata={"values": values, "methods": methods})
+    return field(default=default, metadata={"values": values, "methods": tuple(methods.split())})
 
 
 @dataclass(frozen=True)
@@ -110,6 +103,9 @@ class Options:
     warm_start : bool
         Start later proxies from the result of the first proxy. Fewer iterations are needed, and all results
         are in the same local minimum.
+    accelerate : bool
+        Reach the minimum of the proxy in a fraction of the iterations, by quasi-Newton steps. Turn it off for
+        the plain iterations of the paper, to compare with them.
     detail : float
         Position between the smooth shape of `fast`, at 0, and the least stretch with the sharpest creases, at
         1. Lower it to come nearer to true poses or to soften creases. It chooses `attachment`,
@@ -126,16 +122,16 @@ class Options:
     polish_seconds : float, optional
         Largest time of the polish in seconds, for all components together. The result then depends on the
         machine.
-    accelerate, coarser_start, polish : bool
-        Fixed for each method: quasi-Newton steps instead of plain iterations, a proxy solve initialised on a
-        coarser proxy, and a second solve at full resolution.
+    coarser_start, polish : bool
+        Fixed for each method: a proxy solve initialised on a coarser proxy, and a second solve at full
+        resolution.
     """
 
     vertices: int = _option(6000, "[1, inf)")
     coarser: int = _option(4, "[1, inf)")
-    samplings: int = _option(5, "[1, inf)", WITHOUT_POLISH)
-    frames: Any = _option("triangle", "triangle affine blended blended_affine", WITHOUT_POLISH)
-    frame_function: Any = _option("extent", "extent best x y z", WITHOUT_POLISH)
+    samplings: int = _option(5, "[1, inf)", "paper fast")
+    frames: Any = _option("triangle", "triangle affine blended blended_affine", "paper fast")
+    frame_function: Any = _option("extent", "extent best x y z", "paper fast")
     workers: int | None = _option(None, "[1, inf)")
     seed: int = _option(0, "[0, inf)")
     volume: float = _option(0.0, "[0, inf]")
@@ -150,18 +146,18 @@ class Options:
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
     start: Any = _option("rest", "rest rigid")
-    guide_attachment: float = _option(0.0, "[0, inf)", FAST)
-    coarse: Callable[..., Any] | None = _option(None, "", PAPER)
-    warm_start: bool = _option(False, "", PAPER)
-    detail: float = _option(0.5, "[0, 1]", FINE)
-    proxy_attachment: float = _option(0.0, "[0, inf)", FINE)
-    proxy_bending: float = _option(0.0, "[0, inf)", FINE)
-    proxy_stiffness: float = _option(1.0, "(0, 1]", FINE)
-    polish_iterations: int = _option(0, "[0, inf)", FINE)
-    polish_seconds: float | None = _option(None, "[0, inf]", FINE)
-    accelerate: bool = _option(True, "", ())
-    coarser_start: bool = _option(False, "", ())
-    polish: bool = _option(False, "", ())
+    guide_attachment: float = _option(0.0, "[0, inf)", "fast fine")
+    coarse: Callable[..., Any] | None = _option(None, "", "paper")
+    warm_start: bool = _option(False, "", "paper")
+    accelerate: bool = _option(True, "", "paper")
+    detail: float = _option(0.5, "[0, 1]", "fine")
+    proxy_attachment: float = _option(0.0, "[0, inf)", "fine")
+    proxy_bending: float = _option(0.0, "[0, inf)", "fine")
+    proxy_stiffness: float = _option(1.0, "(0, 1]", "fine")
+    polish_iterations: int = _option(0, "[0, inf)", "fine")
+    polish_seconds: float | None = _option(None, "[0, inf]", "fine")
+    coarser_start: bool = _option(False, "", "")
+    polish: bool = _option(False, "", "")
 
     def subset(self, names: Iterable[str]) -> dict[str, Any]:
         """Return some options by name."""
@@ -183,7 +179,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
-    "Paper": ("coarse", "warm_start"),
+    "Paper": ("coarse", "warm_start", "accelerate"),
     "Polish": (
         "detail",
         "proxy_attachment",
@@ -247,10 +243,8 @@ _FINE = replace(
 #: The methods.
 PRESETS: Mapping[str, Options] = {
     "paper": Options(),
-    "paper_plain": Options(accelerate=False),
     "fast": _FAST,
     "fine": _FINE,
-    "fine_free": replace(_FINE, volume=0.0, area=0.0),
     "interpolate": Options(),  # takes no option
 }
 # Strain and folds gather at the edges of handle regions. A region that moves away stretches the surface
@@ -261,7 +255,6 @@ _REGIONS: Mapping[str, Any] = {"area": 0.1, "stiffness": 0.08}
 REGIONS: Mapping[str, Mapping[str, Any]] = {
     "fast": {**_REGIONS, "bending": 0.003},
     "fine": {**_REGIONS, "proxy_bending": 0.003},
-    "fine_free": {**_REGIONS, "area": 0.0, "proxy_bending": 0.003},
 }
 
 
@@ -430,7 +423,7 @@ def as_row(options: Options, method: str) -> dict[str, Any]:
     """Return the options of a method as a flat mapping of plain values, for rows of results."""
     values = options.subset(accepted(method))
     if options.coarse is not None:
-        values = {name: value for name, value in values.items() if name not in SOLVER}
+        values = {name: value for name, value in values.items() if name not in (*SOLVER, "accelerate")}
     plain = (bool, int, float, str, type(None))
     return {name: value for name, value in values.items() if isinstance(value, plain)}
 
@@ -455,6 +448,12 @@ def takes_options(
     return decorated
 
 
+def _in_words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def default(name: str, presets: Mapping[str, Options | Mapping[str, Any]] = PRESETS) -> str:
     """Return an option's value in each preset, in words; one word where all agree."""
     found: dict[str, list[str]] = {}
@@ -463,8 +462,7 @@ def default(name: str, presets: Mapping[str, Options | Mapping[str, Any]] = PRES
         values = preset if isinstance(preset, Mapping) else vars(preset)
         if name in values:
             value = values[name]
-            text = "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
-            found.setdefault(text, []).append(method)
+            found.setdefault(_in_words(value), []).append(method)
     if len(found) == 1 and presets is PRESETS:
         return next(iter(found))
     return "; ".join(f"{text} ({', '.join(methods)})" for text, methods in found.items())

@@ -55,6 +55,14 @@ def test_method_composes_and_names_every_parameter_of_its_function(name):
     assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
 
 
+@pytest.mark.parametrize(
+    ("name", "method", "options"),
+    [("paper_plain", "paper", {"accelerate": False}), ("fine_free", "fine", {"volume": 0, "area": 0})],
+)
+def test_a_variant_for_comparison_is_a_method_with_other_options(name, method, options):
+    assert method_of(composed(f"method={name}")) == method_of(composed(f"method={method}")) | options
+
+
 def test_an_option_that_the_yaml_leaves_open_can_be_set_and_must_fit():
     call = instantiate(method_of(composed("method=fast", "method.volume=0.5")))
     assert call.keywords["volume"] == 0.5

@@ -6,7 +6,6 @@ import pytest
 
 from sshade import InputError
 from sshade.problem.options import (
-    FINE,
     GROUPS,
     PRESETS,
     REGIONS,
@@ -54,6 +53,7 @@ def test_a_value_out_of_range_is_refused_with_the_range(name, value):
         ("fast", "zzz", "the options are vertices, "),
         ("fine", "samplings", "'fine' has no use for the option 'samplings'"),
         ("fast", "coarse", "'fast' has no use for"),
+        ("fine", "accelerate", "'fine' has no use for"),
         ("paper", "polish", "'paper' has no use for"),
     ],
 )
@@ -62,10 +62,16 @@ def test_a_name_that_a_method_does_not_take_is_refused_with_the_right_one(method
         resolve(method, {name: 2})
 
 
-def test_mistyped_methods_are_refused_with_the_right_name():
-    with pytest.raises(InputError, match="did you mean 'fine'"):
-        require_method("fin")
-    with pytest.raises(InputError, match="use 'paper', 'paper_plain', 'fast'"):
+@pytest.mark.parametrize(
+    ("name", "meant"), [("fin", "fine"), ("paper_plain", "paper"), ("fine_free", "fine")]
+)
+def test_mistyped_methods_are_refused_with_the_right_name(name, meant):
+    with pytest.raises(InputError, match=f"there is no method '{name}' here; did you mean '{meant}'"):
+        require_method(name)
+
+
+def test_unknown_methods_are_refused_with_all_names():
+    with pytest.raises(InputError, match="use 'paper', 'fast', 'fine', 'interpolate'"):
         require_method("x")
 
 
@@ -84,20 +90,20 @@ def test_handle_regions_change_what_is_not_given(method):
     }
     assert changed - {"proxy_attachment"} <= set(REGIONS.get(method, {}))
     assert bool(changed) == (method in REGIONS)
-    assert resolve(method, {"area": 0.7}, regions=True).area == 0.7
+    free = resolve(method, {"volume": 0, "area": 0}, regions=True)
+    assert free == replace(regional, volume=0.0, area=0.0)
 
 
 def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():
     chosen = ("attachment", "proxy_attachment", "bending", "strain_limit")
-    for method in FINE:
-        assert resolve(method, {"detail": PRESETS[method].detail}) == PRESETS[method]
-        along = [resolve(method, {"detail": detail}) for detail in np.linspace(0, 1, 9)]
-        for name in chosen:
-            values = [getattr(options, name) for options in along]
-            assert values == sorted(values, reverse=name != "strain_limit") and values[0] != values[-1]
-            assert getattr(resolve(method, {"detail": 0.1, name: 0.07}), name) == 0.07
-        others = [replace(options, detail=0, **dict.fromkeys(chosen, 1.0)) for options in along[:-1]]
-        assert all(other == others[0] for other in others)
+    assert resolve("fine", {"detail": PRESETS["fine"].detail}) == PRESETS["fine"]
+    along = [resolve("fine", {"detail": detail}) for detail in np.linspace(0, 1, 9)]
+    for name in chosen:
+        values = [getattr(options, name) for options in along]
+        assert values == sorted(values, reverse=name != "strain_limit") and values[0] != values[-1]
+        assert getattr(resolve("fine", {"detail": 0.1, name: 0.07}), name) == 0.07
+    others = [replace(options, detail=0, **dict.fromkeys(chosen, 1.0)) for options in along[:-1]]
+    assert all(other == others[0] for other in others)
     assert resolve("fine", {"detail": 0.0}, regions=True).proxy_bending == REGIONS["fine"]["proxy_bending"]
     with pytest.raises(InputError, match="detail must be a number from 0 to 1"):
         resolve("fine", {"detail": 1.5})
@@ -129,4 +135,5 @@ def test_a_row_has_the_plain_values_of_what_the_method_takes():
     assert row["volume"] == 0.5 and row["area"] == inf and "frame_function" not in row
     assert set(row) == set(accepted("fast")) - {"frame_function"}
     row = as_row(resolve("paper", {"coarse": print}), "paper")
-    assert "vertices" in row and not {"coarse", "tolerance", "volume"} & set(row)
+    assert "vertices" in row and not {"coarse", "tolerance", "volume", "accelerate"} & set(row)
+    assert as_row(resolve("paper", {"accelerate": False}), "paper")["accelerate"] is False

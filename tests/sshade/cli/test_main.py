@@ -52,6 +52,24 @@ def test_all_options_reach_the_method(sound, method):
     assert Path("out.ply").read_bytes() != first
 
 
+def test_a_switch_turns_an_option_on_or_off_whatever_the_file_says(sound):
+    put_handles({"vertices": POSE.index.tolist(), "target": POSE.target.tolist()})
+    same = {"method": "paper", "vertices": 60, "start": "rigid"}
+    task = DeformationTask("body", BODY, POSE)
+    on, off = (deform(task, accelerate=value, **same).vertices for value in (True, False))
+    assert not np.array_equal(on, off)
+    Path("options.yml").write_text("method: paper\nvertices: 60\naccelerate: false\n")
+    typed = ["--method", "paper", "--vertices", "60"]
+    for given, V in (
+        (typed, on),
+        ([*typed, "--no-accelerate"], off),
+        (["--options", "options.yml"], off),
+        (["--options", "options.yml", "--accelerate"], on),
+    ):
+        assert main([*DEFORM, *given]) == 0
+        assert np.array_equal(read_arrays("out.ply")[0], V)
+
+
 def test_remesh_and_carry_bring_an_edit_back(sound, capsys):
     assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "40"]) == 0
     proxy = read_mesh("proxy.ply")

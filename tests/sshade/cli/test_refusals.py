@@ -61,6 +61,8 @@ LIGHT = {
     f"deform body.ply pose.json -o {300 * 'x'}.ply": "File name too long",
     "deform body.ply pose.json -o a.ply --seed -1": "seed must be a whole number of at least 0",
     "deform body.ply pose.json -o a.ply --method quick": "there is no method 'quick'",
+    "deform body.ply pose.json -o a.ply --method paper_plain": "did you mean 'paper'?",
+    "deform body.ply pose.json -o a.ply --no-accelerate": "'fast' has no use for the option 'accelerate'",
     "deform body.ply pose.json -o a.ply --vertices 0": "vertices must be",
     "deform body.ply pose.json -o a.ply --coarser few": "--coarser: 'few' is no number; see",
     "deform body.ply pose.json -o a.ply --weld near": "--weld: 'near' is no number; see",
