@@ -87,7 +87,7 @@ class Deformer:
         **options: Any,
     ) -> None:
         require_method(method, ("fast", "paper"))
-        names = [name for name in accepted(method) if name not in ("coarse", "warm_start")]
+        names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "accelerate")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
         self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight)

@@ -111,6 +111,7 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
         (f"speed --methods identity --cases {CASE} --extrapolate identity", "needs max_iterations"),
         (f"{ARAP} --extrapolate arap --block 1000", "a block of 1000 iterations does not fit"),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
+        (f"{DRAG} paper_plain", "Deformer has no use for the option 'accelerate'"),
         (f"{DRAG} '{ONE} method@method.coarse=arap solver.max_iterations=3'", "sshade.Deformer differ by"),
         (f"{ARAP} --rounds 0", "take numbers from 1"),
         (f"{ARAP} --name ../x", "no name of a file"),

@@ -146,6 +146,12 @@ def test_a_method_without_a_drag_is_refused(mesh, held):
         Deformer(mesh, held, method="fine")
 
 
+@pytest.mark.parametrize("name", ["coarse", "warm_start", "accelerate"])
+def test_options_of_a_single_call_are_refused(mesh, held, name):
+    with pytest.raises(InputError, match=f"Deformer has no use for the option '{name}'; leave it out"):
+        Deformer(mesh, held, method="paper", **{name: False})
+
+
 @pytest.mark.parametrize("index", [[0.7, 5.9], [True, False], [], [-1]])
 def test_ids_that_are_none_are_refused(mesh, held, drag, index):
     for bind in (lambda: Deformer(mesh, index), lambda: drag.rebind_handles(index)):
