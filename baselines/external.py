@@ -2,7 +2,7 @@
 
 The program gets a mesh file, a file of handles and the name of the file to write. ``docs/external.md`` shows
 the files. The seed and the time limit are in the environment variables ``EVAL_SEED`` and
-``EVAL_TIME_LIMIT``. Only a program that the user has allowed runs (:mod:`sshade.programs`).
+``EVAL_TIME_LIMIT``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from sshade.files.meshes import read_file, write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.programs import TIME_LIMIT, require_permission, words_of
 
+#: Words of a command that stand for files, which must be among the arguments of the program.
+FILES = ("{mesh}", "{handles}", "{output}")
+#: Variable with the time limit of a run in seconds; missing in a run without a limit.
+TIME_LIMIT = "EVAL_TIME_LIMIT"
 #: Time limit in seconds of the run that measures the start-up.
 STARTUP_LIMIT = 60.0
 
@@ -78,15 +81,14 @@ def external(
     Raises
     ------
     InputError
-        When the command is not allowed, is no list of words, or does not start; when the format of the
-        handles is unknown or cannot hold them.
+        When the command is no list of words or does not start; when the format of the handles is unknown or
+        cannot hold them.
     ProgramFailed
         On an exit code other than 0, a missing or unreadable result, another number of vertices, and
         positions that are not finite.
     TimeoutError
         When the run has a time limit, and the program does not meet it.
     """
-    require_permission(command, where="the configuration of the method")
     limit = os.environ.get(TIME_LIMIT)
     formats = mesh_format, handles_format, output_format
     finished, V, report, seconds = _run(
@@ -118,7 +120,6 @@ def measure_startup(
 
     The time stays unknown if the program fails on the tetrahedron, or needs over :data:`STARTUP_LIMIT`.
     """
-    require_permission(command, where="the configuration of the method")
     formats = mesh_format, handles_format, output_format
     try:
         finished, *_ = _run(tetrahedron(), words_of(command), formats, seed=0, limit=STARTUP_LIMIT)
@@ -139,6 +140,32 @@ def tetrahedron() -> DeformationTask:
         np.array([0, 1, 2]), V[:3] + [[0, 0, 0], [0, 0, 0], [0, 0.1, 0]], dynamic=[False, False, True]
     )
     return DeformationTask("tetrahedron", Mesh(V, F), handles)
+
+
+def words_of(command: Any) -> list[str]:
+    """Return the words of a command; the placeholders of the files are appended where all are missing.
+
+    Raises
+    ------
+    InputError
+        When `command` is not a list of texts and numbers, or has some of the files only.
+    """
+    if not isinstance(command, (list, tuple)) or not command or not all(map(_is_word, command)):
+        raise InputError(
+            f"command={command!r} is not a list of words; write method.command=[python3,mymethod.py], with "
+            'placeholders in quotes: "{mesh}"'
+        )
+    words = [str(word) for word in command]
+    missing = [name for name in FILES if not any(name in word for word in words)]
+    if not missing:
+        return words
+    if len(missing) < len(FILES):
+        raise InputError(f"command={words} lacks {missing[0]}; name {', '.join(FILES)}, or none of them")
+    return [*words, *FILES]
+
+
+def _is_word(word: Any) -> bool:
+    return isinstance(word, (str, int, float)) and not isinstance(word, bool) and "\0" not in str(word)
 
 
 def _run(

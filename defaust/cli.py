@@ -139,7 +139,8 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
 
     from defaust.build.options import OPTIONS, BuildOptions
     from defaust.schema import mismatch
-    from sshade.cli.configuration import CONFIGURATION, named_functions, one_sentence, unreadable_override
+    from defaust.sources.source import Source
+    from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 
     for override in overrides:
         name, _, value = override.partition("=")
@@ -155,11 +156,6 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
             examples = [EXAMPLES.get(name, f"{name}=VALUE") for name in sorted(missing)]
             raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. {' '.join(examples)}")
         plain = OmegaConf.to_container(config, resolve=True)
-        target = config.source.get("_target_")
-        if target not in named_functions():
-            raise InputError(
-                f"source._target_={target} is named by no file of conf; add a file that names it"
-            )
         source = instantiate(config.source, _convert_="all")
     except OverrideParseException as error:
         raise InputError(unreadable_override(error.override, example="out")) from error
@@ -168,6 +164,9 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from error
         raise InputError(one_sentence(str(error))) from error
+    if not isinstance(source, Source):
+        target = plain["source"].get("_target_")
+        raise InputError(f"source._target_={target} makes a {type(source).__name__}, and no source of shapes")
     if not isinstance(plain["out"], str):
         raise InputError(f"out={plain['out']} is no folder; give a name, such as ./2026 if it is a number")
     out = Path(os.path.expanduser(plain.pop("out")))

@@ -22,8 +22,6 @@ from tools.compile_kernels import LIST
 # Child processes import the packages of this folder.
 ROOT = Path(__file__).parents[1]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-# Prefixes of the test functions that configurations and rows name. Child processes inherit the variable.
-os.environ["EVAL_ALLOW_TARGETS"] = "eval_cases.,report_runs.,test_"
 
 LISTED = set(LIST.read_text("utf-8").splitlines())
 

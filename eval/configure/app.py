@@ -28,23 +28,21 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
 from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, runs_folder, source_of
-from eval.configure.typed import allow_programs, listed
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.splits import require_split
-from eval.run.allowed import OVERRIDE, allow_functions, check_folders
 from eval.run.attempt import WROTE
 from eval.run.code import CodeChanged, require_unchanged
+from eval.run.recall import task_of
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
-from eval.run.targets import code_of, instantiate
+from eval.run.targets import code_of
 from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.core.console import Ended, how_to_install, progress_bar
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import available_cpus
 from sshade.problem.task import DeformationTask
-from sshade.programs import ALLOWING
 
 #: Packages of launchers. Errors from these packages mean that a worker was lost.
 LAUNCHERS = ("joblib", "submitit", "ray")
@@ -129,27 +127,23 @@ def _exit(errors: list[Exception], summary: str, *, interrupted: bool) -> int:
 def _checked(arguments: list[str]) -> list[str]:
     """Check a command line; return the arguments that Hydra reads, flags first.
 
-    Hydra takes no flag after a setting. Settings of :mod:`eval.run.allowed` are taken out.
+    Hydra takes no flag after a setting.
 
     Raises
     ------
     InputError
-        On a flag that replaces the configuration, a deleted setting that every run needs, or a folder of
-        configurations that names a function without permission.
+        On a flag that replaces the configuration, or a deleted setting that every run needs.
     """
     known, _ = get_args_parser().parse_known_intermixed_args(arguments)
     for flag in ("config_path", "experimental_rerun"):
         if getattr(known, flag) is not None:
             name = f"--{flag.replace('_', '-')}"
             raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
-    allow_functions(listed(known.overrides, OVERRIDE))
-    allow_programs(known.overrides)
-    check_folders([known.config_dir, *listed(known.overrides, "hydra.searchpath")])
     keys = {text: text.lstrip("+~").partition("=")[0] for text in known.overrides}
     for text, key in keys.items():
         if text.startswith("~") and (key in ("method", "dataset", "seed") or key.startswith("run.")):
             raise InputError(f"{text} deletes a setting that every run needs")
-    settings = [text for text in known.overrides if keys[text] not in (OVERRIDE, ALLOWING)]
+    settings = known.overrides
     if known.multirun:
         settings = [_as_sweep(text) if keys[text].startswith("method.") else text for text in settings]
     return [*(text for text in arguments if text not in known.overrides), *settings]
@@ -269,7 +263,7 @@ def _load_task(dataset: str) -> DeformationTask:
     """Load the task of a dataset's configuration, given as JSON text to be a key of the cache."""
     config = json.loads(dataset)
     check_root(config)
-    return instantiate(source_of(config))
+    return task_of(source_of(config))
 
 
 def _jobs(launcher: DictConfig, runs: int) -> int:

@@ -12,8 +12,6 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure.sweep import CASE
-from eval.configure.typed import allow_programs
-from eval.run.allowed import require_allowed, require_programs
 from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
 from sshade.core.errors import InputError
 
@@ -60,11 +58,10 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
     Raises
     ------
     InputError
-        On an unknown name or setting, or a function that is not allowed.
+        On an unknown name or setting.
     """
     own = [word if {".", "@"} & set(word.split("=")[0]) else f"{group}.{word}" for word in choice.settings]
     try:
-        allow_programs(own)
         with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
             config = compose("config", overrides=[f"{group}={choice.name}", *own])[group]
         missing = OmegaConf.missing_keys(config)
@@ -75,8 +72,6 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
         raise InputError(unreadable_override(error.override, example=f"{group}.root")) from error
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(one_sentence(str(error))) from error
-    require_allowed(plain, where=f"the configuration of the {group}")
-    require_programs(plain, where=f"the configuration of the {group}")
     return plain
 
 

@@ -18,7 +18,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from eval.rows.plan import write_plan
 from eval.rows.store import Row
-from eval.run.allowed import require_allowed, require_programs
 from eval.run.code import METRICS, code_version, loaded_code
 from eval.run.monitor import Monitor
 from eval.run.record import QUEUES, Sweep, SweepRecord, summary, unfinished
@@ -106,7 +105,6 @@ class PlannedSweeper(_Basic):
         check_root(dataset)
         if "cases" not in dataset:
             return {}
-        require_allowed({"cases": dataset.cases}, where="the configuration of the dataset")
         numbers = {f"{name}s": _numbers(name, values) for name, values in asked.items()}
         cases = locate(dataset.cases)(dataset.root, **numbers)
         return {"case": [f"{{subject:{subject},pose:{pose}}}" for subject, pose in cases]}
@@ -141,7 +139,7 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When a setting is missing or unusable, or a function is named that is not allowed.
+        When a setting is missing or unusable.
     """
     missing = OmegaConf.missing_keys(config)
     if missing:
@@ -161,9 +159,6 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
             "the label, the method or the dataset has a name that is not UTF-8, which no table can hold; "
             "rename it, or set PYTHONUTF8=1"
         ) from error
-    for part in ("method", "dataset"):
-        require_allowed(plain[part], where=f"the configuration of the {part}")
-        require_programs(plain[part], where=f"the configuration of the {part}")
     return plain
 
 

@@ -33,7 +33,6 @@ from sshade.core.console import Ended, arrived_in, missing_library
 from sshade.core.progress import Progress, silent
 from sshade.problem.task import DeformationResult, result_of
 from sshade.processes import end_with_parent
-from sshade.programs import TIME_LIMIT
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +47,9 @@ WROTE = "the method changed the task that it was given; it must copy arrays befo
 
 #: Messages from a new process when its clock starts, and when it stops.
 CLOCK, STOPPED = "clock", "stopped"
+
+#: Variable with the time limit of a run in seconds, for methods that run programs; missing without a limit.
+TIME_LIMIT = "EVAL_TIME_LIMIT"
 
 #: Time limit in seconds for imports, compilation and warm-up, and for what follows the method, in runs with a
 #: time limit.
@@ -100,8 +102,8 @@ def attempt(
     task : DeformationTask or TransferTask
     seed : int
     time_limit : float, optional
-        Told to the method in the environment variable :data:`sshade.programs.TIME_LIMIT`. The method may end
-        itself with a TimeoutError.
+        Told to the method in the environment variable :data:`TIME_LIMIT`. The method may end itself with a
+        TimeoutError.
     progress : Progress
     before_clock, after_clock : callable
         Called after the warm-up, and when the method has returned.

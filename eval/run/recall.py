@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from eval.metrics import Task, measure
 from eval.rows.store import Row, read_vertices
-from eval.run.allowed import require_allowed, require_programs
 from eval.run.provenance import task_checksum
 from eval.run.targets import instantiate
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
 from sshade.files.atomic import naming
+
+
+def task_of(source: Mapping[str, Any]) -> Task:
+    """Call the function of a dataset's configuration; return its task.
+
+    Raises
+    ------
+    InputError
+        When the dataset is missing, or the function returns no task.
+    """
+    task = instantiate(source)
+    if not isinstance(task, Task):
+        raise InputError(f"{source['_target_']} returns a {type(task).__name__}, and no task")
+    return task
 
 
 def load_task(row: Row) -> Task:
@@ -31,9 +45,7 @@ def load_task(row: Row) -> Task:
     except (ValueError, RecursionError) as error:
         name = row["task.name"]
         raise InputError(f"the task.source of {name} is not JSON ({error}); run it again") from error
-    require_allowed(source, where=f"the row of {row['task.name']}")
-    require_programs(source, where=f"the row of {row['task.name']}")
-    task = instantiate(source)
+    task = task_of(source)
     if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
         raise InputError(
             f"the dataset of {row['task.name']} has changed since the run; run it again, and remove this run"

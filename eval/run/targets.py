@@ -21,7 +21,6 @@ from typing import Any
 from sshade.cli.configuration import PACKAGES
 from sshade.core.errors import InputError
 from sshade.problem.options import checked
-from sshade.programs import words_of
 
 #: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
@@ -59,9 +58,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 def locate(target: str) -> Callable[..., Any]:
     """Return the function with a dotted name; modules of the current folder are found, too."""
-    module_name, _, name = target.rpartition(".")
-    if not module_name:
-        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
+    module_name, _, name = _dotted(target).rpartition(".")
     search_here()
     try:
         module = importlib.import_module(module_name)
@@ -74,6 +71,13 @@ def locate(target: str) -> Callable[..., Any]:
     if not callable(function):
         raise InputError(f"_target_ {target!r}: module {module_name!r} has no function {name!r}")
     return function
+
+
+def _dotted(target: Any) -> str:
+    """Return the dotted name of a function; raise InputError if it is anything else."""
+    if not isinstance(target, str) or not target.rpartition(".")[0]:
+        raise InputError(f"_target_ {target!r} is no function; write package.module.function")
+    return target
 
 
 def search_here() -> None:
@@ -99,18 +103,25 @@ def code_of(config: Mapping[str, Any]) -> set[str]:
 
     These are dotted names of functions; and for :data:`EXTERNAL`, ``program:NAME`` and ``file:PATH``.
     """
-    names = {config["_target_"]} if "_target_" in config else set()
+    names = {_dotted(config["_target_"])} if "_target_" in config else set()
     if EXTERNAL in names:
-        first, *others = words_of(config["command"])
-        files = config.get("files") or ()
-        if isinstance(files, str):  # its letters are no paths
-            raise InputError(f"files={files!r} is not a list of paths; write [{files}]")
-        paths = [word for word in others if os.path.isfile(word)] + list(files)
-        names |= {f"program:{first}", *(f"file:{path}" for path in paths)}
+        words = _texts(config, "command")
+        if not words:
+            raise InputError("command is empty; write method.command=[python3,mymethod.py]")
+        paths = [word for word in words[1:] if os.path.isfile(word)] + _texts(config, "files")
+        names |= {f"program:{words[0]}", *(f"file:{path}" for path in paths)}
     for value in config.values():
         if isinstance(value, Mapping):
             names |= code_of(value)
     return names
+
+
+def _texts(config: Mapping[str, Any], name: str) -> list[str]:
+    """Return the list with a name in the configuration of a program, as texts; [] if it is missing."""
+    values = config.get(name) or []
+    if not isinstance(values, (list, tuple)):  # the letters of a text are no paths
+        raise InputError(f"{name}={values!r} is not a list; write [{values}]")
+    return [str(value) for value in values]
 
 
 def settings(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -177,7 +188,12 @@ def parameter_hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _signature(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    return inspect.signature(function).parameters
+    try:
+        return inspect.signature(function).parameters
+    except ValueError as error:  # as of some compiled functions
+        raise InputError(
+            f"{function.__name__} does not tell its parameters; name a Python function that calls it"
+        ) from error
 
 
 def _fits(value: Any, hint: Any) -> bool:

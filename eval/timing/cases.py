@@ -13,6 +13,7 @@ from eval.configure.compose import one_each, read_choice, resolved
 from eval.configure.sweep import check_root, source_of
 from eval.metrics import Task
 from eval.run.attempt import reason_of
+from eval.run.recall import task_of
 from eval.run.targets import instantiate, require_kind, settings
 from eval.run.warmup import warm_up
 from sshade.core.console import Ended
@@ -89,7 +90,7 @@ class TimedCase(NamedTuple):
 
     def load(self) -> Task:
         """Load the task and subdivide it. Subdivision keeps the vertices and the handles on them."""
-        task = instantiate(self.source)
+        task = task_of(self.source)
         if self.level is None:
             return task
         V, F = igl.upsample(np.array(task.mesh.V), np.array(task.mesh.F), self.level)
@@ -143,7 +144,7 @@ def read_cases(texts: Iterable[str], *, sizes: Sequence[int]) -> list[TimedCase]
         sources.append(source_of(config))
     if not sizes:
         return [TimedCase(source) for source in sources]
-    bases = [instantiate(source).mesh.n for source in sources]
+    bases = [task_of(source).mesh.n for source in sources]
     return [TimedCase(sources[base], level) for _, base, level in nearest(bases, sizes)]
 
 

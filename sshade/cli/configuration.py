@@ -1,4 +1,4 @@
-"""Find the folder ``conf`` of YAML files and the functions that it names, and shorten messages of Hydra.
+"""Find the folder ``conf`` of YAML files, and shorten messages of Hydra.
 
 In a clone the folder lies beside the packages; a wheel holds a copy in ``eval/conf``. It is found from the
 place of this module and not by its name, because users may have folders called ``conf``.
@@ -7,7 +7,6 @@ place of this module and not by its name, because users may have folders called 
 from __future__ import annotations
 
 import re
-from functools import cache
 from pathlib import Path
 
 PACKAGES = Path(__file__).resolve().parents[2]
@@ -16,20 +15,6 @@ _SHIPPED = PACKAGES / "eval" / "conf"
 
 #: Folder of the YAML files of methods, datasets, experiments and builds.
 CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else PACKAGES / "conf"
-
-#: Keys whose value is the dotted name of a function to call; "class" and "()" belong to Python's logging.
-CALLED = ("_target_", "cases", "class", "()")
-_NAMES = re.compile(rf"^\s*(?:{'|'.join(map(re.escape, CALLED))})\s*:\s*[\"']?([\w.]+)", re.MULTILINE)
-
-
-@cache
-def named_functions() -> frozenset[str]:
-    """Return the dotted names of all functions in the files of ``conf``. Only these may be called.
-
-    Configurations and results from other people could name any function.
-    """
-    texts = (path.read_text(encoding="utf-8") for path in CONFIGURATION.rglob("*.yaml"))
-    return frozenset(name for text in texts for name in _NAMES.findall(text))
 
 
 def one_sentence(complaint: str) -> str:

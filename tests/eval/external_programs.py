@@ -1,14 +1,11 @@
 """Programs for the tests of external methods, and configurations of methods that run them."""
 
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import psutil
-
-from sshade.programs import ALLOWED
 
 #: Formats that a shell script can read and write.
 TEXTS = {"mesh_format": "off", "handles_format": "txt", "output_format": "txt"}
@@ -34,9 +31,3 @@ def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> d
     (folder / name).write_text(text)
     command = ["sh", str(folder / name)]
     return {"_target_": "baselines.external.external", "command": command, **TEXTS}
-
-
-def allow(monkeypatch: Any, command: list[str]) -> list[str]:
-    """Allow a command, and no others; return it."""
-    monkeypatch.setenv(ALLOWED, shlex.join(command))
-    return command

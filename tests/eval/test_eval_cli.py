@@ -106,7 +106,7 @@ def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
     helper = write_theirs(tmp_path) / "helper.py"
     arguments = ["dataset=bumpy", "method=stretching", "method._target_=theirs.method.method"]
     arguments.append("+method.edit=X")
-    done = run_program(tmp_path, "-m", *arguments, "run.allow_targets=[theirs.]", "seed=0,1,2", "label=t")
+    done = run_program(tmp_path, "-m", *arguments, "seed=0,1,2", "label=t")
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert done.stderr == (
         "error: theirs/helper.py has changed since the command began, so its runs would mix two versions "

@@ -24,7 +24,7 @@ def mine(task, *, seed, progress=None):
 
 
 def run(folder, *command, **variables):
-    environment = {**os.environ, "EVAL_ALLOW_TARGETS": "", **variables}
+    environment = {**os.environ, **variables}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
@@ -41,7 +41,7 @@ def own_folder(tmp_path):
     return tmp_path
 
 
-MINE = ["--config-dir", "conf", "method=mine", "run.allow_targets=[mymethod.]"]
+MINE = ["--config-dir", "conf", "method=mine"]
 
 
 @pytest.mark.parametrize(

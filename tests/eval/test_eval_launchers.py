@@ -71,7 +71,7 @@ def test_a_worker_of_other_code_ends_the_sweep(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(
         f"with open({str(path)!r}, 'a') as file: file.write('A = 1;')\n"
     )
-    method = ["method=stretching", "method._target_=theirs.method.method", "run.allow_targets=[theirs.]"]
+    method = ["method=stretching", "method._target_=theirs.method.method"]
     place = os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])
     done = run_program(tmp_path, "-m", "dataset=bumpy", *method, "seed=0,1", *JOBLIB, PYTHONPATH=place)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr

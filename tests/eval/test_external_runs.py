@@ -1,34 +1,26 @@
-"""Runs of external programs: rows, versions, time limits, sweeps, times, and forbidden commands."""
+"""Runs of external programs: rows, versions, time limits, sweeps and times."""
 
-import json
 import os
-import shlex
 import signal
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from eval_cases import bumpy_task
 from eval_program import run_eval
-from external_programs import COPYING, TEXTS, allow, ended, program, wait_for
+from external_programs import COPYING, TEXTS, ended, program, wait_for
 from test_code_version import forget
 from test_eval_interrupt import alive, start_eval
 
-from eval.configure.typed import allow_programs
-from eval.main import call, main
+from eval.main import call
 from eval.rows.collect import gather
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, read_vertices, run_folders
 from eval.run.code import CodeChanged
-from eval.run.recall import load_task
 from eval.run.run import run
 from sshade.core.errors import InputError
-from sshade.programs import ALLOWED, require_permission
 from tests.full import few
-from tests.robustness.case import Case, attempt
-from tests.robustness.case import run as run_command
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
 
@@ -36,9 +28,8 @@ SETTINGS = " ".join(f"method.{name}={value}" for name, value in TEXTS.items())
 
 
 @pytest.fixture(autouse=True)
-def nothing_allowed(monkeypatch):
+def forgotten():
     forget()  # other tests have programs of the same names
-    monkeypatch.setenv(ALLOWED, "")
 
 
 @pytest.fixture
@@ -47,10 +38,9 @@ def task():
 
 
 @pytest.mark.parametrize("fresh", [False, True])
-def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path, monkeypatch, fresh):
+def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path, fresh):
     count = 't=$(awk "BEGIN { for (i = 0; i < 3000000; i++) s += i; print s }")\n'
     method = program(tmp_path, count + COPYING)
-    allow(monkeypatch, method["command"])
     done = run(task, method, name="p", root=tmp_path / "runs", fresh=fresh)
     row = done.row
     assert row["status"] == "ok" and row["env.warmed_up"]
@@ -63,21 +53,19 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path, monkeypat
     assert run(task, method, name="p", root=tmp_path / "runs", fresh=fresh).found
 
 
-def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path, monkeypatch):
+def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path):
     pids = tmp_path / "pids"
     slow = f'[ "$EVAL_TIME_LIMIT" ] && {{ echo still at it >&2; sleep 99 & echo $! $$ > {pids}; wait; }}\n'
     method = program(tmp_path, slow + COPYING)
-    allow(monkeypatch, method["command"])
     row = run(task, method, name="p", root=tmp_path / "runs", time_limit=0.5).row
     reason = "no result within 0.5 s; its last line was: still at it"
     assert (row["status"], row["reason"]) == ("timeout", reason)
     wait_for(lambda: ended(pids))
 
 
-def test_a_program_runs_on_its_case_and_on_the_mesh_of_its_startup_alone(task, tmp_path, monkeypatch):
+def test_a_program_runs_on_its_case_and_on_the_mesh_of_its_startup_alone(task, tmp_path):
     seen = tmp_path / "seen"
     method = program(tmp_path, f'sed -n 2p "$1" >> {seen}\n' + COPYING)
-    allow(monkeypatch, method["command"])
     assert run(task, method, name="p", root=tmp_path / "runs").row["status"] == "ok"
     counts = {int(line.split()[0]) for line in seen.read_text().splitlines()}
     assert counts == {4, task.mesh.n}
@@ -94,14 +82,13 @@ def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
 # Versions
 
 
-def test_the_key_follows_the_files_of_a_program(task, tmp_path, monkeypatch):
+def test_the_key_follows_the_files_of_a_program(task, tmp_path):
     (tmp_path / "weights").mkdir()
     more = [str(tmp_path / "table.txt"), str(tmp_path / "weights")]
     for place in ("table.txt", "weights/a", "weights/.cache", "beside.txt"):
         (tmp_path / place).write_text("1")
     method = program(tmp_path) | {"files": more, "warm_up": None}
     method["command"].append(str(tmp_path / "table.txt"))
-    allow(monkeypatch, method["command"])
 
     def key():
         forget()
@@ -119,9 +106,8 @@ def test_the_key_follows_the_files_of_a_program(task, tmp_path, monkeypatch):
     assert len({row["method.hash"] for row in rows}) == 1
 
 
-def test_an_edit_of_a_program_during_a_sweep_ends_it(task, tmp_path, monkeypatch):
+def test_an_edit_of_a_program_during_a_sweep_ends_it(task, tmp_path):
     method = program(tmp_path)
-    allow(monkeypatch, method["command"])
     run(task, method, name="p", root=tmp_path / "runs")
     program(tmp_path, COPYING + "# edited\n")
     with pytest.raises(CodeChanged, match=r"program\.sh has changed since the command began"):
@@ -131,7 +117,7 @@ def test_an_edit_of_a_program_during_a_sweep_ends_it(task, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"files": "nowhere.txt"}, "files='nowhere.txt' is not a list of paths"),
+        ({"files": "nowhere.txt"}, "files='nowhere.txt' is not a list; write \\[nowhere.txt\\]"),
         ({"files": ["nowhere.txt"]}, "there is no file 'nowhere.txt'; relative paths begin at"),
         ({"command": ["nowhere-to-be-found"]}, "there is no program 'nowhere-to-be-found'"),
     ],
@@ -206,133 +192,3 @@ def test_bench_times_a_program(here, monkeypatch, case):
     forget()
     assert call("bench", ["speed", "--methods", method, "--cases", case, "--rounds", "1"]) == 0
     assert set(read_csv("out/timing/speed.csv")["env.version.code"]) != set(first["env.version.code"])
-
-
-# Programs of other people
-
-
-@pytest.fixture
-def theirs(here):
-    """Make a folder of configurations, and two programs that leave a file when they run."""
-    program(here, "touch hacked; " + COPYING, name="evil.sh")
-    program(here, "touch called; " + COPYING, name="mine.sh")
-    (here / "configs/method").mkdir(parents=True)
-    return here
-
-
-def write_method(folder, **settings):
-    path = folder / "configs/method/theirs.yaml"
-    path.write_text(yaml.safe_dump({"defaults": ["external", "_self_"], **TEXTS, **settings}))
-
-
-COMMAND = "sshade-eval run -cd configs method=theirs dataset=hairpin"
-MINE = "'run.allow_programs=[\"sh mine.sh\"]'"
-
-
-def refused(command, *words):
-    attempt(Case(command, command, says=("runs the program", "not allowed", *words)))
-    assert not Path("hacked").exists() and not Path("called").exists()
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["sh", "evil.sh"],
-        ["sh", "./mine.sh"],
-        ["sh", "mine.sh", "extra"],
-        ["sh mine.sh"],
-        ["env", "LD_PRELOAD=evil.so", "sh", "mine.sh"],
-        ["sh", "{mesh}mine.sh", "{handles}", "{output}"],
-        ["sh", "${oc.env:EVIL}"],
-    ],
-)
-def test_a_yaml_runs_nothing_but_the_allowed_command(theirs, monkeypatch, command):
-    monkeypatch.setenv("EVIL", "evil.sh")
-    write_method(theirs, command=command, files=["evil.sh"])
-    refused(f"{COMMAND} {MINE}")
-
-
-def test_the_allowed_command_runs_in_any_place_of_its_files(theirs):
-    write_method(theirs, command=["sh", "mine.sh", "{mesh}", "{handles}", "{output}"])
-    refused(COMMAND, "`sh mine.sh`", "run.allow_programs=['sh mine.sh']")
-    refused(f"{COMMAND} -m seed=0,1")
-    code_, _, err = run_command(f"{COMMAND} {MINE}")
-    assert code_ == 0 and Path("called").exists(), err
-    assert not Path("hacked").exists()
-
-
-def test_a_name_on_the_command_line_allows_that_command_alone(theirs):
-    write_method(theirs, command=["sh", "evil.sh"])
-    refused(f"{COMMAND} 'method.command=[sh,\"${{method.files.0}}\"]' method.files=[evil.sh]")
-    code_, _, err = run_command(f"{COMMAND} method.command=[sh,mine.sh]")
-    assert code_ == 0 and Path("called").exists(), err
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        {"run": {"allow_programs": ["sh evil.sh"]}},
-        {"hydra": {"job": {"env_set": {ALLOWED: "sh evil.sh"}}}},
-        {"method": {"command": ["sh", "evil.sh"]}},
-    ],
-)
-def test_a_yaml_cannot_allow_itself(theirs, content):
-    write_method(theirs, command=["sh", "evil.sh"])
-    (theirs / "configs/experiment").mkdir()
-    (theirs / "configs/experiment/e.yaml").write_text(f"# @package _global_\n{yaml.safe_dump(content)}")
-    code_, out, err = run_command(f"{COMMAND} experiment=e {MINE}")
-    assert (code_, out) == (2, "") and ("not allowed" in err or "sets hydra's env_set" in err)
-    assert not Path("hacked").exists()
-
-
-EVIL = {
-    "_target_": "baselines.external.external",
-    "task": {"_target_": "sshade.files.handles.read_task", "mesh": "body.ply", "handles": "pose.json"},
-    "command": ["sh", "evil.sh"],
-    **TEXTS,
-}
-
-
-@pytest.mark.parametrize(
-    ("place", "content"), [("dataset", EVIL), ("method", EVIL), ("hydra/callbacks", {"evil": EVIL})]
-)
-def test_a_nested_call_is_no_way_around(theirs, sound, place, content):
-    path = theirs / f"configs/{place}/evil.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(content))
-    code_, _, err = run_command(f"sshade-eval run -cd configs {place}=evil {MINE}")
-    assert code_ != 0 and not Path("hacked").exists(), err
-    assert "not allowed" in err or "is not a list" in err  # Hydra's lists are no Python lists
-
-
-def test_nor_is_a_method_inside_another(theirs):
-    inner = {"_partial_": True, **{name: value for name, value in EVIL.items() if name != "task"}}
-    (theirs / "configs/method/evil.yaml").write_text(yaml.safe_dump({"defaults": ["paper"], "coarse": inner}))
-    refused(f"sshade-eval run -cd configs method=evil dataset=hairpin {MINE}")
-
-
-def test_the_task_of_a_row_runs_nothing(theirs, sound):
-    row = {"task.name": "t", "task.source": json.dumps(EVIL), "task.checksum": "", "task.vertices": 1}
-    with pytest.raises(InputError, match="the row of t runs the program `sh evil.sh`, which is not allowed"):
-        load_task(row)
-    assert not Path("hacked").exists()
-
-
-def test_the_method_itself_asks_again(task, tmp_path):
-    with pytest.raises(InputError, match="not allowed"):
-        from baselines.external import external
-
-        external(task, command=["touch", str(tmp_path / "hacked")])
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_list_of_programs_must_be_one(theirs):
-    write_method(theirs, command=["sh", "mine.sh"])
-    assert main(["run", "run.allow_programs=sh", "method=identity", "dataset=hairpin"]) == 2
-
-
-def test_the_setting_that_a_refusal_proposes_allows_the_program():
-    with pytest.raises(InputError) as refusal:
-        require_permission(["sh", "my methods/m.sh"], where="it")
-    allow_programs(shlex.split(str(refusal.value).partition("give ")[2].partition(" on the command")[0]))
-    require_permission(["sh", "my methods/m.sh"], where="it")

@@ -126,7 +126,7 @@ OPTIONS_OF_TWO = {
     "out=.": ("is not empty and holds no DeFAUST build",),
     "workers=0": ("0 workers",),
     "handles_per_landmark=11": ("cannot be drawn",),
-    "source._target_=os.system": ("named by no file of conf",),
+    "source._target_=builtins.dict": ("source._target_=builtins.dict makes a dict, and no source",),
 }
 SOURCES = {
     "a missing root": (nothing, "meshes"),
