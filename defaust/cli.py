@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from sshade.core.console import CommandParser, progress_bar, run_command
-from sshade.core.errors import InputError
 from sshade.core.programs import add_completion, version_of
-
-if TYPE_CHECKING:
-    from defaust.build.options import BuildOptions
 
 EPILOG = """examples:
   defaust example DIR                                              a body with handles, to try sshade deform
@@ -43,8 +37,8 @@ The most important options:
   strict=true             stop at a mesh that cannot be used, instead of leaving it out
   workers=N               processes; does not change the result"""
 
-#: Examples for required options that are missing.
-EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
+#: Extra that brings a library, by the module that is imported.
+EXTRAS = dict.fromkeys(("igl", "pymeshlab", "hydra", "omegaconf"), "bench")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
         return command(args)
 
-    return run_command(run)
+    return run_command(run, extras=EXTRAS)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -111,6 +105,7 @@ def _example(args: argparse.Namespace) -> int:
 
 def _build(args: argparse.Namespace) -> int:
     from defaust.build.dataset import build
+    from defaust.configuration import configure
 
     source, out, options, settings = configure(args.overrides)
     with progress_bar() as progress:
@@ -121,64 +116,6 @@ def _build(args: argparse.Namespace) -> int:
     rest = f", at rest: {poses}" if poses else ""
     print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices){rest}")  # noqa: T201
     return 0
-
-
-def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[str, Any]]:
-    """Read a source, an output folder, build options, and the settings `workers` and `strict` from overrides.
-
-    Raises
-    ------
-    InputError
-        On any mistake in the overrides, in one sentence.
-    """
-    from hydra import compose, initialize_config_dir
-    from hydra.errors import HydraException, OverrideParseException
-    from hydra.utils import instantiate
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-
-    from defaust.build.options import OPTIONS, BuildOptions
-    from defaust.schema import mismatch
-    from defaust.sources.source import Source
-    from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
-
-    for override in overrides:
-        name, _, value = override.partition("=")
-        if name == "source" and ("," in value or value.startswith("[")):
-            raise InputError(
-                f"{override} names several sources; choose one, and build each into its own folder"
-            )
-    try:
-        with initialize_config_dir(str(CONFIGURATION / "defaust"), version_base="1.3"):
-            config = compose("build", overrides=list(overrides))
-        missing = OmegaConf.missing_keys(config)
-        if missing:
-            examples = [EXAMPLES.get(name, f"{name}=VALUE") for name in sorted(missing)]
-            raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. {' '.join(examples)}")
-        plain = OmegaConf.to_container(config, resolve=True)
-        source = instantiate(config.source, _convert_="all")
-    except OverrideParseException as error:
-        raise InputError(unreadable_override(error.override, example="out")) from error
-    except (HydraException, OmegaConfBaseException) as error:
-        # instantiate wraps the error of a source in an error of its own.
-        if isinstance(error.__cause__, InputError):
-            raise error.__cause__ from error
-        raise InputError(one_sentence(str(error))) from error
-    if not isinstance(source, Source):
-        target = plain["source"].get("_target_")
-        raise InputError(f"source._target_={target} makes a {type(source).__name__}, and no source of shapes")
-    if not isinstance(plain["out"], str):
-        raise InputError(f"out={plain['out']} is no folder; give a name, such as ./2026 if it is a number")
-    out = Path(os.path.expanduser(plain.pop("out")))
-    settings = {name: plain.pop(name) for name in ("workers", "strict")}
-    del plain["source"]
-    unknown = sorted(set(plain) - set(OPTIONS))
-    if unknown:
-        raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
-    problem = mismatch(plain | settings, OPTIONS | {"workers": (int, None), "strict": bool})
-    if problem:
-        raise InputError(problem)
-    return source, out, BuildOptions(**plain), settings
 
 
 def _verify(args: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 
+from eval.installation import EXTRAS
 from sshade.core.programs import Program
 
 # Runs ask git for the state of the checkout. This variable keeps git from locking and writing its index.
@@ -45,5 +46,5 @@ that completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0;
 2 after a mistake in the arguments, which is reported in one sentence.
 """
 
-PROGRAM = Program("sshade-eval", COMMANDS, HELP)
+PROGRAM = Program("sshade-eval", COMMANDS, HELP, EXTRAS)
 main, call = PROGRAM.main, PROGRAM.call

@@ -8,8 +8,8 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from eval.installation import CONFIGURATION
 from eval.run.targets import instantiate
-from sshade.cli.configuration import CONFIGURATION
 from sshade.problem.task import DeformationResult
 
 OURS = ("sshade.", "baselines.")

@@ -15,9 +15,9 @@ import pytest
 
 import sshade
 from docs.pages import BLOCK
+from eval.installation import CONFIGURATION
 from eval.rows.frame import numbers, read_csv
 from eval.rows.splits import HELD_OUT, read_splits, split_of
-from sshade.cli.configuration import CONFIGURATION
 
 ROOT = Path(__file__).parents[1]
 README, START, LIST, MAKEFILE, PROJECT = (

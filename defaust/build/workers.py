@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from defaust.build.options import BuildOptions
@@ -16,7 +18,6 @@ from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
-from sshade.processes import end_with_parent
 
 #: Time between two polls of the workers' progress, in seconds.
 POLL = 0.2
@@ -101,7 +102,22 @@ def _start_worker(stages: Any) -> None:
     _stages = stages
     # Ctrl-C reaches the workers too. They end silently; the main process reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    end_with_parent()
+    _end_with_parent()
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as its parent process ends.
+
+    A parent that is killed cannot stop its children, and they would go on working.
+    """
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _report(stage: str, done: int, total: int, note: str = "") -> None:

@@ -27,7 +27,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from eval.configure import sweep as cli_sweep
+from eval.configure.messages import one_sentence, unreadable_override
 from eval.configure.sweep import ALL, CASE, check_root, label_of, plain_config, runs_folder, source_of
+from eval.installation import CONFIGURATION, PACKAGES
 from eval.metrics import METRICS
 from eval.rows.bands import out_of_band
 from eval.rows.splits import require_split
@@ -37,7 +39,6 @@ from eval.run.recall import task_of
 from eval.run.record import SweepRecord, status_text
 from eval.run.run import Outcome, run
 from eval.run.targets import code_of
-from sshade.cli.configuration import CONFIGURATION, PACKAGES, one_sentence, unreadable_override
 from sshade.core.console import Ended, how_to_install, progress_bar
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent

@@ -11,8 +11,9 @@ from hydra.errors import HydraException, OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from eval.configure.messages import one_sentence, unreadable_override
 from eval.configure.sweep import CASE
-from sshade.cli.configuration import CONFIGURATION, one_sentence, unreadable_override
+from eval.installation import CONFIGURATION
 from sshade.core.errors import InputError
 
 

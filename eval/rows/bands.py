@@ -14,11 +14,11 @@ from pathlib import Path
 
 import yaml
 
+from eval.installation import CONFIGURATION
 from eval.metrics import METRICS
 from eval.rows.csv_rows import read_rows
 from eval.rows.files import ROWS_HELP, read_conf, rows_file
 from eval.rows.store import VALID, Row
-from sshade.cli.configuration import CONFIGURATION
 from sshade.core.errors import InputError
 
 Bands = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sshade.cli.configuration import CONFIGURATION
+from eval.installation import CONFIGURATION
 from sshade.core.errors import InputError
 from sshade.files.atomic import make_folder, replacing
 

@@ -16,13 +16,14 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from threading import Lock
+from threading import Lock, Thread
 from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
 
+from eval.installation import EXTRAS
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.code import CodeChanged, digest, loaded_code, require_unchanged
@@ -32,7 +33,6 @@ from eval.run.warmup import warm_up
 from sshade.core.console import Ended, arrived_in, missing_library
 from sshade.core.progress import Progress, silent
 from sshade.problem.task import DeformationResult, result_of
-from sshade.processes import end_with_parent
 
 log = logging.getLogger(__name__)
 
@@ -261,8 +261,23 @@ def _end(code: int) -> str:
     return f"the process ended with exit code {code}"
 
 
+def _end_with_parent() -> None:
+    """End this process as soon as its parent process ends.
+
+    A parent that is killed cannot stop its children, and they would go on working.
+    """
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
 def _child(connection: Connection, report: bool) -> None:
-    end_with_parent()
+    _end_with_parent()
     method, task, seed, time_limit, begun_with = connection.recv()
     lock, due = Lock(), dict[str, float]()
 
@@ -330,5 +345,5 @@ def _plain(value: Any) -> Any:
 
 def reason_of(error: BaseException) -> str:
     """Return the type and the message of an error in one line."""
-    text = " ".join((missing_library(error) or str(error)).split())
+    text = " ".join((missing_library(error, EXTRAS) or str(error)).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -18,8 +18,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from eval.installation import PACKAGES
 from eval.run.targets import search_here
-from sshade.cli.configuration import PACKAGES
 from sshade.core.errors import InputError
 
 #: The project's packages. Methods from all other packages belong to users.

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import psutil
 
+from eval.installation import PACKAGES
 from eval.run.code import digest, imported_libraries
 from eval.run.targets import code_of, flat, settings
-from sshade.cli.configuration import PACKAGES
 from sshade.core.errors import InputError
 from sshade.core.threads import available_cpus
 from sshade.problem.task import DeformationTask, TransferTask

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from sshade.cli.configuration import PACKAGES
+from eval.installation import PACKAGES
 from sshade.core.errors import InputError
 from sshade.problem.options import checked
 

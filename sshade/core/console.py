@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -20,12 +20,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
 
 
-#: Extra of the package that brings a library, by the module that is imported.
-EXTRAS = {
-    **dict.fromkeys(("igl", "pymeshlab", "trimesh", "pandas", "hydra", "omegaconf"), "bench"),
-    **dict.fromkeys(("pyvista", "vtkmodules", "matplotlib", "jinja2", "PIL"), "figures"),
-    **{"torch": "torch", "pytetwild": "tet", "simkit": "neo-hookean"},
-}
+#: Extra that brings a library of this package, by the module that is imported.
+EXTRAS = {"igl": "bench", **dict.fromkeys(("pyvista", "vtkmodules", "PIL"), "figures")}
 
 #: Number of stages that are shown after their end, so that a screen has room for the stages that run.
 ENDED = 5
@@ -134,12 +130,19 @@ def announced_compilation() -> Iterator[None]:
         say(f"note: {warning.message}")
 
 
-def missing_library(error: BaseException) -> str | None:
-    """Return what to install, if a library of :data:`EXTRAS` or this package is missing; None otherwise."""
+def missing_library(error: BaseException, extras: Mapping[str, str] | None = None) -> str | None:
+    """Return what to install if this package or a library of an extra is missing; None otherwise.
+
+    Parameters
+    ----------
+    error : BaseException
+    extras : mapping, optional
+        Extras that bring further libraries than :data:`EXTRAS`, by the module that is imported.
+    """
     if isinstance(error, ModuleNotFoundError) and error.name == "sshade":  # a clone asks for its version
         return "sshade is not installed; install it with pip install . in the clone"
     library = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-    extra = EXTRAS.get(library)
+    extra = {**EXTRAS, **(extras or {})}.get(library)
     return f"{library} is not installed; {how_to_install(extra)}" if extra else None
 
 
@@ -148,11 +151,12 @@ def how_to_install(extra: str) -> str:
     return f"install the extra {extra}, for example with pip install '.[{extra}]' in a clone"
 
 
-def run_command(main: Callable[[], int]) -> int:
+def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = None) -> int:
     """Call `main`; report a mistake in one line on standard error and return exit code 2.
 
     Mistakes are an InputError; a FloatingPointError, when numbers fail on a mesh, for example with
-    zero-area triangles; an OSError; a lack of memory; and a library of :data:`EXTRAS` that is not installed.
+    zero-area triangles; an OSError; a lack of memory; and a library that is not installed, if it is one of
+    :data:`EXTRAS` or `extras`.
     If the reader of standard output has ended, as after ``| head``, the command ends silently. SIGINT and
     SIGTERM end it with exit code 130 and 143, and leave no temporary file.
     """
@@ -173,7 +177,7 @@ def run_command(main: Callable[[], int]) -> int:
         except MemoryError as error:
             mistake = f"there is not enough memory ({' '.join(str(error).split()) or 'out of memory'})"
         except ModuleNotFoundError as error:
-            if (missing := missing_library(error)) is None:
+            if (missing := missing_library(error, extras)) is None:
                 raise
             mistake = missing
         except (KeyboardInterrupt, Ended, SystemError) as error:

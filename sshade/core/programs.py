@@ -62,11 +62,14 @@ class Program(NamedTuple):
         Module and one-line summary of each sub-command.
     text : str
         Help text, with ``{commands}`` for the list of sub-commands.
+    extras : mapping
+        Extras that bring libraries of the program; see :func:`sshade.core.console.missing_library`.
     """
 
     name: str
     commands: Mapping[str, tuple[str, str]]
     text: str
+    extras: Mapping[str, str] = {}
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
@@ -77,8 +80,8 @@ class Program(NamedTuple):
             if name in ("-h", "--help", "--version"):
                 return run_command(lambda: self.tell(name))
             if name == "--print-completion":
-                return run_command(lambda: self.complete(arguments))
-            return run_command(partial(self.call, name, arguments))
+                return run_command(lambda: self.complete(arguments), extras=self.extras)
+            return run_command(partial(self.call, name, arguments), extras=self.extras)
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
             return 130

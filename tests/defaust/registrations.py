@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from defaust.build.options import BuildOptions
-from defaust.cli import configure
+from defaust.configuration import configure
 from defaust.sources.synthetic import SyntheticBodies
 from sshade.files.meshes import write_mesh
 

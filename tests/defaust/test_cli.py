@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from defaust.cli import configure
+from defaust.configuration import configure
 from tests.robustness.case import assert_refused
 
 

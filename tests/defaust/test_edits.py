@@ -7,8 +7,8 @@ import yaml
 from defaust import edits
 from defaust.edits import Fin, Horns, Inflate, Stretch
 from defaust.sources.synthetic import SyntheticBodies
+from eval.installation import CONFIGURATION
 from sshade import InputError, Mesh
-from sshade.cli.configuration import CONFIGURATION
 from tests.shapes import beside, bumpy, icosphere, shifted, strip
 
 EDITS = [

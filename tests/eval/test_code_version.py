@@ -7,10 +7,10 @@ from eval_cases import bumpy_task, write_theirs
 
 import eval.run.attempt as attempt_module
 import sshade
+from eval.installation import PACKAGES
 from eval.rows.store import run_folders
 from eval.run import code
 from eval.run.run import run
-from sshade.cli.configuration import PACKAGES
 
 TARGET = "ours.method.method"
 FILES = {

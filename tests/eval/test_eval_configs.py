@@ -10,9 +10,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
 from eval.configure.sweep import ABOUT_DATASET, VALUES
+from eval.installation import CONFIGURATION
 from eval.rows.bands import read_bands
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
-from sshade.cli.configuration import CONFIGURATION
 from sshade.core.errors import InputError
 from sshade.method.call import deform
 from sshade.problem.options import GROUPS

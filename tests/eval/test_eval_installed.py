@@ -81,7 +81,8 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
         names = [name for name in archive.namelist() if ".dist-info/" not in name]
     assert {name.split("/")[0] for name in names} == set(PACKAGES)
     assert {Path(name).suffix for name in names if name.startswith("eval/conf/")} == {".yaml"}
-    assert "eval/conf/splits.yaml" in names
+    assert {"eval/conf/splits.yaml", "defaust/conf/build.yaml"} <= set(names)
+    assert not any(name.startswith("eval/conf/defaust/") for name in names)
     kernels = {path for path in names if path.startswith("sshade/compiled/sshade.")}
     assert len(kernels) > 50
     files = [path for name in PACKAGES for path in (source / name).rglob("*") if path.is_file()]

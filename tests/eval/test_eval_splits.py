@@ -7,9 +7,9 @@ from compositions import composed
 from eval_program import run_eval
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from eval.installation import CONFIGURATION
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, split_of
 from eval.rows.store import run_folders
-from sshade.cli.configuration import CONFIGURATION
 
 EXPERIMENTS = sorted(path.stem for path in CONFIGURATION.glob("experiment/*.yaml"))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import sshade
-from sshade.core.console import EXTRAS
+from eval.installation import EXTRAS
 
 HEAVY = ["pymeshlab", "pandas", "hydra", "omegaconf", "torch", "pyvista", "matplotlib", "trimesh", "rich"]
 MODULES = ["sshade", *(info.name for info in pkgutil.walk_packages(sshade.__path__, "sshade."))]

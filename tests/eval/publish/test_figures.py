@@ -8,6 +8,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from eval.installation import CONFIGURATION
 from eval.main import call
 from eval.publish import figures, panels
 from eval.publish.figures import read_cases, read_picture
@@ -16,7 +17,6 @@ from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import read_row, run_folders
-from sshade.cli.configuration import CONFIGURATION
 from sshade.core.errors import InputError
 from tests.shapes import bumpy, held_ends
 

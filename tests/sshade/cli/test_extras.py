@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from defaust.cli import EXTRAS as OF_DEFAUST
+from eval.installation import EXTRAS as OF_EVAL
 from sshade.core.console import EXTRAS, run_command
 from sshade.core.programs import version_of
 
@@ -18,7 +20,7 @@ import sys
 class Refused:
     @staticmethod
     def find_spec(name, path=None, target=None):
-        if name.partition(".")[0] in {set(EXTRAS)}:
+        if name.partition(".")[0] in { {*EXTRAS, *OF_DEFAUST, *OF_EVAL} }:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Refused)
 """

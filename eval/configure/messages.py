@@ -1,20 +1,8 @@
-"""Find the folder ``conf`` of YAML files, and shorten messages of Hydra.
-
-In a clone the folder lies beside the packages; a wheel holds a copy in ``eval/conf``. It is found from the
-place of this module and not by its name, because users may have folders called ``conf``.
-"""
+"""Messages of Hydra in one sentence."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
-
-PACKAGES = Path(__file__).resolve().parents[2]
-
-_SHIPPED = PACKAGES / "eval" / "conf"
-
-#: Folder of the YAML files of methods, datasets, experiments and builds.
-CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else PACKAGES / "conf"
 
 
 def one_sentence(complaint: str) -> str:
