@@ -97,7 +97,7 @@ scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
-	  -e '.[bench,fuzz,torch,neo-hookean,hubs]'
+	  -e '.[bench,torch,neo-hookean,hubs]'
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
 	$(BIN)/coverage combine -q

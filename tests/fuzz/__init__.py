@@ -1,1 +1,1 @@
-"""Readers get files that no program wrote: mutated at random, and guided by coverage."""
+"""Readers get files that no program wrote: mutated at random."""

@@ -1,4 +1,4 @@
-"""Mutate bytes at random from a seed, without guidance by coverage."""
+"""Mutate bytes at random from a seed."""
 
 from collections.abc import Sequence
 
