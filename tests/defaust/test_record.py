@@ -43,6 +43,7 @@ def test_files_outside_of_the_folder_are_refused(tmp_path, name):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
+        (lambda d: d.update(format=9), "format 9"),
         (lambda d: d["build"].update(subjects=[0, 1]), '"subjects" and "build.subjects" differ'),
         (lambda d: d["poses"].pop("2"), "poses or class of subject 2 are missing"),
         (lambda d: d["source"].update(classes=["cat"]), "poses or class of subject 1 are missing"),

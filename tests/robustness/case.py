@@ -1,14 +1,12 @@
 """Define the cases of the catalogue and try them."""
 
 import contextlib
-import ctypes
 import importlib
 import io
 import os
 import resource
 import shlex
 import signal
-import struct
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -163,36 +161,3 @@ def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool
         assert contents() == before
 
     return Case(f"full disk: {call}", attempt, given, leaves=(".",), slow=slow)
-
-
-@contextlib.contextmanager
-def read_only(folder: str) -> Iterator[None]:
-    """Make a folder and its subfolders read-only for a while, even for root."""
-    places = [Path(folder), *(path for path in Path(folder).rglob("*") if path.is_dir())]
-    modes = [place.stat().st_mode for place in places]
-    with _without_privileges():
-        for place in places:
-            place.chmod(0o555)
-        try:
-            yield
-        finally:
-            for place, mode in zip(places, modes, strict=True):
-                place.chmod(mode)
-
-
-@contextlib.contextmanager
-def _without_privileges() -> Iterator[None]:
-    """Take from this thread the two Linux capabilities that let root read and write anywhere."""
-    if os.geteuid() != 0:
-        yield
-        return
-    header, words = struct.pack("=Ii", 0x20080522, 0), ctypes.create_string_buffer(24)
-    library = ctypes.CDLL(None, use_errno=True)
-    assert library.capget(header, words) == 0, os.strerror(ctypes.get_errno())
-    effective, *others = struct.unpack("=6I", words.raw)
-    fewer = effective & ~0b110  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
-    assert library.capset(header, struct.pack("=6I", fewer, *others)) == 0, os.strerror(ctypes.get_errno())
-    try:
-        yield
-    finally:
-        assert library.capset(header, words) == 0, os.strerror(ctypes.get_errno())

@@ -4,11 +4,10 @@ import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from defaust.build.dataset import build
 from sshade.files.meshes import write_mesh
-from tests.defaust.toy import OPTIONS, Balls, change, relist
+from tests.defaust.toy import OPTIONS, Balls, relist
 from tests.files import contents, scratch
 from tests.robustness.case import Case, check_refusal, limited, nothing, refused, run
 from tests.robustness.inputs import BODY, Given, both, cut, folder, garbage, patched, text
@@ -30,11 +29,6 @@ def dataset() -> None:
     shutil.copytree(_finished(), "balls")
 
 
-def _record(edit: Callable[[dict[str, Any]], Any]) -> Given:
-    """A finished dataset with its record edited and signed again."""
-    return both(dataset, lambda: change(Path("balls"), edit))
-
-
 def _damaged(name: str, damage: Callable[[str], Given], *, listed: bool = False) -> Given:
     """A finished dataset with a damaged file. If `listed`, the record has the damaged file's checksum."""
     entered = (lambda: relist(Path("balls"), name)) if listed else nothing
@@ -51,22 +45,8 @@ def _half(path: str) -> Given:
 
 REST, POSE = "subject_00/rest.ply", "subject_00/pose_1.json"
 CHANGED = both(dataset, patched(RECORD, b'"seed": 0', b'"seed": 5'))
-#: Folders that a command refuses to read as a dataset.
-RECORDS = {
-    "an empty folder": (folder("balls"), "not a finished DeFAUST folder"),
-    "a cut record": (both(dataset, cut(RECORD, 0.7)), "not a readable JSON file"),
-    "a record that is a list": (both(dataset, text(RECORD, "[]")), "not a DeFAUST record"),
-    "a record of another format": (_record(lambda d: d.update(format=9)), "format 9"),
-    "a record without subjects": (_record(lambda d: d.pop("subjects")), "it has no subjects"),
-    "a record with a word for a count": (
-        _record(lambda d: d["subjects"][0]["high"].update(vertices="x")),
-        "vertices",
-        "not a whole number",
-    ),
-}
 #: Options that a run refuses.
 RUNS = {
-    "subject=7": (dataset, "has no subject 7"),
     "pose=7": (dataset, "has no pose 7"),
     "dataset.resolution=medium": (dataset, "resolution 'medium' is unknown"),
 }
@@ -129,9 +109,7 @@ OPTIONS_OF_TWO = {
     "source._target_=builtins.dict": ("source._target_=builtins.dict makes a dict, and no source",),
 }
 SOURCES = {
-    "a missing root": (nothing, "meshes"),
     "a root without meshes": (text("meshes/a.txt", "x"), "holds no meshes"),
-    "a root of one mesh": (shapes("a"), "no target pose"),
 }
 
 
@@ -177,8 +155,7 @@ def _begun(name: str, given: Given, words: str) -> Case:
 
 
 CASES = [
-    *refused(VERIFY, RECORDS, prefix="dataset, verify: "),
-    *(Case(f"dataset: {call}", call, folder("balls"), says=("not a finished",)) for call in (INFO, RUN)),
+    *(Case(f"dataset: {c}", c, folder("balls"), says=("not a finished",)) for c in (VERIFY, INFO, RUN)),
     *refused(INFO, {"a record that was changed": (CHANGED, "changed after the build")}, prefix="info: "),
     *refused(RUN, FILES, prefix="dataset, run: "),
     *(Case(f"dataset, run: {o}", f"{RUN} {o}", given, says=(word,)) for o, (given, word) in RUNS.items()),

@@ -1,9 +1,10 @@
 """Cases: running methods, and everything made from rows."""
 
-import csv
 import json
 import pickle
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import chdir
 from functools import cache
@@ -63,27 +64,9 @@ def _vertices(damage: Callable[[str], Given]) -> Given:
     return _in_run("vertices.npy", damage)
 
 
-def _cells(column: str, value: str) -> Given:
-    """A table of rows with all cells of a column replaced."""
-
-    def write() -> None:
-        runs()
-        with open(ROWS, newline="") as file:
-            lines = list(csv.DictReader(file))
-        with open(ROWS, "w", newline="") as file:
-            writer = csv.DictWriter(file, lines[0].keys(), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(line | {column: value} for line in lines)
-
-    return write
-
-
 TABLE = {
     "no rows": (nothing, "no such file"),
     "a CSV of something else": (text(ROWS, "a,b\n1,2\n"), "holds no rows of runs"),
-    "an unknown status": (_cells("status", "fine"), "its status is 'fine'"),
-    "words for numbers": (_cells("metric.edge", "small"), "metric.edge is 'small'"),
-    "no dates": (_cells("date", ""), "it has no date"),
 }
 OPTIONS = {
     "tables tiny -o body.ply": ("body.ply: the folder cannot be created",),
@@ -94,8 +77,6 @@ OPTIONS = {
 }
 ROW = {
     "no runs": (nothing, "no runs in tiny"),
-    "a cut row": (_in_run("row.json", lambda p: cut(p, 0.5)), "row.json: not a row"),
-    "a row that is a list": (_in_run("row.json", lambda p: text(p, "[]")), "not a row"),
     "a row without a date": (_row("date", None), "it has no date"),
 }
 #: Refused by `figures`, which reads the files and the source that a row names.
@@ -151,6 +132,24 @@ def _full_disk() -> None:
     assert code == 0 and len(contents().keys() - before.keys()) == 2, (code, err)
 
 
+PRINTING = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
+
+
+def _to_a_full_device() -> None:
+    """Print to a device that is always full, like a log on a full disk."""
+    for line in PRINTING, [sys.executable, "-m", "sshade", "--help"]:
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+        assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
+
+
+def _to_nobody() -> None:
+    """Print to a pipe whose reader closes it at once, as ``| head -0`` does."""
+    with subprocess.Popen(PRINTING, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        assert process.stderr.read() == "" and process.wait(60) == 141
+
+
 CASES = [
     *refused(f"sshade-eval tables {ROWS}", TABLE, prefix="tables: "),
     *(Case(f"{name}: no rows", f"sshade-eval {name} {ROWS}", says=("no such file",)) for name in OF_ROWS),
@@ -163,6 +162,8 @@ CASES = [
     ),
     *(Case(f"run: {change}", f"{RUN} {change}", dataset, says=says) for change, says in METHODS.items()),
     Case("full disk: a run", _full_disk, runs, leaves=("out",)),
+    Case("full disk: what is printed", _to_a_full_device, runs, leaves=("tables",)),
+    Case("nobody reads what is printed", _to_nobody, runs, leaves=("tables",)),
     on_a_full_disk("sshade-eval collect tiny -o rows", runs),
     on_a_full_disk("sshade-eval tables tiny -o t", runs),
     on_a_full_disk("sshade-eval report tiny -o r.html", runs, slow=True),

@@ -1,13 +1,12 @@
 """Input files of the cases. Most functions return a writer, which puts a file into the working folder."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sshade import Handles, Mesh
+from sshade import Handles
 from sshade.files.handles import write_handles
 from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, end_handles
@@ -43,13 +42,6 @@ def mesh(V: Any, F: Any, path: str = "body.ply") -> Given:
     return lambda: write_mesh(path, np.asarray(V, dtype=float), np.asarray(F, dtype=np.int64).reshape(-1, 3))
 
 
-def posed(shape: Mesh | tuple[np.ndarray, np.ndarray], path: str = "body.ply") -> Given:
-    """A mesh file and handles at its two ends."""
-    V, F = (shape.V, shape.F) if isinstance(shape, Mesh) else shape
-    V = np.asarray(V, dtype=float)
-    return both(mesh(V, F, path), lambda: write_handles("pose.json", pose(V)))
-
-
 def data(path: str, content: bytes) -> Given:
     """A file with the bytes `content`; its folders are made, too."""
 
@@ -63,11 +55,6 @@ def data(path: str, content: bytes) -> Given:
 def text(path: str, content: str) -> Given:
     """A text file."""
     return data(path, content.encode())
-
-
-def handles(*entries: Any) -> Given:
-    """A handle file with the given entries."""
-    return text("pose.json", json.dumps({"handles": list(entries)}))
 
 
 def cut(path: str, share: float) -> Given:

@@ -2,10 +2,10 @@
 
 import pytest
 
-from tests.robustness import datasets, evaluation, outputs, places, surfaces
+from tests.robustness import datasets, evaluation, outputs
 from tests.robustness.case import attempt
 
-PARTS = (surfaces, outputs, places, datasets, evaluation)
+PARTS = (outputs, datasets, evaluation)
 CASES = [
     pytest.param(case, id=case.name, marks=[pytest.mark.full] if case.slow else [])
     for part in PARTS

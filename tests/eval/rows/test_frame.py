@@ -57,6 +57,20 @@ def test_rows_of_another_schema_are_refused(tmp_path):
         read_row(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"status": "fine"}, "its status is 'fine'"),
+        ({"metric.edge": "small"}, "metric.edge is 'small'"),
+        ({"date": ""}, "it has no date"),
+    ],
+)
+def test_rows_that_no_run_wrote_are_refused(tmp_path, changes, words):
+    write_csv(tmp_path / "r.csv", frame(row() | changes))
+    with pytest.raises(InputError, match=words):
+        read_csv(tmp_path / "r.csv")
+
+
 def test_a_planned_run_is_a_row_of_a_file_and_of_no_run(tmp_path):
     planned = {"method.name": "b", "task.name": "t", "seed": 0, "status": "missing", "reason": "never"}
     write_csv(tmp_path / "r.csv", frame(row(), planned))

@@ -199,9 +199,11 @@ def test_help_says_what_each_command_does(capsys, command):
 
 
 def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
-    command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), 0, ValueError("a bug")])
-    assert [run_command(command) for _ in range(3)] == [130, 2, 0]
-    assert capsys.readouterr().err == "interrupted\nerror: too small\n"
+    closed = PermissionError(13, "Permission denied", "rows.csv")
+    command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), closed, 0, ValueError("a bug")])
+    assert [run_command(command) for _ in range(4)] == [130, 2, 2, 0]
+    said = "interrupted\nerror: too small\nerror: rows.csv: Permission denied\n"
+    assert capsys.readouterr().err == said
     with pytest.raises(ValueError, match="a bug"):
         run_command(command)
 

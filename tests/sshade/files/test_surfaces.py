@@ -69,8 +69,8 @@ SURFACES = {
     "triangle": Mesh(np.eye(3), np.array([[0, 1, 2]])),
     "tetrahedron": tetrahedron(),
     "far away": shifted(BODY, [600.0, -640.0, 480.0]),
-    "tiny": Mesh(1e-12 * V, F),
-    "huge": Mesh(1e12 * V, F),
+    "tiny": Mesh(1e-30 * V, F),
+    "huge": Mesh(1e30 * V, F),
 }
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade import Mesh, bind, load_binding, save_binding
+from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.proxy.frames import Frames
 from sshade.proxy.kinds import FrameKind
 from sshade.proxy.triangle import TriangleFrames
@@ -84,3 +84,21 @@ def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path
         direct = bind(BUMPY, 80, frames=other, frame_function=function)
         assert asked.frames.name == other
         assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("region", lambda cell: cell + 40),
+        ("barycentric", lambda weights: weights * np.nan),
+        ("distance", lambda distance: distance[1:]),
+        ("frames", lambda _: np.array("quaternion")),
+    ],
+)
+def test_a_map_whose_arrays_do_not_fit_together_is_refused(tmp_path, name, change):
+    save_binding(tmp_path / "map.npz", bind(BUMPY, 40))
+    with np.load(tmp_path / "map.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "map.npz", **arrays | {name: change(arrays[name])})
+    with pytest.raises(InputError, match=r"map\.npz: "):
+        load_binding(tmp_path / "map.npz", BUMPY)
