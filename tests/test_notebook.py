@@ -3,10 +3,7 @@
 import ast
 import json
 import re
-import warnings
 from pathlib import Path
-
-import pytest
 
 import sshade
 from tests.shapes import bumpy, end_handles
@@ -40,18 +37,6 @@ def test_the_cells_run_and_show_figures(here):
     assert all("<iframe" in text and len(text) < 1_500_000 for text in shown)
     assert (here / "distance.html").stat().st_size > 200_000
     assert names["distance"].mean() < 5
-
-
-def test_a_kernel_of_jupyter_runs_the_notebook(here):
-    nbclient = pytest.importorskip("nbclient", exc_type=ImportError)
-    nbformat = pytest.importorskip("nbformat")
-    pytest.importorskip("ipykernel")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the event loop of the client
-        book = nbformat.reads(TEXT, as_version=4)
-        nbclient.NotebookClient(book, timeout=120, resources={"metadata": {"path": here}}).execute()
-    outputs = [cell["outputs"] for cell in book["cells"] if cell["cell_type"] == "code"]
-    assert all("<iframe" in output[-1]["data"]["text/html"] for output in outputs[:-1]) and outputs[-1] == []
 
 
 def test_the_code_of_the_page_runs(here, monkeypatch):

@@ -13,7 +13,7 @@ from sshade.files.handles import write_handles
 from sshade.proxy.binding_file import load_binding, save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global
-from tests.shapes import beside, bumpy, rotation, shifted
+from tests.shapes import bumpy, rotation
 
 BODY = bumpy(2)
 HELD = np.array([0, 3, 7, 20])
@@ -66,11 +66,6 @@ WRONG = {
         lambda: Handles([5, 5], BODY.V[[5, 5]], rotation=[FREE, TURN]),
         "two rotations, or is given with a rotation and without",
     ),
-    "dynamic": (
-        lambda: Handles.from_positions(BODY, TWO, TWO, dynamic=[1, 2]),
-        "must be True or False, not 2",
-    ),
-    "text as dynamic": (lambda: Handles.from_positions(BODY, TWO, TWO, dynamic="False"), "must be numbers"),
     "flat positions": (lambda: Handles.from_positions(BODY, np.zeros(9), np.zeros(9)), "of shape"),
     "no proxy": (lambda: sshade.bind(BODY, 0), "vertices must be"),
     "coarser": (lambda: sshade.bind(BODY, coarser=0), "coarser must be"),
@@ -96,12 +91,7 @@ WRONG = {
         "the soft handles of group 0 differ",
     ),
     "binding": (lambda: save_binding("gone/x.npz", sshade.bind(BODY, 40)), "cannot be written"),
-    "component": (
-        lambda: arap(DeformationTask("two", TWO_BODIES, task().handles, carry_unconstrained=True)),
-        "components has no handle",
-    ),
 }
-TWO_BODIES = beside(BODY, shifted(BODY, [5, 0, 0]))
 
 
 @pytest.mark.parametrize("name", WRONG)

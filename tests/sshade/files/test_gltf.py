@@ -334,6 +334,7 @@ def sparse(view: int, offset: int) -> dict:
     [
         ({"skins": [{"joints": [0]}]}, "a skin, which cannot be deformed: apply the pose of the skeleton"),
         ({"extensionsUsed": ["EXT_mesh_gpu_instancing"]}, "export each instance as a node"),
+        ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed"),
         ({f"{PRIMITIVE}.mode": 1, "meshes.1.primitives.0.mode": 0}, "no triangles"),
         ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
         ({"accessors.0.componentType": 5125}, "POSITION has numbers of type 5125"),

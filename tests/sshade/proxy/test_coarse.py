@@ -62,16 +62,6 @@ def test_cells_are_exact_and_the_second_half_is_farthest(name, count):
     assert found.distance.mean() <= 1.08 * exact.distance.mean()
 
 
-@pytest.mark.parametrize("name", ["bumpy", "strip, ties everywhere", "double torus"])
-def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
-    mesh, found = SURFACES[name], []
-    for workers in (1, 2, 7):
-        monkeypatch.setattr(coarse, "available_cpus", lambda workers=workers: workers)
-        fronts = coarse.sample_coarsely(mesh, vertex_graph(mesh), 60, first=np.array([3]))
-        found.append((fronts.samples.tobytes(), fronts.distance.tobytes(), fronts.cell.tobytes()))
-    assert found[0] == found[1] == found[2]
-
-
 def test_crumpled_surfaces_get_a_finer_net(monkeypatch):
     """Distances on them are short for their area, so the first radius leaves too few vertices."""
     mesh = SURFACES["bumpy"]
