@@ -19,3 +19,8 @@ def scratch() -> Path:
     folder = tempfile.mkdtemp()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
+
+
+def sample(name: str) -> str:
+    """Return the text of a file of ``tests/sshade/files/samples``, with the line ends that it has."""
+    return (Path(__file__).parent / "sshade" / "files" / "samples" / name).read_bytes().decode()

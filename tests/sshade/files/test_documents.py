@@ -12,6 +12,7 @@ from sshade.edit.document import Document
 from sshade.files.document import moved_reference
 from sshade.files.handles import write_handles
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
+from tests.files import sample
 from tests.shapes import end_handles, icosphere
 from tests.sshade.files.test_formats import OFF, STL
 from tests.sshade.files.test_ply import SQUARE, ply
@@ -21,98 +22,11 @@ from tests.write import columns, mesh_ply
 TURN = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 SHIFT = np.array([0.5, 0.25, 2.0])
 
-BLENDER = """\
-# Blender 4.2.1
-# www.blender.org
-mtllib cube.mtl
-o Front.001
-v 0.000000 0.000000 0.000000
-v 1.000000 0.000000 0.000000
-v 1.000000 1.000000 0.000000
-v 0.000000 1.000000 0.000000
-vn 0.0000 0.0000 1.0000
-vn 1.0000 0.0000 0.0000
-vt 0.000000 0.000000
-vt 1.000000 0.000000
-vt 1.000000 1.000000
-vt 0.000000 1.000000
-s 0
-usemtl Material
-f 1/1/1 2/2/1 3/3/1 4/4/1
-o Side
-v 1.000000 0.000000 -1.000000
-v 1.000000 1.000000 -1.000000
-s 1
-usemtl Other
-f 2/2/2 5/1/2 6/4/2
-f 2/2/2 6/1/2 3/3/2
-"""
+BLENDER = sample("blender.obj")
 
-STUDIO = """\
-# 3ds Max Wavefront OBJ Exporter - (c)\r
-# File Created: 01.02.2024\r
-\r
-mtllib two.mtl \r
-#\r
-# object Box\r
-#\r
-v  0 0 0 0.5 0.25 1\r
-v  1 0 0 0.5 0.25 1\r
-v  1 1 0 0.5 0.25 1\r
-v  0 1 0 0.5 0.25 1\r
-v  2 0.5 0 0.5 0.25 1\r
-# 5 vertices\r
-\r
-g first second\r
-usemtl red\r
-s 4\r
-f -5/-1 -4/-1 \\\r
-  -3/-1 -2/-1 \r
-vt 0.1 0.2 0.3\r
-g third\r
-f 2 5 3 \r
-l 1 3\r
-#MRGB ffc0c0c0ffc0c0c0\r
-"""
+STUDIO = sample("studio.obj")
 
-MESHLAB = """\
-ply
-format ascii 1.0
-comment VCGLIB generated
-comment TextureFile skin of it.png
-element vertex 5
-property float x
-property float y
-property float z
-property float nx
-property float ny
-property float nz
-property uchar red
-property uchar green
-property uchar blue
-property uchar alpha
-property float quality
-element face 3
-property list uchar int vertex_indices
-property list uchar float texcoord
-property int texnumber
-property float nx
-property float ny
-property float nz
-element camera 1
-property float view_px
-property list int double anything
-end_header
-0 0 0 0 0 1 255 0 0 255 0.5\x20
-1 0 0 0 0 1 255 1 0 255 1.5\x20
-1 1 0 0 0 1 255 0 2 255 nan\x20
-0 1 0 0 0 1 255 0 0 255 0.5\x20
-2 0.5 0 0 0 1 255 0 0 255 0.5\x20
-3 0 1 2 6 0.599829 0.25 0.5 0.5 0.75 1 0 0 0 1
-3 0 2 3 6 0.1 0.2 0.3 0.4 0.5 0.6 0 0 0 1
-3 1 4 2 0 1 0 0 1
-7.25 2 1e-3 2e+3
-"""
+MESHLAB = sample("meshlab.ply")
 
 
 def rewritten(path, V):

@@ -9,6 +9,7 @@ import trimesh
 from sshade import InputError
 from sshade.files.document import MeshFile
 from sshade.files.meshes import read_file, write_file, write_mesh
+from tests.files import sample
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
@@ -32,19 +33,7 @@ def test_another_reader_agrees_with_what_is_written_as_stl(tmp_path):
     assert not found["face_normals"][-1].any()
 
 
-OFF = """\
-CNOFF # with colours
-5 3 0
-
-0 0 0  0 0 1  255 0 0 255
-1 0 0  0 0 1  0 255 0 255 # a corner
-1 1 0  0 0 1  0 0 255 255
-0 1 0  0 0 1  0 0 255 255
-2 0.5 0  0 0 1  0 0 255 255
-4 0 1 2 3
-3 1 4 2 0.5 0.5 0.5
-3 0 2 3
-"""
+OFF = sample("colours.off")
 
 
 def test_off_with_comments_colours_and_polygons(tmp_path):
@@ -71,24 +60,7 @@ def test_off_of_meshlab_with_normals_behind_colours(tmp_path, keyword, colour, t
     assert [line.split()[3:] for line in lines[2:5]] == [expected] * 3
 
 
-STL = """\
-solid two
-  facet normal 0 0 1
-    outer loop
-      vertex 0 0 0
-      vertex 1 0 0
-      vertex 0 1 0
-    endloop
-  endfacet
-  facet normal 0 0 1
-    outer loop
-      vertex 1 0 0
-      vertex 1 1e0 0
-      vertex 0 1 0
-    endloop
-  endfacet
-endsolid two
-"""
+STL = sample("two_facets.stl")
 
 
 def test_a_text_that_ends_behind_a_facet_gives_a_note_and_elsewhere_it_is_refused(tmp_path):

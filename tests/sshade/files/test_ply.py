@@ -11,6 +11,7 @@ from sshade.files.document import MeshFile
 from sshade.files.meshes import read_file, write_file
 from sshade.files.ply import parsed, read_ply
 from tests import write
+from tests.files import sample
 from tests.write import columns
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 3]])
@@ -113,27 +114,7 @@ def test_what_is_wrong_is_said(tmp_path, old, new, words):
 
 
 #: Older versions of MeshLab write texture coordinates and flags that their header does not declare.
-OLD_MESHLAB = """\
-ply
-format ascii 1.0
-comment VCGLIB generated
-element vertex 5
-property float x
-property float y
-property float z
-element face 3
-property list uchar int vertex_indices
-end_header
-0 0 0
-1 0 0 0.5
-1 1 0 0 0 1
-
-0 1 0
-2 0 3
-3 0 1 2 6 0.599829 0.25 0.5 0.5 0.75 1
-4 0 1 4 3 0
-3 2 3 4
-"""
+OLD_MESHLAB = sample("old_meshlab.ply")
 
 
 @pytest.mark.parametrize(("end", "mark"), [("\n", ""), ("\r\n", "\ufeff")])
