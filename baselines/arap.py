@@ -19,8 +19,7 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import ITERATION, Energy, Start, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.run import Stop, run
-from sshade.solver.start import initial_guess
+from sshade.solver.run import Stop, initial_guess, run
 
 
 @takes_options(ITERATION)

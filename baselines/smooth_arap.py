@@ -36,8 +36,7 @@ from sshade.problem.options import Energy, Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.linear import Factorised
-from sshade.solver.run import Stop, run
-from sshade.solver.start import initial_guess
+from sshade.solver.run import Stop, initial_guess, run
 from sshade.solver.terms.arap import Elements, Triangles
 
 #: Least area of a vertex, as a fraction of the mean, because the method divides by areas.

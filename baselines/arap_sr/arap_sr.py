@@ -32,8 +32,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.linear import Factorised
-from sshade.solver.run import Stop, run
-from sshade.solver.start import initial_guess
+from sshade.solver.run import Stop, initial_guess, run
 
 #: Number of differences that the acceleration keeps.
 WINDOW = 5
@@ -86,7 +85,7 @@ def arap_sr(
     max_iterations : int
         Maximum number of iterations; the paper uses 1000.
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.start.initial_guess`.
+        See :func:`sshade.solver.run.initial_guess`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress

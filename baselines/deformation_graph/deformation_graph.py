@@ -32,11 +32,10 @@ from sshade.method.regions import HandleRegions, all_on_targets
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
-from sshade.proxy.sizes import proxy_vertices
+from sshade.proxy.sample import proxy_vertices
 from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.linear import Factorised
-from sshade.solver.run import Stop, run
-from sshade.solver.start import initial_guess
+from sshade.solver.run import Stop, initial_guess, run
 
 
 def deformation_graph(
@@ -60,7 +59,7 @@ def deformation_graph(
     nodes : int
         k, number of nodes. Each handle vertex is a node, except inside handle regions (see
         :class:`sshade.method.regions.HandleRegions`). A small mesh has one node for four vertices (see
-        :func:`sshade.proxy.sizes.proxy_vertices`).
+        :func:`sshade.proxy.sample.proxy_vertices`).
     blended : int
         K, number of nodes that move a vertex, at least 1: the nearest nodes along the surface among the node
         of its Voronoi cell and the neighbours of this node in the graph.
@@ -69,7 +68,7 @@ def deformation_graph(
         mesh's bounding-box diagonal. 0 disables the test.
     max_iterations : int
     start : {"rest", "rigid"}
-        See :func:`sshade.solver.start.initial_guess`.
+        See :func:`sshade.solver.run.initial_guess`.
     seed : int
         Unused, because the sampling begins with the handles.
     progress : Progress

@@ -19,7 +19,7 @@ from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.kinds import vertex_values
-from sshade.proxy.sizes import least_vertices, proxy_vertices, shared_vertices
+from sshade.proxy.sample import least_vertices, proxy_vertices, shared_vertices
 
 
 class ComponentSet:

@@ -15,7 +15,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.method.goals import with_goal
+from sshade.method.deform import with_goal
 from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
 from sshade.problem.handle_checks import checked_index

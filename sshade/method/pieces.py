@@ -86,7 +86,7 @@ class Pieces:
     options : Options
         `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
         vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
-        :func:`sshade.proxy.sizes.proxy_vertices`. The other components get the rest of its portion. Both
+        :func:`sshade.proxy.sample.proxy_vertices`. The other components get the rest of its portion. Both
         sides of a one-sided surface count.
     progress : Progress
 

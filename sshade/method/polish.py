@@ -19,7 +19,7 @@ from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, bind_task
-from sshade.solver.solution import Solution
+from sshade.solver.run import Solution
 
 #: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
 #: better results on six bodies.

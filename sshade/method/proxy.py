@@ -25,8 +25,7 @@ from sshade.problem.task import DeformationResult, Handles
 from sshade.proxy.binding import Binding, bind_proxy
 from sshade.proxy.kinds import frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
-from sshade.proxy.sample import proxy_mesh
-from sshade.proxy.sizes import proxy_vertices
+from sshade.proxy.sample import proxy_mesh, proxy_vertices
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3

@@ -32,7 +32,7 @@ from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.fronts import Fronts, thinned
-from sshade.proxy.sizes import proxy_vertices
+from sshade.proxy.sample import proxy_vertices
 from sshade.proxy.vertex_maps import VertexMaps
 from sshade.solver.constraints import ROUNDING, volume_and_area
 

@@ -23,7 +23,7 @@ from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, bind_task, solve_bound
-from sshade.solver.start import initial_guess
+from sshade.solver.run import initial_guess
 
 
 class OnceSolver:

@@ -32,10 +32,9 @@ from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.kinds import frame_maker
-from sshade.proxy.sample import proxy_mesh
-from sshade.proxy.sizes import proxy_vertices
+from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.solver.local_global import Bound, bind_task, solve_bound
-from sshade.solver.start import initial_guess
+from sshade.solver.run import initial_guess
 
 log = logging.getLogger(__name__)
 

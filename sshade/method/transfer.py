@@ -22,7 +22,7 @@ from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.bind import bind
 from sshade.proxy.frames import FrameMaker
 from sshade.proxy.kinds import frame_maker
-from sshade.proxy.sizes import proxy_vertices
+from sshade.proxy.sample import proxy_vertices
 
 
 @takes_options(PROXIES)

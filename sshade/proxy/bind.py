@@ -14,8 +14,7 @@ from sshade.problem.options import Options, checked
 from sshade.proxy.binding import Binding, bind_proxy
 from sshade.proxy.frames import FrameMaker
 from sshade.proxy.kinds import FrameKind, frame_maker
-from sshade.proxy.sample import Sampling, sample_proxy
-from sshade.proxy.sizes import SPARE, proxy_vertices, shared_vertices
+from sshade.proxy.sample import SPARE, Sampling, proxy_vertices, sample_proxy, shared_vertices
 
 
 def bind(

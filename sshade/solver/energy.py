@@ -8,10 +8,9 @@ from sshade.core.threads import ThreadTeam
 from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.options import Options
 from sshade.solver.system import System
-from sshade.solver.terms import Term
+from sshade.solver.terms import Pulls, Term
 from sshade.solver.terms.arap import Arap
 from sshade.solver.terms.bending import Bending
-from sshade.solver.terms.pulls import Pulls
 from sshade.solver.terms.struts import Strutting
 
 #: Vertices of the mesh (j,), each once, and their prescribed rotations (j, 3, 3).

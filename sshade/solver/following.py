@@ -21,8 +21,7 @@ from sshade.problem.options import ENERGY, complete
 from sshade.solver.descent import Descent
 from sshade.solver.energy import Prescribed
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Stop, run
-from sshade.solver.solution import Solution
+from sshade.solver.run import Solution, Stop, run
 
 #: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
 LEAST = 2

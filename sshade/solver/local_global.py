@@ -26,9 +26,7 @@ from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
 from sshade.solver.energy import Prescribed
-from sshade.solver.run import Run, Stop, run
-from sshade.solver.solution import Solution
-from sshade.solver.start import initial_guess
+from sshade.solver.run import Run, Solution, Stop, initial_guess, run
 from sshade.solver.system import System
 
 #: Largest number of vertices for which :func:`local_global` factorises by default. V-cycles take as long at

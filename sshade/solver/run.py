@@ -1,16 +1,71 @@
-"""The loop of every iterative method: plain or accelerated steps until the residual is below a tolerance."""
+"""Where an iteration begins, its loop until the residual is below a tolerance, and its result."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf
 from time import perf_counter
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
 from sshade.core.progress import Progress, silent
+from sshade.mesh.rigid import rigid_motion
+from sshade.problem.options import Start
+from sshade.problem.task import DeformationResult, DeformationTask
+
+#: Distance of the auxiliary points beside a handle with a prescribed rotation, as a fraction of the diagonal.
+BESIDE = 1e-3
+
+
+def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
+    """Return the rest shape, or its best rigid motion to the handles, with hard handles on their targets.
+
+    Parameters
+    ----------
+    task : DeformationTask
+    start : {"rest", "rigid"}
+        ``rigid`` applies the best rotation and translation of the handles to their targets, weighted by
+        stiffness if all handles are soft. Prescribed rotations decide if the positions leave the rotation
+        undetermined. If the task has a guess, it takes the place of both.
+
+    Returns
+    -------
+    (n, 3) float64
+
+    Raises
+    ------
+    InputError
+        On an unknown start.
+    """
+    V, handles = task.mesh.V, task.handles
+    if start not in ("rest", "rigid"):
+        raise InputError(f"unknown start {start!r}; use 'rest' or 'rigid'")
+    if task.guess is not None:
+        U = np.array(task.guess, dtype=np.float64)
+    elif start == "rest":
+        U = V.copy()
+    else:
+        # The weighted fit of soft handles is the minimum of the energy over all rigid motions.
+        source, target = V[handles.index], handles.target
+        weights = None if handles.hard.any() else handles.stiffness
+        if prescribed := handles.prescribed_rotations:
+            # Three auxiliary points beside each such handle, near enough not to disturb the fit of positions.
+            vertex, turns = prescribed
+            number = np.flatnonzero(np.isin(handles.index, vertex))
+            beside = BESIDE * task.mesh.diagonal * np.eye(3)
+            source = np.concatenate([source, (V[vertex, None] + beside).reshape(-1, 3)])
+            turned = target[number, None] + beside @ turns.transpose(0, 2, 1)
+            target = np.concatenate([target, turned.reshape(-1, 3)])
+            if weights is not None:
+                weights = np.concatenate([weights, np.repeat(weights[number], 3)])
+        R, t = rigid_motion(source, target, weights=weights)
+        U = V @ R.T + t
+    U[handles.index[handles.hard]] = handles.target[handles.hard]
+    return U
+
 
 #: Iterations between two calls of the progress callback.
 REPORT_EVERY = 10
@@ -140,3 +195,54 @@ def largest_move(A, B):
             if np.isnan(square):
                 break
     return np.sqrt(largest)
+
+
+class Solution(NamedTuple):
+    """A deformed shape and how the iteration went.
+
+    Attributes
+    ----------
+    positions : (n, 3) float64
+        Hard handles are on their targets exactly.
+    rotations : (n, 3, 3) float64
+        Rotations of the local step at `positions`, from rest edges to deformed ones.
+    iterations : int
+        Global steps.
+    residual : float
+        Largest move of a vertex in the last plain iteration, as a fraction of the bounding-box diagonal.
+    residual_curve : (iterations,) float64
+        Residual of each iteration.
+    energy, energy_initial : float
+        Energies after the local steps at `positions` and at the start, with the penalties of weighted
+        constraints and the pulls of soft handles; unit length^2. The start fulfils no constraint, so that its
+        energy may be lower.
+    converged : bool
+    rejected : int
+        Accelerated iterates that were given up because the energy rose.
+    volume_error, area_error : float
+    volume_constraint, area_constraint : str
+        See :meth:`sshade.solver.constraints.Surface.report`.
+    """
+
+    positions: np.ndarray
+    rotations: np.ndarray
+    iterations: int
+    residual: float
+    residual_curve: np.ndarray
+    energy: float
+    energy_initial: float
+    converged: bool
+    rejected: int
+    volume_error: float
+    area_error: float
+    volume_constraint: str
+    area_constraint: str
+
+    def result(self, seconds: Mapping[str, float] | None = None) -> DeformationResult:
+        """Return the result of a task, with the seconds of its stages."""
+        return DeformationResult(self.positions, self.iterations, self.converged, seconds or {}, self.facts())
+
+    def facts(self) -> dict[str, Any]:
+        """Return the fields for the `extra` of a result."""
+        elsewhere = ("positions", "iterations", "converged")
+        return {name: value for name, value in self._asdict().items() if name not in elsewhere}

@@ -33,9 +33,9 @@ from sshade.solver.order import (
     vertex_ranges,
     weighted_laplacian,
 )
+from sshade.solver.terms import Springs
 from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
-from sshade.solver.terms.pulls import Springs
 from sshade.solver.terms.struts import Struts
 
 #: Least strain weight of a triangle in the metric of a V-cycle or a softened Laplacian. Weights change during

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from baselines.arap import libigl_arap
 from sshade import DeformationTask
 from sshade.mesh.rigid import rigid_motion
-from sshade.solver.start import initial_guess
+from sshade.solver.run import initial_guess
 from tests.shapes import bumpy, held_ends
 
 ENERGIES = {

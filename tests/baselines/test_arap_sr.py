@@ -10,7 +10,7 @@ from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.problem.task import DeformationTask, Handles
-from sshade.solver.start import initial_guess
+from sshade.solver.run import initial_guess
 from tests.shapes import bumpy, held_ends, jittered, strip, tube
 from tests.sshade.naive import svd_rotations
 

@@ -25,8 +25,7 @@ from sshade.solver.constraints import (
 )
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal, local_global
-from sshade.solver.run import Stop, run
-from sshade.solver.solution import Solution
+from sshade.solver.run import Solution, Stop, run
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus
 from tests.sshade.naive import TASKS, Naive

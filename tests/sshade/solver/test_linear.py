@@ -8,7 +8,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.solver.linear import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
-from sshade.solver.solution import Solution
+from sshade.solver.run import Solution
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
 
