@@ -96,7 +96,7 @@ def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -
 
 def _on_samples(facts: Mapping[str, Any], *, components: int) -> dict[str, bool]:
     """Sentences on a number of samples that differs from the number ``asked`` by more than rounding."""
-    from sshade.proxy.sizes import SPARE  # imports large libraries
+    from sshade.proxy.sample import SPARE  # imports large libraries
 
     samples, asked, coarser = facts["samples"], facts["asked"], facts["options"]["coarser"]
     differs = f"the proxy has {samples} samples instead of {asked}: "
