@@ -18,6 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from baselines.hard_handles import require_hard
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
@@ -88,7 +89,7 @@ def paper_with(
     if handle_mode not in samplers:
         raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     if handle_mode == "nearest":
-        task.handles.require_hard("the handle mode nearest")
+        require_hard(task.handles, "the handle mode nearest")
     counts = []
 
     def counted(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:

@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
@@ -86,7 +87,7 @@ def libigl_arap(
     if energy not in get_args(Energy):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("libigl's ARAP")
+    require_hard(handles, "libigl's ARAP")
     mesh.require_handles(handles.index)
     require_areas(mesh)
     watch = Stopwatch()

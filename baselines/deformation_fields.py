@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.arap import require_areas
+from baselines.hard_handles import require_hard
 from baselines.iteration import start_motion
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
@@ -67,7 +68,7 @@ def deformation_field(
     if order not in (1, 2):
         raise InputError(f"order={order!r} is no field of this method; use 1, harmonic, or 2, biharmonic")
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("a deformation field")
+    require_hard(handles, "a deformation field")
     mesh.require_handles(handles.index)
     require_areas(mesh)
     watch = Stopwatch()

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from baselines.hard_handles import require_hard
 from baselines.program import Finished, ProgramFailed, last_line, run_program
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
@@ -209,7 +210,7 @@ def _write_handles(path: Path, handles: Handles) -> None:
         return
     if path.suffix != ".txt":
         raise InputError(f"handles_format={path.suffix[1:]} is unknown; use json or txt")
-    handles.require_hard("handles_format=txt")
+    require_hard(handles, "handles_format=txt")
     rows = zip(handles.index.tolist(), handles.target.tolist(), strict=True)
     path.write_text("".join(f"{i} {x!r} {y!r} {z!r}\n" for i, (x, y, z) in rows), encoding="ascii")
 

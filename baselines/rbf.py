@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
+from baselines.hard_handles import require_hard
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
@@ -51,7 +52,7 @@ def rbf(
         If a handle is soft, or SciPy refuses the handles, as where they lie in a plane.
     """
     handles, V, watch = task.handles, task.mesh.V, Stopwatch()
-    handles.require_hard("rbf")
+    require_hard(handles, "rbf")
     out = np.empty_like(V)
     try:
         spline = RBFInterpolator(V[handles.index], handles.target, neighbors=neighbours, kernel=kernel)

@@ -27,6 +27,7 @@ from typing import get_args
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated
 from baselines.local_step import LocalStep, spokes
 from baselines.stopwatch import Stopwatch
@@ -93,7 +94,7 @@ def smooth_arap(
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("Smooth ARAP")
+    require_hard(handles, "Smooth ARAP")
     mesh.require_handles(handles.index)
     u = initial_guess(task, start)
     h = half_cotangents(mesh)

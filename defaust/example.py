@@ -6,12 +6,11 @@ from pathlib import Path
 
 from defaust.build.handles import choose_handles, handle_records
 from defaust.build.options import BuildOptions
-from defaust.folder.layout import REST, dump, pose_file, write_text
+from defaust.folder.layout import REST, dump, make_folder, pose_file, write_text
 from defaust.sources.skinning import apply_motions
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks.loop import loop_matrix, split
 from sshade import Mesh
-from sshade.files.atomic import make_folder
 from sshade.files.meshes import write_mesh
 
 SUBJECT = 0

@@ -22,9 +22,10 @@ from defaust.tasks import load_task
 from docs.blocks import fill, markdown
 from eval.metrics import Deformed, measure
 from eval.publish.columns import COLUMNS
+from eval.publish.plotting import picture
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.core.console import say
-from sshade.plotting.pictures import View, picture
+from sshade.plotting.pictures import View
 
 PAGE, BODIES = Path(__file__).with_suffix(".md"), Path(__file__).parents[1] / "data" / "defaust_20k"
 MEASURES = "bend_tail", "spike", "distortion_99", "edge", "volume", "self_intersections", "truth_distance"

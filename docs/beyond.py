@@ -14,8 +14,9 @@ import numpy as np
 
 from baselines.ablations import fast_without
 from defaust.tasks import load_task
+from eval.publish.plotting import picture
 from sshade import DeformationTask, Handles, deform
-from sshade.plotting.pictures import View, edge_error, picture
+from sshade.plotting.pictures import View, edge_error
 
 ROOT = Path(__file__).parents[1]
 FIGURES, DATA = ROOT / "docs" / "figures", ROOT / "data" / "defaust"

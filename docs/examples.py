@@ -10,8 +10,7 @@ import numpy as np
 
 from defaust.tasks import load_task
 from sshade import Handles, Mesh
-from sshade.cli.show import draw
-from sshade.plotting.pictures import TOWARDS, UP
+from sshade.plotting.pictures import TOWARDS, UP, draw
 
 DATA = Path(__file__).parents[1] / "data" / "defaust_20k"
 

@@ -14,8 +14,9 @@ from baselines.accelerated import accelerated_elastic
 from defaust.sources.generated.motions import Bend
 from docs.blocks import fill, markdown
 from eval.metrics import METRICS, measure
+from eval.publish.plotting import picture
 from sshade import DeformationTask, Handles, Mesh
-from sshade.plotting.pictures import View, edge_error, picture
+from sshade.plotting.pictures import View, edge_error
 
 FOLDER = Path(__file__).parent
 PAGE = FOLDER / "measures_examples.md"

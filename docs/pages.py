@@ -24,7 +24,7 @@ from pathlib import Path
 from docs.blocks import markdown
 from eval.rows.frame import numbers, read_csv, valid
 from sshade.core.errors import counted
-from sshade.problem.options import reference
+from sshade.problem.options import GROUPS, REGIONS, default, described
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -63,6 +63,20 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
         return f"{block['begin']}{body}{block['end']}"
 
     return BLOCK.sub(new, text)
+
+
+def reference() -> str:
+    """Return the reference of all options in Markdown: a table for each group."""
+    lines: list[str] = []
+    for group, names in GROUPS.items():
+        lines += [f"### {group}", "", "| option | effect | values | default | with handle regions |"]
+        lines += ["|---|---|---|---|---|"]
+        for name in names:
+            option = described()[name]
+            cells = f"`{name}`", option.effect, option.values, default(name), default(name, REGIONS)
+            lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def filled_page(page: Path) -> str:

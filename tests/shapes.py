@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import sides_by_edge
 from sshade.problem.task import DeformationTask, Handles
 
 NO_TURN = np.eye(3)
@@ -34,7 +35,7 @@ def icosphere(level: int) -> Mesh:
 def subdivided(mesh: Mesh) -> Mesh:
     """Cut every triangle into four at the midpoints of its edges."""
     a, b, c = mesh.F.T
-    ab, bc, ca = mesh.n + mesh.face_edges.T
+    ab, bc, ca = mesh.n + sides_by_edge(mesh.F, mesh.n).edge.T
     F = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
     return Mesh(np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)]), F)
 

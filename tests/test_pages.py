@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 
 from docs import artefacts, beyond, blender, blocks, measures, scaling, tracks
-from docs.pages import PAGES, ROOT, filled, filled_page
+from docs.pages import PAGES, ROOT, filled, filled_page, reference
 from eval.metrics import METRICS
+from sshade.problem.options import GROUPS, described
 from tests.shapes import icosphere
 
 #: A link of a page that leads to a file of the repository or to a heading.
@@ -24,6 +25,13 @@ def headings(page) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_of_a_page_are_up_to_date(page):
     assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python -m docs.pages"
+
+
+def test_the_reference_has_a_line_for_each_option():
+    lines = reference().splitlines()
+    for name in (name for names in GROUPS.values() for name in names):
+        start = f"| `{name}` | {described()[name].effect}"
+        assert sum(line.startswith(start) for line in lines) == 1, name
 
 
 @pytest.mark.parametrize("script", [blender, scaling, tracks], ids=lambda script: script.__name__)

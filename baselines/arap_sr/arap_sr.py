@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.smooth_rotations import Cells, band_position, largest_turn, matrices, vertex_colours
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
@@ -106,7 +107,7 @@ def arap_sr(
         raise InputError(f"alpha={alpha!r} is out of range; use a finite number of at least 0")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("ARAP-SR")
+    require_hard(handles, "ARAP-SR")
     mesh.require_handles(handles.index)
     U = initial_guess(task, start)
     R0 = rigid_motion(mesh.V[handles.index], handles.target)[0] if start == "rigid" else np.eye(3)

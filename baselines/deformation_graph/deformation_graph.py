@@ -22,6 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.deformation_graph.node_graph import bind_to_nodes, node_graph
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, handle_error, iterated
 from baselines.local_step import LocalStep, blend, spokes
 from baselines.stopwatch import Stopwatch
@@ -90,7 +91,7 @@ def deformation_graph(
         raise InputError(f"blended={blended} is out of range; at least one node must move a vertex")
     watch = Stopwatch()
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("the deformation graph")
+    require_hard(handles, "the deformation graph")
     mesh.require_handles(handles.index)
     graph = vertex_graph(mesh)
     nodes = proxy_vertices(nodes, mesh.n, len(handles))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import handle_error
 from baselines.stopwatch import Stopwatch
 from sshade.core.progress import Progress, silent
@@ -129,7 +130,7 @@ def implicit_arap(
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("Implicit-ARAP")
+    require_hard(handles, "Implicit-ARAP")
 
     watch = Stopwatch()
     V, centre, scale = normalised(mesh)

@@ -21,6 +21,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.sparse import csc_array
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated, start_motion
 from baselines.local_step import LocalStep, blend, spokes
 from baselines.stopwatch import Stopwatch
@@ -90,7 +91,7 @@ def lattice_arap(
             "more, the second above 0, the third 'motions' or 'trilinear'"
         )
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("Lattice ARAP")
+    require_hard(handles, "Lattice ARAP")
     R0, t0 = start_motion(task, start)
     watch = Stopwatch()
     grid = lattice(mesh, cells=cells, filled=filled)

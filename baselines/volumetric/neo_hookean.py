@@ -21,6 +21,7 @@ from typing import Any, Unpack
 import numpy as np
 from scipy.sparse import csc_array, csr_array, eye_array, kron
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import handle_error, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
@@ -98,7 +99,7 @@ def neo_hookean(
             "must lie between 0 and 0.5, the second be above 0, the third 1 or more"
         )
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("Neo-Hookean elasticity")
+    require_hard(handles, "Neo-Hookean elasticity")
     R, t = start_motion(task, start)
     watch = Stopwatch()
     simkit = _simkit()

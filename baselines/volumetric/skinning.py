@@ -21,6 +21,7 @@ from typing import Unpack
 
 import numpy as np
 
+from baselines.hard_handles import require_hard
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra, TetrahedraOptions, coarse_tetrahedra
 from baselines.volumetric.node_handles import NodeHandles, node_handles, on_targets
@@ -143,7 +144,7 @@ def _skinned(
     options: TetrahedraOptions,
 ) -> DeformationResult:
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("skinning")
+    require_hard(handles, "skinning")
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)
     fixed = node_handles(tetrahedra, mesh, handles)

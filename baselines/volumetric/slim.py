@@ -16,6 +16,7 @@ from typing import Unpack
 
 import numpy as np
 
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, handle_error, iterated, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
@@ -78,7 +79,7 @@ def slim(
     if not 0 < handle_weight < np.inf:
         raise InputError(f"handle_weight={handle_weight!r} is no weight; it takes a number above 0")
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("SLIM")
+    require_hard(handles, "SLIM")
     R, t = start_motion(task, start)
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)

@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 
 from baselines.arap import libigl_iteration
+from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated, start_motion
 from baselines.stopwatch import Stopwatch
 from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tetrahedra
@@ -66,7 +67,7 @@ def tetrahedral_arap(
         unknown, a handle is soft, or a component of the tetrahedra has no handle.
     """
     mesh, handles = task.mesh, task.handles
-    handles.require_hard("tetrahedral ARAP")
+    require_hard(handles, "tetrahedral ARAP")
     R, t = start_motion(task, start)
     watch = Stopwatch()
     tetrahedra = coarse_tetrahedra(mesh, **options)

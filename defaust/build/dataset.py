@@ -24,7 +24,6 @@ from defaust.sources.source import Source, SourcePose
 from sshade import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import available_cpus, number_of_workers
-from sshade.files.atomic import make_folder
 
 log = logging.getLogger(__name__)
 
@@ -200,7 +199,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
                     f"{out} was built with another configuration: {difference}; "
                     "give another out, or delete the folder"
                 )
-    make_folder(out / layout.WORK)
+    layout.make_folder(out / layout.WORK)
     for folder in (out, out / layout.WORK):
         for path in [path for path in folder.iterdir() if LEFTOVER.fullmatch(path.name)]:
             if path.is_dir():

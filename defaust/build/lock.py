@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
+from defaust.folder.layout import make_folder
 from sshade import InputError
-from sshade.files.atomic import make_folder
 
 try:
     import fcntl

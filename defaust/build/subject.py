@@ -17,7 +17,6 @@ from defaust.folder import layout
 from defaust.sources.source import Source
 from sshade import InputError, Mesh
 from sshade.core.progress import Progress, silent
-from sshade.files.atomic import make_folder
 from sshade.files.meshes import write_mesh
 
 
@@ -58,7 +57,7 @@ def build_subject(
         raise UnusableError(f"subject {subject}: {error}") from error
     name = layout.subject_folder(subject)
     final, folder = out / name, out / f".{name}.{os.getpid()}.partial"
-    make_folder(folder)
+    layout.make_folder(folder)
     try:
         for file, mesh in meshes.items():
             write_mesh(folder / file, mesh.V, mesh.F)

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sshade.core.errors import InputError, reason
 from sshade.files.atomic import replacing
 
 #: Version of the format of dataset.json.
@@ -45,6 +46,20 @@ def sha256(path: Path) -> str:
 def dump(document: Any, *, indent: int | None = 1) -> str:
     """JSON text of a document; equal documents give equal text."""
     return json.dumps(document, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and its parents unless they exist.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be created: a file is in its way, a parent is read-only, the disk is full.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: the folder cannot be created ({reason(error)})") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade import Mesh
-from sshade.mesh.cutting import faces_to_turn
+from sshade.mesh.cutting import orientation
 from sshade.mesh.sides import sides_by_edge
 
 #: Order of the corners that turns a face over.
@@ -23,7 +23,7 @@ def wound_outward(mesh: Mesh) -> Mesh:
     The order of the triangles stays. Outside is where the enclosed volume is positive; holes are closed by
     cones to the centre of the bounding box. A non-orientable or non-manifold surface stays inconsistent.
     """
-    turn = faces_to_turn(mesh, sides_by_edge(mesh.F, mesh.n))
+    turn, _ = orientation(mesh, sides_by_edge(mesh.F, mesh.n))
     oriented = Mesh(mesh.V, np.where(turn[:, None], mesh.F[:, TURNED], mesh.F))
     return Mesh(mesh.V, oriented.F[:, TURNED]) if oriented.volume < 0 else oriented
 

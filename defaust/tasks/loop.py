@@ -7,11 +7,12 @@ from scipy.sparse import coo_array, csr_array, eye_array
 
 from defaust.sources.winding import same_triangles
 from sshade import InputError, Mesh
+from sshade.mesh.sides import sides_by_edge
 
 
 def split(mesh: Mesh) -> Mesh:
     """Split each triangle into four at the midpoints of its edges; new vertices come last."""
-    middles = mesh.n + mesh.face_edges  # of the sides 01, 12, 20
+    middles = mesh.n + sides_by_edge(mesh.F, mesh.n).edge  # of the sides 01, 12, 20
     corners = np.stack([mesh.F, middles, np.roll(middles, 1, axis=1)], axis=2).reshape(-1, 3)
     V = np.concatenate([mesh.V, mesh.V[mesh.edges].mean(axis=1)])
     return Mesh(V, np.concatenate([corners, middles]))

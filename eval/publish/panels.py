@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eval.metrics import Task
-from eval.publish.plotting import new_figure, style
+from eval.publish.plotting import new_figure, picture, style
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error, picture
+from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error
 from sshade.problem.task import DeformationTask, Handles, TransferTask
 
 if TYPE_CHECKING:

@@ -14,11 +14,13 @@ import numpy as np
 
 from eval.rows.files import writing
 from sshade.files.atomic import check_suffix
-from sshade.plotting.pictures import TOWARDS, UP
+from sshade.plotting.pictures import TOWARDS, UP, View, new_plotter, panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sshade.mesh.mesh import Mesh
 
 #: Colours of methods in the order of the table; colour-blind people can tell them apart.
 PALETTE = (
@@ -173,6 +175,32 @@ def _reduce(path: Path) -> None:
     palette.putpalette([*colours, *[255] * (3 * 256 - len(colours))])
     reduced = picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
     reduced.save(path, format="PNG", optimize=True)
+
+
+def picture(mesh: Mesh, V: np.ndarray, *, view: View, width: int = 600, **options: Any) -> np.ndarray:
+    """Render a shape without a display.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape, which gives the faces and the size of the handles.
+    V : (n, 3) float64
+        Positions to show.
+    view : View
+    width : int
+        Width in pixels; the view determines the height.
+    **options
+        See :func:`sshade.plotting.pictures.panel`.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+    """
+    plotter = new_plotter(window_size=view.pixels(width))
+    panel(plotter, mesh, V, view, **options)
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return pixels
 
 
 def to_svg(figure: Figure) -> str:

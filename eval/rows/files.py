@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from eval.installation import CONFIGURATION
-from sshade.core.errors import InputError
-from sshade.files.atomic import make_folder, replacing
+from sshade.core.errors import InputError, reason
+from sshade.files.atomic import replacing
 
 #: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
@@ -101,6 +101,20 @@ def read_conf(name: str) -> Any:
     import yaml
 
     return yaml.safe_load((CONFIGURATION / f"{name}.yaml").read_text(encoding="utf-8"))
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Create a folder and its parents unless they exist.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be created: a file is in its way, a parent is read-only, the disk is full.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: the folder cannot be created ({reason(error)})") from error
 
 
 @contextmanager

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from eval.rows.files import make_folder
 from sshade.core.errors import InputError
-from sshade.files.atomic import make_folder, replacing
+from sshade.files.atomic import replacing
 
 Row = dict[str, Any]
 

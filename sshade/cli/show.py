@@ -17,8 +17,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sshade.cli.arguments import (
     add_mesh_and_handles,
     add_repair,
@@ -32,20 +30,13 @@ from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.document import SUFFIXES, check_input
 from sshade.files.entries import read_handle_file
-from sshade.plotting.pictures import TOWARDS, UP, View, colour_range, edge_error, new_plotter, panel
+from sshade.plotting.pictures import TOWARDS, UP, draw
 
 if TYPE_CHECKING:
-    from sshade.mesh.mesh import Mesh
-    from sshade.problem.task import Handles
+    pass
 
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")
-
-
-#: Width of a panel, and its greatest height, in pixels.
-PANEL = 900
-#: Least width of a picture with a colour bar, in pixels.
-LEAST = 450
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,29 +95,3 @@ def has_display() -> bool:
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def draw(
-    mesh: Mesh, handles: Handles | None, *, deformed: np.ndarray | None, window: bool, **look: np.ndarray
-) -> Any:
-    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views.
-
-    The directions `towards` and `up` are those of :meth:`sshade.plotting.pictures.View.of`.
-    """
-    shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
-    view = View.of(shapes if handles is None else [*shapes, handles.target], **look)
-    if deformed is not None:
-        view = view.with_foot(0.12)  # for the colour bar
-    width, height = view.pixels(PANEL)
-    scale = min(1.0, PANEL / height)
-    least = 0 if deformed is None else LEAST  # for the words of the colour bar
-    size = (len(shapes) * max(round(scale * width), least), round(scale * height))
-    plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
-    for column, V in enumerate(shapes):
-        plotter.subplot(0, column)
-        error = edge_error(mesh, V) if column else None
-        top = 1.0 if error is None else colour_range([error])
-        bar = "edge length change (%)" if column else None
-        panel(plotter, mesh, V, view, error=error, top=top, bar=bar, handles=handles, targets=not column)
-    plotter.link_views()
-    return plotter

@@ -169,20 +169,6 @@ def _not_expected(what: str, path: str | os.PathLike[str], error: Exception) -> 
     return InputError(f"{path}: not {what} ({why})")
 
 
-def make_folder(path: str | os.PathLike[str]) -> None:
-    """Create a folder and its parents unless they exist.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be created: a file is in its way, a parent is read-only, the disk is full.
-    """
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: the folder cannot be created ({reason(error)})") from error
-
-
 def check_output(
     path: str | os.PathLike[str],
     suffixes: Collection[str],

@@ -69,7 +69,7 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
     if mesh.is_manifold and mesh.is_oriented:
         return Cut(mesh, np.arange(mesh.n), 0, np.zeros(mesh.m, dtype=bool))
     edges = sides_by_edge(mesh.F, mesh.n)
-    flipped, one_sided = _orientation(mesh, edges)
+    flipped, one_sided = orientation(mesh, edges)
     crowded = edges.faces > 2
     sheets = _Sheets(mesh, np.arange(mesh.m), one_sided)
     if one_sided.any():
@@ -89,25 +89,6 @@ def cut_to_manifold(mesh: Mesh) -> Cut:
         pairs = pairs[:, ~crowded[pairs[2]]]
 
 
-def faces_to_turn(mesh: Mesh, edges: EdgeSides) -> np.ndarray:
-    """Find the faces to reverse so that neighbours run through their common edge in opposite directions.
-
-    Neighbours are two faces at an edge without a third face. In each connected sheet of neighbours, the
-    part of larger area keeps its orientation. On a one-sided surface some neighbours still disagree.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    edges : EdgeSides
-        Sides of the mesh's faces.
-
-    Returns
-    -------
-    (m,) bool
-    """
-    return _orientation(mesh, edges)[0]
-
-
 class _Sheets(NamedTuple):
     """Faces of a mesh, those of one-sided sheets twice.
 
@@ -124,8 +105,23 @@ class _Sheets(NamedTuple):
     one_sided: np.ndarray
 
 
-def _orientation(mesh: Mesh, edges: EdgeSides) -> tuple[np.ndarray, np.ndarray]:
-    """Return the faces (m,) bool to reverse, see :func:`faces_to_turn`, and the faces of one-sided sheets."""
+def orientation(mesh: Mesh, edges: EdgeSides) -> tuple[np.ndarray, np.ndarray]:
+    """Find the faces to reverse so that neighbours run through their common edge in opposite directions.
+
+    Neighbours are two faces at an edge without a third face. In each connected sheet of neighbours, the
+    part of larger area keeps its orientation. On a one-sided sheet some neighbours still disagree.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    edges : EdgeSides
+        Sides of the mesh's faces.
+
+    Returns
+    -------
+    reversed, one_sided : (m,) bool
+        The faces to reverse, and the faces of one-sided sheets.
+    """
     tail, twin = mesh.F.ravel(), edges.twin
     # Two sides of an edge that begin at the same vertex belong to faces of opposite orientation.
     same = (twin >= 0) & (tail == tail[twin])

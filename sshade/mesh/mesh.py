@@ -183,11 +183,6 @@ class Mesh(Shown):
         return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
 
     @cached_property
-    def face_edges(self) -> np.ndarray:
-        """(m, 3) row in :attr:`edges` of the sides of each face: from corner 0 to 1, 1 to 2, 2 to 0."""
-        return self._sides.edge
-
-    @cached_property
     def boundary_edges(self) -> np.ndarray:
         """(b, 2) int64 edges with exactly one face."""
         sides = self._sides

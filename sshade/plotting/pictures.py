@@ -31,6 +31,11 @@ TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 #: Radius of the sphere of a handle, over the bounding-box diagonal.
 SPHERE = 0.006
 
+#: Width of a panel, and its greatest height, in pixels.
+PANEL = 900
+#: Least width of a picture with a colour bar, in pixels.
+LEAST = 450
+
 #: Percentiles over vertices and over shapes for the end of a colour scale, which ignores few extreme values.
 PERCENTILE, SHAPES = 98, 75
 #: Changes of length, in percent, that are rounding.
@@ -108,32 +113,6 @@ def colour_range(errors: Iterable[np.ndarray]) -> float:
     return top if top > ROUNDING else 1.0
 
 
-def picture(mesh: Mesh, V: np.ndarray, *, view: View, width: int = 600, **options: Any) -> np.ndarray:
-    """Render a shape without a display.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Rest shape, which gives the faces and the size of the handles.
-    V : (n, 3) float64
-        Positions to show.
-    view : View
-    width : int
-        Width in pixels; the view determines the height.
-    **options
-        See :func:`panel`.
-
-    Returns
-    -------
-    (h, w, 3) uint8
-    """
-    plotter = new_plotter(window_size=view.pixels(width))
-    panel(plotter, mesh, V, view, **options)
-    pixels = plotter.screenshot(return_img=True)
-    plotter.close()
-    return pixels
-
-
 def new_plotter(**options: Any) -> Any:
     """Return a pyvista plotter with a white background. It draws off-screen unless the options differ.
 
@@ -170,6 +149,32 @@ def _require_renderer() -> None:
             "pictures need a screen, or libEGL and a software renderer "
             "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)"
         )
+
+
+def draw(
+    mesh: Mesh, handles: Handles | None, *, deformed: np.ndarray | None, window: bool, **look: np.ndarray
+) -> Any:
+    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views.
+
+    The directions `towards` and `up` are those of :meth:`View.of`.
+    """
+    shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
+    view = View.of(shapes if handles is None else [*shapes, handles.target], **look)
+    if deformed is not None:
+        view = view.with_foot(0.12)  # for the colour bar
+    width, height = view.pixels(PANEL)
+    scale = min(1.0, PANEL / height)
+    least = 0 if deformed is None else LEAST  # for the words of the colour bar
+    size = (len(shapes) * max(round(scale * width), least), round(scale * height))
+    plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
+    for column, V in enumerate(shapes):
+        plotter.subplot(0, column)
+        error = edge_error(mesh, V) if column else None
+        top = 1.0 if error is None else colour_range([error])
+        bar = "edge length change (%)" if column else None
+        panel(plotter, mesh, V, view, error=error, top=top, bar=bar, handles=handles, targets=not column)
+    plotter.link_views()
+    return plotter
 
 
 def panel(

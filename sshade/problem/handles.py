@@ -210,13 +210,6 @@ class Handles:
         some = {name: values[number] for name, values in arrays.items()}
         return Handles(**{**some, "index": index, "portion": portion})
 
-    def require_hard(self, method: str) -> None:
-        """Raise InputError if a handle is soft or has a rotation, which `method` cannot use."""
-        if not self.hard.all():
-            raise InputError(f"{method} takes no soft handles: leave their weights out, or use method fast")
-        if self.prescribed_rotations:
-            raise InputError(f"{method} takes no rotations of handles: leave them out, or use method fast")
-
     def _gathered(self, portion: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
         """Return the portions (s,) of the remaining handles with those of the handles left out."""
         from scipy.spatial import cKDTree

@@ -473,17 +473,3 @@ def help_text(name: str, value: Any = None) -> str:
     option = described()[name]
     usual = default(name) if value is None else value
     return f"{option.effect} Values: {option.values}. Default: {usual}."
-
-
-def reference() -> str:
-    """Return the reference of all options in Markdown: a table for each group."""
-    lines: list[str] = []
-    for group, names in GROUPS.items():
-        lines += [f"### {group}", "", "| option | effect | values | default | with handle regions |"]
-        lines += ["|---|---|---|---|---|"]
-        for name in names:
-            option = described()[name]
-            cells = f"`{name}`", option.effect, option.values, default(name), default(name, REGIONS)
-            lines.append(f"| {' | '.join(cells)} |")
-        lines.append("")
-    return "\n".join(lines)

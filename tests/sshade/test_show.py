@@ -8,7 +8,7 @@ from sshade.cli.main import main
 from sshade.files.handles import write_handles
 from sshade.files.meshes import write_mesh
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import View, _require_renderer, colour_range, edge_error, picture
+from sshade.plotting.pictures import View, _require_renderer, colour_range, edge_error, new_plotter, panel
 from sshade.problem.task import Handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
@@ -57,7 +57,10 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     low, high = np.argsort(body.V[:, 2])[[0, -1]]
     handles = Handles(np.array([low, high]), body.V[[low, high]], dynamic=np.array([False, True]))
     view = View.of([body.V], towards=[1.0, 0, 0], up=[0, 0, 1.0])
-    pixels = picture(body, body.V, view=view, width=200, handles=handles)
+    plotter = new_plotter(window_size=view.pixels(200))
+    panel(plotter, body, body.V, view, handles=handles)
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
     assert pixels.shape == (round(200 * view.size[1] / view.size[0]), 200, 3)
     rows, columns = np.nonzero((pixels < 250).any(axis=2))
     height, width = pixels.shape[:2]
@@ -78,8 +81,8 @@ def test_show_writes_a_picture_with_targets_and_errors(sound, capsys):
     assert "both.PNG" in capsys.readouterr().err
     pixels = (255 * pyplot.imread("both.PNG")[..., :3]).astype(int)
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
-    for panel in (left, right):
-        assert coloured(panel, **BLUE).any() and coloured(panel, **YELLOW).any()
+    for half in (left, right):
+        assert coloured(half, **BLUE).any() and coloured(half, **YELLOW).any()
     # Only the picture with errors is coloured.
     assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
 

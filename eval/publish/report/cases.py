@@ -14,11 +14,12 @@ from eval.metrics import Task
 from eval.publish.columns import Column
 from eval.publish.html import texts
 from eval.publish.panels import error_label, error_of
+from eval.publish.plotting import picture
 from eval.rows.experiment import Experiment
 from eval.rows.store import Row
 from eval.run.recall import load_task
 from sshade.core.errors import InputError
-from sshade.plotting.pictures import View, colour_range, picture
+from sshade.plotting.pictures import View, colour_range
 from sshade.plotting.surface import Shape, packed_view
 from sshade.problem.task import TransferTask
 
