@@ -28,7 +28,6 @@ from sshade.mesh.adjacency import edge_graph
 from tools.bake import bake_command, write_asset
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.template import neighbour_average, quantise_weights
-from tools.bake.tetrahedra import marching_tetrahedra
 
 log = logging.getLogger("tools.bake")
 
@@ -117,10 +116,18 @@ def _planes(integers: np.ndarray) -> np.ndarray:
     return np.stack([(unsigned >> 8 * k & 0xFF).astype(np.uint8) for k in range(BYTES)])
 
 
+def zero_level(rig: Rig, *, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of the surface of a rig, by marching cubes on a lattice."""
+    x, y, z = (np.arange(a, b + step, step) for a, b in zip(*rig.box, strict=True))
+    sheets = [np.stack(np.meshgrid(x, y, [height]), axis=-1).reshape(-1, 3) for height in z]
+    values = np.concatenate([rig.level(sheet) for sheet in sheets])
+    return igl.marching_cubes(values, np.concatenate(sheets), len(x), len(y), len(z))[:2]
+
+
 def make_mesh(rig: Rig, vertices: int) -> Mesh:
     """Triangulate the surface of a rig with about this many vertices.
 
-    The triangles of marching tetrahedra are remeshed, with another edge length until the number fits.
+    The triangles of marching cubes are remeshed, with another edge length until the number fits.
 
     Raises
     ------
@@ -128,9 +135,9 @@ def make_mesh(rig: Rig, vertices: int) -> Mesh:
         When no edge length gives a closed manifold without handles that does not intersect itself.
     """
     low, high = rig.box
-    coarse = Mesh(*marching_tetrahedra(rig.level, low, high, step=float(np.linalg.norm(high - low)) / COARSE))
+    coarse = Mesh(*zero_level(rig, step=float(np.linalg.norm(high - low)) / COARSE))
     length = float(np.sqrt(2.0 / np.sqrt(3.0) * coarse.area / vertices))
-    V, F = marching_tetrahedra(rig.level, low, high, step=FINER * length)
+    V, F = zero_level(rig, step=FINER * length)
     average = neighbour_average(F)
     for _ in range(SMOOTHINGS):  # the remesher would keep the edges of slivers as creases
         V = 0.5 * (V + average @ V)
