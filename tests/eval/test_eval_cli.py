@@ -4,8 +4,8 @@ import shutil
 from datetime import UTC, datetime
 
 import pytest
-from eval_cases import bumpy_task, write_theirs
-from eval_program import run_eval, run_program
+from eval_cases import bumpy_task
+from eval_program import run_eval
 
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records
@@ -34,7 +34,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
-        line = "WARNING sshade.method.pieces: the volume constraint is off: boundary"
+        line = "WARNING sshade.method.components: the volume constraint is off: boundary"
         assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
 
 
@@ -99,21 +99,6 @@ def test_the_plan_of_a_sweep_outlives_it_and_tells_what_is_missing(tmp_path):
         ("stretching-3.0", unknown),
         *(("stretching-4.0", task) for task in (unknown, "bumpy_1", "bumpy_2")),
     ]
-
-
-def test_an_edit_ends_a_sweep_and_leaves_no_row(tmp_path):
-    """While it runs, the method changes a file that it imports."""
-    helper = write_theirs(tmp_path) / "helper.py"
-    arguments = ["dataset=bumpy", "method=stretching", "method._target_=theirs.method.method"]
-    arguments.append("+method.edit=X")
-    done = run_program(tmp_path, "-m", *arguments, "seed=0,1,2", "label=t")
-    assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert done.stderr == (
-        "error: theirs/helper.py has changed since the command began, so its runs would mix two versions "
-        "of the code; start the command again: finished rows stay\n"
-    )
-    assert not list(tmp_path.rglob("row.json")) and not list(tmp_path.rglob("sweep.json"))
-    assert helper.read_text().count("X") <= 2  # a warm-up and a run
 
 
 def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):

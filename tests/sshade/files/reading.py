@@ -1,6 +1,5 @@
-"""Read mesh files with trimesh, meshio and plain text, without code of the package."""
+"""Read mesh files with trimesh and meshio, without code of the package."""
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,10 +9,6 @@ import trimesh
 
 #: Properties of PLY that a deformation changes.
 MOVED = ("x", "y", "z", "nx", "ny", "nz")
-#: A facet of a binary STL file.
-FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Parts of a glTF file that refer to its buffer by numbers, which may change.
-NUMBERED = ("buffers", "bufferViews", "accessors", "meshes", "images")
 
 
 class Content(NamedTuple):
@@ -81,51 +76,3 @@ def by_meshio(path: Path) -> Content:
     cells = [(block.type, block.data) for block in mesh.cells]
     N = np.zeros((0, 3)) if N is None else np.asarray(N, dtype=float)
     return Content(mesh.points[:, :3], N, [mesh.points[:, 3:], cells, data, mesh.cell_data])
-
-
-def by_text(path: Path) -> Content:
-    """Read an OBJ or OFF file, a header of PLY or STL, or the JSON of a glTF file."""
-    data, suffix = path.read_bytes(), path.suffix
-    none = np.zeros((0, 3))
-    if suffix == ".ply":
-        return Content(none, none, data[: data.index(b"end_header")].splitlines(keepends=True))
-    if suffix in (".glb", ".gltf"):
-        start = 20 if suffix == ".glb" else 0
-        tree = json.loads(data[start:][: int.from_bytes(data[12:16], "little") if start else None])
-        nodes = [{key: node[key] for key in node if key != "mesh"} for node in tree["nodes"]]
-        shown = [tree["meshes"][node["mesh"]] for node in tree["nodes"] if "mesh" in node]
-        primitives = [p for mesh in shown for p in mesh["primitives"]]
-        parts = [[sorted(p["attributes"]), p.get("material"), p.get("mode", 4)] for p in primitives]
-        rest = {key: value for key, value in tree.items() if key not in (*NUMBERED, "nodes")}
-        return Content(none, none, [rest, nodes, parts])
-    if suffix == ".stl" and len(data) == 84 + FACET.itemsize * int.from_bytes(data[80:84], "little"):
-        facets = np.frombuffer(data[84:], FACET)
-        V = facets["corners"].reshape(-1, 3).astype(float)
-        return Content(V, facets["normal"].astype(float), [data[:84], facets["attribute"]])
-    lines = data.decode().splitlines(keepends=True)
-    if suffix == ".off":
-        return _off([line.partition("#")[0].split() for line in lines])
-    words = {".obj": ("v", "vn"), ".stl": ("vertex", "facet")}[suffix]
-    found: dict[str, list[Any]] = {word: [] for word in words}
-    rest = []
-    for line in lines:
-        key, *numbers = line.split() or [""]
-        if key.lower() in found:
-            found[key.lower()].append(numbers)
-        else:
-            rest.append(line)
-    V, N = (found[word] for word in words)
-    start = 1 if suffix == ".stl" else 0  # "facet normal x y z"
-    N = np.array([row[start:] for row in N], dtype=float).reshape(-1, 3)
-    return Content(np.array([row[:3] for row in V], dtype=float), N, [rest, [row[3:] for row in V]])
-
-
-def _off(lines: list[list[str]]) -> Content:
-    (keyword, *counts), *rows = [words for words in lines if words]
-    if not counts:
-        counts, *rows = rows
-    n = int(counts[0])
-    V = np.array([row[:3] for row in rows[:n]], dtype=float)
-    more = [row[3:] for row in rows[:n]]
-    N = np.array(more, dtype=float) if keyword == "NOFF" else np.zeros((0, 3))
-    return Content(V, N, [keyword, counts, more if keyword != "NOFF" else [], rows[n:]])

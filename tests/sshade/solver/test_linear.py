@@ -133,6 +133,15 @@ def test_large_meshes_are_not_factorised_by_default(monkeypatch):
     assert energy() == energy(factorised=False)
 
 
+def test_bits_do_not_depend_on_threads(monkeypatch):
+    for place in ("core.threads.ROWS", "solver.order.CHUNK", "solver.multigrid.PRODUCTS"):
+        monkeypatch.setattr(f"sshade.{place}", 300)
+    options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
+    one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))
+    assert np.array_equal(one.positions, two.positions) and np.array_equal(one.positions, three.positions)
+    assert one.energy == two.energy == three.energy
+
+
 # --- conjugate gradients
 
 
@@ -165,3 +174,9 @@ def test_each_column_is_as_near_as_asked_for(name, tolerance):
 def test_what_is_factorised_itself_is_solved_exactly():
     A, B, X, _ = solved("boundary", 0.1, coarsest=10**6)
     assert np.abs(A @ X - B).max() < 1e-10 * np.abs(B).max()
+
+
+def test_bits_of_conjugate_gradients_do_not_depend_on_threads(monkeypatch):
+    monkeypatch.setattr("sshade.core.threads.ROWS", 100)
+    one, two = (solved("closed, few handles", 1e-2, workers=workers)[2] for workers in (1, 3))
+    assert np.array_equal(one, two)
