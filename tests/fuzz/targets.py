@@ -2,10 +2,8 @@
 
 import io
 import json
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.files import Shape, find_shapes
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
-from sshade import InputError, Mesh, bind, load_binding, save_binding
+from sshade import InputError, Mesh
 from sshade.files.handles import read_handles
 from sshade.files.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.files import scratch
@@ -147,67 +145,6 @@ def _manifest_seeds() -> list[bytes]:
     return [bytes([kind]) + content for kind, content in enumerate(contents)]
 
 
-@cache
-def _sound_map() -> dict[str, np.ndarray]:
-    buffer = scratch() / "map.npz"
-    save_binding(buffer, bind(BODY, 12))
-    with np.load(buffer, allow_pickle=False) as data:
-        return dict(data)
-
-
-def _read_map(data: bytes, folder: Path) -> None:
-    """Bytes tell what to do to a sound map: a mutated archive would fail its checksums and get no further."""
-    path = folder / "map.npz"
-    if data[:1] == b"P":  # an archive as it stands
-        path.write_bytes(data)
-    else:
-        np.savez(path, **_damaged(data))
-    binding = load_binding(path, BODY)
-    V, _ = binding.carry(binding.proxy.V)
-    assert V.shape == BODY.V.shape
-
-
-def _damaged(data: bytes) -> dict[str, np.ndarray]:
-    """Six bytes a change: which array, what to do, where, and a value."""
-    arrays = {name: array.copy() for name, array in _sound_map().items()}
-    names = sorted(arrays)
-    for at in range(0, len(data) - 5, 6):
-        which, what, place, value = struct.unpack_from("<BBHh", data, at)
-        name = names[which % len(names)]
-        array = arrays.get(name)
-        if array is None:
-            continue
-        kind = what % 8
-        if kind == 0:
-            del arrays[name]
-        elif kind == 1 and array.size and array.dtype.kind in "if":
-            array.reshape(-1)[place % array.size] = value
-        elif kind == 2 and array.size and array.dtype.kind == "f":
-            array.reshape(-1)[place % array.size] = (np.nan, np.inf, -np.inf, 1e300)[value % 4]
-        elif kind == 3:
-            arrays[name] = array[: place % (len(array) + 1)] if array.ndim else array.reshape(1)
-        elif kind == 4:
-            types = ("f4", "i4", "i8", "f8", "u1", "U5", "c16", "?")
-            arrays[name] = (
-                array.astype(types[value % 8], casting="unsafe") if array.dtype.kind in "if" else array
-            )
-        elif kind == 5:
-            arrays[name] = array.reshape(-1)
-        elif kind == 6:
-            # Not twice as long time after time: that would be the fuzzer's memory, not the reader's.
-            arrays[name] = np.repeat(array.reshape(-1), 2 if array.size < 10_000 else 1)
-        else:
-            arrays[name] = arrays.get(names[value % len(names)], array)
-    return arrays
-
-
-def _map_seeds() -> list[bytes]:
-    buffer = io.BytesIO()
-    np.savez(buffer, **_sound_map())
-    changes = [struct.pack("<BBHh", which, what, 3, 5) for which in range(11) for what in range(8)]
-    return [b"", *changes, b"".join(changes[::9]), buffer.getvalue()]
-
-
 def _read_shapes(data: bytes, folder: Path) -> None:
     """The first byte chooses the format; a table of numbers has a sound second file beside it."""
     suffixes = (".mat", ".npz", ".vert", ".tri")
@@ -255,7 +192,6 @@ _MESH += b";property list int int vertex_index"
 _JSON = [*b'"handles" "vertices" "source" "target" "kind" "static" [] {} [['.split(), b"[" * 99]
 _YAML = b"handles: static: moving: positions: transform: &a *a !!python/object: ../ <<: {a: [".split()
 _MANIFEST = [*b'"files" "format" status ../ "subjects" "poses"'.split(), *_JSON]
-_MAP = [b"PK\x03\x04", b"\x93NUMPY", b"'descr'", b"'|O'"]
 
 TARGETS = {
     "mesh": Target(_read_mesh, _mesh_seeds, (*_MESH.split(b";"), *NUMBERS)),
@@ -263,5 +199,4 @@ TARGETS = {
     "yaml": Target(_read_yaml_handles, _yaml_seeds, (*_YAML, *NUMBERS)),
     "manifest": Target(_read_manifest, _manifest_seeds, (*_MANIFEST, *NUMBERS)),
     "shapes": Target(_read_shapes, _shape_seeds, tuple(NUMBERS)),
-    "map": Target(_read_map, _map_seeds, tuple(_MAP)),
 }

@@ -6,7 +6,7 @@ from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS, refused_or_read
 
 #: Numbers of mutated inputs of slow readers. Other readers get 300.
-COUNTS = {"map": 60, "yaml": 150, "shapes": 40}
+COUNTS = {"yaml": 150, "shapes": 40}
 
 
 @pytest.mark.parametrize(
