@@ -20,7 +20,6 @@ from tests.shapes import beside, bumpy, end_handles, tube
 
 BODY = bumpy(2)
 ENDS = end_handles(BODY.V, share=0.1)
-UP = np.flatnonzero(ENDS.dynamic)
 STEPS = (0.1, 0.15, 0.2, 0.25)
 FAST = ["--vertices", "60"]
 #: Rotation, scale and translation of the second node of a mesh.
