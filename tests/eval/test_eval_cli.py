@@ -34,7 +34,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
-        line = "WARNING sshade.method.components: the volume constraint is off: boundary"
+        line = "WARNING sshade.method.pieces: the volume constraint is off: boundary"
         assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
 
 
