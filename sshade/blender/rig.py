@@ -16,10 +16,9 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.follower import Follower
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
-from sshade.mesh.surface import surface
+from sshade.files.door import open_shape
 from sshade.method.call import deform
 from sshade.problem.handles import Handles
-from sshade.problem.task import DeformationTask
 
 #: Weight of a vertex in its vertex group from which on the vertex is a hard handle.
 HARD = 0.999
@@ -100,9 +99,8 @@ class Rig:
             raise InputError("all handles are fixed; let one follow an empty")
         if len(F) == 0:
             raise InputError("the mesh has no faces")
-        self.V = V
-        self._surface = surface(np.asarray(V, dtype=np.float64), F)
-        self.mesh = self._surface.mesh
+        self.V, self._shape = V, open_shape(V, F)
+        self.mesh = self._shape.mesh
         self.groups = tuple(groups)
         members = [self._members(group) for group in groups]
         self._require_disjoint([vertices for vertices, _ in members])
@@ -119,7 +117,7 @@ class Rig:
 
     def _members(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
         """Return the vertices (k,) of a group on the surface, and their weights as handles."""
-        vertex = self._surface.vertex
+        vertex = self._shape.surface.vertex
         own = np.flatnonzero((group.weight > 0) & (vertex >= 0))
         if len(own) == 0:
             raise InputError(f"vertex group {group.name!r} has no vertex of a face with a weight above 0")
@@ -170,12 +168,12 @@ class Rig:
         FloatingPointError
             When a position is not finite.
         """
-        task = DeformationTask("blender", self.mesh, self.moved(motions), carry_unconstrained=True)
+        task = self._shape.task("blender", self.moved(motions), carry_unconstrained=True)
         return self.placed(deform(task, method=method, progress=progress).vertices)
 
     def placed(self, moved: np.ndarray) -> np.ndarray:
         """Return all positions (n, 3) float32, with the surface at `moved` (k, 3)."""
-        return self._surface.placed(self.V, moved).astype(np.float32)
+        return self._shape.placed(moved).astype(np.float32)
 
 
 class Drag:

@@ -63,13 +63,13 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
         When a file cannot be read or holds no triangles, or a vertex is too far from the mesh. The message
         names the file.
     """
-    from sshade.files.meshes import require_triangles
     from sshade.proxy.along import require_near
 
     found = []
     for source, path in zip(sources, names, strict=True):
         file = read(source)
-        require_triangles(file, source)
+        with naming(source):
+            file.require_triangles()
         if source.suffix.lower() not in file.suffixes:
             raise InputError(f"{source}: its coordinates are integers; save them as floating-point numbers")
         with naming(source):

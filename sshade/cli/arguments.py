@@ -14,12 +14,12 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
 from sshade.files.document import SUFFIXES, MeshFile, listed
-from sshade.files.keys import require_known
+from sshade.files.keys import read_option_file, require_known
 from sshade.mesh.weld import NEAR, check_weld
 from sshade.problem.options import described, help_text, require_method
 
 if TYPE_CHECKING:
-    from sshade.mesh.surface import Surface
+    from sshade.files.door import OpenShape
 
 #: Least share of edges that shapes with the same order of vertices have in common, of the shape with fewer;
 #: and about how many vertices it is tried on.
@@ -152,8 +152,6 @@ def with_option_file(
     path = options.options
     if path is None:
         return options
-    from sshade.files.option_files import read_option_file
-
     given = read_option_file(path, options.names_in_file)
     with naming(path):
         require_known(given, options.names_in_file)
@@ -214,12 +212,13 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     return file
 
 
-def read_surface(options: argparse.Namespace, output: Path | None = None) -> tuple[MeshFile, Surface]:
-    """Read MESH as :func:`read`, and make its surface with --weld and --repair."""
-    from sshade.files.meshes import surface_of
+def open_mesh(options: argparse.Namespace, output: Path | None = None) -> tuple[MeshFile, OpenShape]:
+    """Read MESH as :func:`read`, and open it with --weld and --repair."""
+    from sshade.files.door import open_shape  # imports large libraries
 
     file = read(options.mesh, output)
-    return file, surface_of(file, options.mesh, weld=options.weld, repair=options.repair)
+    with naming(options.mesh):
+        return file, open_shape(file, weld=options.weld, repair=options.repair)
 
 
 def require_same_order(shape: MeshFile, path: Path, F: np.ndarray, other: str) -> None:
@@ -250,28 +249,28 @@ def _some_edges(F: np.ndarray, n: int) -> np.ndarray:
     return np.unique(np.concatenate(found))
 
 
-def corresponding(shape: MeshFile, path: Path, file: MeshFile, mesh: Path, surface: Surface) -> np.ndarray:
+def corresponding(other: MeshFile, path: Path, shape: OpenShape, mesh: Path) -> np.ndarray:
     """Return the positions (k, 3) of the surface's vertices in another shape of a mesh.
 
     Parameters
     ----------
-    shape, path : MeshFile and path
+    other, path : MeshFile and path
         The other shape.
-    file, mesh : MeshFile and path
-        The mesh that `surface` was made from.
+    shape, mesh : OpenShape and path
+        The mesh.
 
     Raises
     ------
     InputError
         When the numbers of vertices differ, or a position is not finite.
     """
-    if len(shape.V) != len(file.V):
+    if len(other.V) != len(shape.V):
         raise InputError(
-            f"{path} has {len(shape.V)} vertices and {mesh} has {len(file.V)}; they must correspond"
+            f"{path} has {len(other.V)} vertices and {mesh} has {len(shape.V)}; they must correspond"
         )
-    require_same_order(shape, path, file.F, str(mesh))
-    V = surface.picked(shape.V)
-    require_finite(V, path, surface.original)
+    require_same_order(other, path, shape.F, str(mesh))
+    V = shape.surface.picked(other.V)
+    require_finite(V, path, shape.surface.original)
     return V
 
 

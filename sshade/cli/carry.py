@@ -14,8 +14,8 @@ from sshade.cli.arguments import (
     add_options,
     add_repair,
     check_outputs,
+    open_mesh,
     read,
-    read_surface,
     require_finite,
     require_same_order,
 )
@@ -48,18 +48,18 @@ def _carry(options: argparse.Namespace) -> int:
     from sshade.mesh.surface import cut_surface, mean_of_copies
     from sshade.proxy.binding_file import load_binding
 
-    shape = read(options.edited)
-    edited = shape.V
+    proxy = read(options.edited)
+    edited = proxy.V
     require_finite(edited, options.edited)
-    file, whole = read_surface(options, options.output)
-    cut = cut_surface(whole.mesh)
+    file, shape = open_mesh(options, options.output)
+    cut = cut_surface(shape.mesh)
     binding = load_binding(options.map, cut.mesh, frames=options.frames)
     if len(edited) != binding.proxy.n:
         count = f"{options.edited} has {len(edited)} vertices and the proxy of {options.map} has"
         raise InputError(f"{count} {binding.proxy.n}; they must correspond")
-    require_same_order(shape, options.edited, binding.proxy.F, f"the proxy of {options.map}")
+    require_same_order(proxy, options.edited, binding.proxy.F, f"the proxy of {options.map}")
     V, degenerate = binding.carry(edited)
-    write_file(options.output, file, whole.placed(file.V, mean_of_copies(cut, V)))
+    write_file(options.output, file, shape.placed(mean_of_copies(cut, V)))
     say(f"{options.output}: {len(file.V)} vertices carried by {binding.proxy.n}")
     if degenerate:
         say(f"note: {degenerate} frames of the proxy have no area; they rotate with their neighbours")

@@ -4,11 +4,11 @@ HANDLES says which vertices stay and where others move. `sshade edit` makes such
 this project or a .yaml file of Implicit-ARAP. In JSON:
 
   {"handles": [
-    {"landmark": "foot", "kind": "static",  "vertices": [12, 13, 14]},
-    {"landmark": "hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
-    {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
+    {"name": "foot", "kind": "fixed", "vertices": [12, 13, 14]},
+    {"name": "hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
+    {"name": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
      "rotation": [[..], [..], [..]], "translation": [x, y, z], "center": "centroid"},
-    {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
+    {"name": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
 Handles are vertex ids from 0, positions on the mesh (snapped to the nearest vertices), or all vertices in
 some boxes (lowest and highest corner). They move to a target each, or together by a rotation R and a
@@ -64,7 +64,7 @@ from sshade.cli.arguments import (
     add_options,
     add_repair,
     check_outputs,
-    read_surface,
+    open_mesh,
 )
 from sshade.cli.notes import announced_warnings, notes, unused_options
 from sshade.cli.sequence import (
@@ -78,7 +78,7 @@ from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
 from sshade.files.document import SUFFIXES, check_input
-from sshade.files.entries import HandleFile, read_handle_file
+from sshade.files.handle_files import HandleFile, read_handle_file
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
 if TYPE_CHECKING:
@@ -146,36 +146,34 @@ def _deform(
 ) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
-    from sshade.files.handles import handle_notes, on_surface
+    from sshade.files.handles import handle_notes, on_shape
     from sshade.files.meshes import write_file
     from sshade.method.deform import deform_task
     from sshade.method.dense_handles import are_dense
-    from sshade.problem.task import DeformationTask
 
-    file, whole = read_surface(options, options.output)
-    V = file.V
-    mesh = whole.mesh
+    file, shape = open_mesh(options, options.output)
+    mesh = shape.mesh
     with naming(options.handles):
-        handles = on_surface(given, whole)
+        handles = on_shape(given, shape)
     if options.weight is not None:
         handles = softened(handles, options.weight)
-    task = DeformationTask(options.mesh.stem, mesh, handles, carry_unconstrained=options.carry_unconstrained)
+    task = shape.task(options.mesh.stem, handles, carry_unconstrained=options.carry_unconstrained)
     others = along.read_files(options.along, companions, mesh)
     begin = perf_counter()
     with progress_bar() as progress, announced_warnings():
         result = deform_task(task, method=options.method, progress=progress, **values)
     seconds = perf_counter() - begin
-    placed = whole.placed(V, result.vertices)
+    placed = shape.placed(result.vertices)
     write_file(options.output, file, placed)
     along.write_files(others, mesh, result.vertices)
     stored = stored_positions(options.output, file, placed)
     rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
-    reach, error = reached(stored, whole, handles)
+    reach, error = reached(stored, shape.surface, handles)
     samplings = result.extra.get("samplings", 1)
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
     size = result.extra["proxy_vertices"]
     proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
-    say(f"{options.output}: {len(V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
+    say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
     exact = options.method != "paper"
     for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
         say(f"warning: {warning}")
@@ -188,7 +186,7 @@ def _deform(
         *unused_options(options, options.handles, given),
         *handle_notes(given, handles, mesh),
         *_at_rest(task, resolved),
-        *notes({**result.extra, **whole.facts, **facts}),
+        *notes({**result.extra, **shape.surface.facts, **facts}),
     ]:
         say(f"note: {note}")
     if result.converged is False:

@@ -11,7 +11,7 @@ from typing import Any
 
 from sshade.core.console import say
 from sshade.core.errors import counted
-from sshade.files.entries import HandleFile
+from sshade.files.handle_files import HandleFile
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6

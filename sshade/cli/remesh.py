@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, read_surface
+from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, open_mesh
 from sshade.core.console import announced_compilation, say
 from sshade.files.atomic import replacing
 from sshade.files.document import SUFFIXES, check_input
@@ -43,8 +43,8 @@ def _remesh(options: argparse.Namespace) -> int:
     from sshade.proxy.bind import bind
     from sshade.proxy.binding_file import save_binding
 
-    _, whole = read_surface(options)
-    cut = cut_surface(whole.mesh)
+    _, shape = open_mesh(options)
+    cut = cut_surface(shape.mesh)
     binding = bind(cut.mesh, options.vertices, seed=options.seed)
     with replacing(options.map) as temporary:
         save_binding(temporary, binding)
@@ -54,6 +54,6 @@ def _remesh(options: argparse.Namespace) -> int:
         say("note: an .stl file keeps no order of vertices, so `sshade carry` cannot read the proxy back")
     if binding.proxy.n < options.vertices:
         say(f"note: the proxy has {binding.proxy.n} samples instead of {options.vertices}: the mesh is small")
-    if cut.mesh is not whole.mesh:
+    if cut.mesh is not shape.mesh:
         say("note: the mesh is no oriented manifold: the proxy is cut where the mesh is not, or turned")
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sshade.cli.arguments import read_surface
+from sshade.cli.arguments import open_mesh
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, identity, naming
 from sshade.files.document import MORPHS, SUFFIXES, MeshFile
-from sshade.files.entries import HandleFile, read_handle_file
-from sshade.files.numbered import has_number, numbered
+from sshade.files.handle_files import HandleFile, read_handle_file
 from sshade.problem.options import Options
 
 if TYPE_CHECKING:
-    from sshade.mesh.surface import Surface
+    from sshade.files.door import OpenShape
     from sshade.problem.handles import Handles
 
 #: Poses per second.
@@ -31,6 +31,8 @@ Seen = Callable[[int, np.ndarray, np.ndarray], None]
 #: ``solve(number, before)`` returns the positions of a pose in the order of the mesh file. `before` are the
 #: stored positions of the pose before, None where the pose is the first.
 Solve = Callable[[int, "np.ndarray | None"], np.ndarray]
+#: Place of the number in the name of numbered files.
+NUMBER = re.compile(r"%(0\d+)?d")
 
 
 def add_fps(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +50,19 @@ def require_no_fps(options: argparse.Namespace) -> None:
     """Raise InputError if a command that writes one pose was given --fps."""
     if options.fps is not None:
         raise InputError("--fps applies to sequences, and these arguments give one pose")
+
+
+def has_number(path: Path) -> bool:
+    """Whether a name has a place for a number, and raise InputError on two places, or one such as ``%4d``."""
+    places = re.findall(r"%\d*d", path.name)
+    if places and (len(places) > 1 or not NUMBER.fullmatch(places[0])):
+        raise InputError(f"{path}: a pattern has one place for the number, such as out_%04d.ply")
+    return bool(places)
+
+
+def numbered(pattern: Path, number: int) -> Path:
+    """Return the path of a pose, counted from 0; files are numbered from 1."""
+    return pattern.with_name(NUMBER.sub(lambda place: place.group() % (number + 1), pattern.name))
 
 
 def check_sequence(options: argparse.Namespace, inputs: list[Path]) -> None:
@@ -124,20 +139,20 @@ def _poses(count: int) -> str:
     return f"{count} pose{'s' * (count > 1)}"
 
 
-def placed_handles(files: list[HandleFile], paths: list[Path], whole: Surface) -> list[Handles]:
-    """Place the handles of all poses on a surface.
+def placed_handles(files: list[HandleFile], paths: list[Path], shape: OpenShape) -> list[Handles]:
+    """Place the handles of all poses on the surface of a shape.
 
     Raises
     ------
     InputError
         When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    from sshade.files.handles import on_surface  # imports large libraries
+    from sshade.files.handles import on_shape  # imports large libraries
 
     poses: list[Handles] = []
     for path, file in zip(paths, files, strict=True):
         with naming(path):
-            poses.append(on_surface(file, whole))
+            poses.append(on_shape(file, shape))
             poses[-1].require_same(poses[0])
     return poses
 
@@ -166,28 +181,27 @@ def _deform(
     from sshade.files.handles import handle_notes
     from sshade.method.dense_handles import are_dense
     from sshade.method.sequence import Sequence
-    from sshade.problem.task import DeformationResult, DeformationTask
+    from sshade.problem.task import DeformationResult
 
-    file, whole = read_surface(options, options.output)
-    mesh, poses = whole.mesh, placed_handles(files, options.handles, whole)
+    file, shape = open_mesh(options, options.output)
+    mesh, poses = shape.mesh, placed_handles(files, options.handles, shape)
     if options.weight is not None:
         poses = [softened(handles, options.weight) for handles in poses]
-    carry = options.carry_unconstrained
-    tasks = DeformationTask(options.mesh.stem, mesh, poses[0], carry_unconstrained=carry)
-    sequence = Sequence(tasks, method=options.method, **values)
+    task = shape.task(options.mesh.stem, poses[0], carry_unconstrained=options.carry_unconstrained)
+    sequence = Sequence(task, method=options.method, **values)
     results: list[DeformationResult] = []
 
     def solve(number: int, before: np.ndarray | None) -> np.ndarray:
-        after = None if before is None else (poses[number - 1], whole.picked(before))
+        after = None if before is None else (poses[number - 1], shape.surface.picked(before))
         with naming(options.handles[number]):
             result = sequence(poses[number], after=after)
         results.append(replace(result, vertices=np.empty((0, 3))))
-        return whole.placed(file.V, result.vertices)
+        return shape.placed(result.vertices)
 
     errors, moves = [0.0], [0.0]
 
     def seen(number: int, V: np.ndarray, stored: np.ndarray) -> None:
-        errors.append(reached(stored, whole, poses[number])[1])
+        errors.append(reached(stored, shape.surface, poses[number])[1])
         moves.append(float(np.linalg.norm(stored - V, axis=1).max()))
 
     begin = perf_counter()
@@ -208,13 +222,13 @@ def _deform(
         say(f"warning: {warning}")
     facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
     facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
-    facts["dense"] = options.method != "interpolate" and are_dense(tasks)
+    facts["dense"] = options.method != "interpolate" and are_dense(task)
     for name in ("gap", "side_gap", "opening"):
         facts[name] = max(result.extra.get(name, 0.0) for result in results)
     for note in [
         *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal),
         *handle_notes(files[0], poses[0], mesh),
-        *notes({**results[0].extra, **whole.facts, **facts}),
+        *notes({**results[0].extra, **shape.surface.facts, **facts}),
     ]:
         say(f"note: {note}")
     if alone := sum(not result.extra["followed"] for result in results[1:]):

@@ -22,14 +22,14 @@ from sshade.cli.arguments import (
     add_repair,
     check_outputs,
     corresponding,
+    open_mesh,
     read,
-    read_surface,
 )
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.document import SUFFIXES, check_input
-from sshade.files.entries import read_handle_file
+from sshade.files.handle_files import read_handle_file
 from sshade.plotting.pictures import TOWARDS, UP, draw
 
 if TYPE_CHECKING:
@@ -64,16 +64,15 @@ def command(options: argparse.Namespace) -> int:
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
-    from sshade.files.handles import on_surface
+    from sshade.files.handles import on_shape
 
-    file, whole = read_surface(options)
-    mesh = whole.mesh
+    _, shape = open_mesh(options)
+    mesh = shape.mesh
     with naming(options.handles):
-        handles = None if given is None else on_surface(given, whole)
+        handles = None if given is None else on_shape(given, shape)
     deformed = None
     if options.deformed is not None:
-        shape = read(options.deformed)
-        deformed = corresponding(shape, options.deformed, file, options.mesh, whole)
+        deformed = corresponding(read(options.deformed), options.deformed, shape, options.mesh)
         deformed = mesh.checked(deformed, f"file {options.deformed}")
     window = path is None
     plotter = draw(mesh, handles, deformed=deformed, window=window, towards=options.towards, up=options.up)

@@ -22,8 +22,8 @@ from sshade.cli.arguments import (
     add_repair,
     check_outputs,
     corresponding,
+    open_mesh,
     read,
-    read_surface,
 )
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import counted
@@ -67,19 +67,19 @@ def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     from sshade.method.transfer import transfer_pose
 
     path: Any = getattr(options, "edited", None)
-    shape = read(options.posed)
+    pose = read(options.posed)
     # The output has the contents of EDITED, or of MESH without it.
     edit = None if path is None else read(path, options.output)
-    file, whole = read_surface(options, options.output if edit is None else None)
-    mesh = whole.mesh
-    posed = corresponding(shape, options.posed, file, options.mesh, whole)
-    edited = None if edit is None else corresponding(edit, path, file, options.mesh, whole)
+    file, shape = open_mesh(options, options.output if edit is None else None)
+    mesh = shape.mesh
+    posed = corresponding(pose, options.posed, shape, options.mesh)
+    edited = None if edit is None else corresponding(edit, path, shape, options.mesh)
     begin = perf_counter()
     with progress_bar() as progress:
         residual = options.residual
         result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
     seconds = perf_counter() - begin
-    write_file(options.output, edit or file, whole.placed(shape.V, result.vertices))
+    write_file(options.output, edit or file, shape.surface.placed(pose.V, result.vertices))
     proxies = counted(options.samplings, "proxy", "proxies")
     say(f"{options.output}: {len(file.V)} vertices, {proxies}, {seconds:.2f} s")
     if edited is None:

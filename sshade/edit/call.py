@@ -14,8 +14,8 @@ from sshade.core.errors import InputError
 from sshade.edit.server import Server
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Settings
-from sshade.files.document import MeshFile
-from sshade.files.objects import opened
+from sshade.files.door import open_shape
+from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 from sshade.problem.options import require_method
@@ -66,8 +66,8 @@ def edit_handles(
         On another object, handles that are no vertices of the mesh, an unknown method or axis, a port that
         cannot be used, or when the user made no handles.
     """
-    shape = opened(mesh)
-    if shape is None:
+    found = mesh_in(mesh)
+    if found is None:
         raise InputError(
             f"edit_handles takes a mesh, not an object of type {type(mesh).__name__}; of arrays make "
             "sshade.Mesh(V, F)"
@@ -78,12 +78,17 @@ def edit_handles(
         raise InputError(f"handles are an sshade.Handles, not an object of type {type(handles).__name__}")
     settings = Settings(require_method(method, METHODS))
     is_mesh = isinstance(mesh, Mesh)  # arrays of other objects may change later, and are copied
-    V, F = (array if is_mesh else np.array(array) for array in (shape.V, shape.F))
+    V, F = (array if is_mesh else np.array(array) for array in (found.V, found.F))
+    for array in (V, F):
+        array.setflags(write=False)  # so that Mesh need not copy it again
     digest = blake2b(np.ascontiguousarray(V).tobytes() + np.ascontiguousarray(F).tobytes(), digest_size=3)
     path = Path.cwd() / f"mesh_{digest.hexdigest()}.ply"
-    file = MeshFile(V, np.asarray(F, dtype=np.int64), holds=(), suffixes=(), content=lambda *_: b"")
     session = Session(
-        path, handles=handles, settings=settings, carry_unconstrained=carry_unconstrained, file=file
+        path,
+        shape=open_shape(V, F),
+        handles=handles,
+        settings=settings,
+        carry_unconstrained=carry_unconstrained,
     )
     server = Server(session, port=port, up=up)
     try:

@@ -18,13 +18,12 @@ from sshade.edit.skin import Skin, drawn
 from sshade.edit.state import State
 from sshade.files.atomic import check_output, is_same_file, naming
 from sshade.files.document import MeshFile
-from sshade.files.entries import HandleFile, handle_file_of, read_handle_file
+from sshade.files.door import OpenShape, open_shape
 from sshade.files.gltf import buffer_files
-from sshade.files.handles import on_surface, write_handles
-from sshade.files.keys import parsed_list
-from sshade.files.meshes import SUFFIXES, read_file, surface_of, write_file
+from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
+from sshade.files.handles import on_shape, write_handles
+from sshade.files.meshes import SUFFIXES, read_file, write_file, write_mesh
 from sshade.mesh.weld import NEAR
-from sshade.problem.handle_checks import extent_of
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 
@@ -64,9 +63,9 @@ class Document:
     output, handles : path, optional
         Files for the deformed mesh and the handles. They are replaced without a question. By default the
         files lie beside the mesh and are named after it.
-    file : MeshFile, optional
-        Contents, if there is no file `path`: a mesh in memory. `path` then determines the names of the files
-        that are written.
+    shape : OpenShape, optional
+        A mesh in memory, if there is no file `path`, which then determines the names of the files that are
+        written.
     carry : bool
         The `carry_unconstrained` of :class:`sshade.DeformationTask`.
     weld, repair
@@ -96,7 +95,7 @@ class Document:
         *,
         output: Path | None,
         handles: Path | None,
-        file: MeshFile | None = None,
+        shape: OpenShape | None = None,
         carry: bool,
         weld: float = NEAR,
         repair: bool = False,
@@ -113,17 +112,21 @@ class Document:
                 self._check(content, given)
                 self._propose(content, given)
         opened = _signature(path)
-        self.is_in_memory = file is not None
-        self._carry, self._file = carry, read_file(path) if file is None else file
+        self._carry, self.is_in_memory = carry, shape is not None
+        self._file: MeshFile | None = None
+        if shape is None:
+            self._file = read_file(path)
+            with naming(path):
+                shape = open_shape(self._file, weld=weld, repair=repair)
+        self._shape = shape
         self._files = [path] if self.is_in_memory else [path, *buffer_files(path)]
         self._opened = [opened, *map(_signature, self._files[1:])]
-        self.notes = self._file.notes
-        self._surface = surface_of(self._file, path, weld=weld, repair=repair)
+        self.notes = () if self._file is None else self._file.notes
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
         self._flags |= {"carry_unconstrained": True} if carry else {}
-        self.mesh = self._surface.mesh
-        self._id = self._surface.original  # handle files name the first of the vertices at one place
+        self.mesh = shape.mesh
+        self._id = shape.surface.original  # handle files name the first of the vertices at one place
 
     def task(self, state: State) -> DeformationTask:
         """Return the task of a method.
@@ -133,8 +136,7 @@ class Document:
         InputError
             When there are no handles, or a component has none and may not follow another component.
         """
-        handles = state.handles(self.mesh)
-        return DeformationTask(self.name, self.mesh, handles, carry_unconstrained=self._carry)
+        return self._shape.task(self.name, state.handles(self.mesh), carry_unconstrained=self._carry)
 
     def read_groups(self, path: Path, *, first: int) -> Given:
         """Read a handle file; `first` is the number of the first group.
@@ -156,8 +158,7 @@ class Document:
         InputError
             When a handle is no vertex of a face.
         """
-        index = self._surface.places(handles.index)
-        return groups_of(replace(handles, index=index, extent=extent_of(self._surface)), {}, first=1)
+        return groups_of(self._shape.on_surface(handles), {}, first=1)
 
     def all_handles(self, state: State) -> Handles:
         """Return the groups as handles at vertices of the file, each copy of a vertex included.
@@ -167,22 +168,17 @@ class Document:
         InputError
             When there are no groups.
         """
-        handles, vertex = state.handles(self.mesh), self._surface.vertex
-        row = np.full(self.mesh.n + 1, -1)  # the last one is for vertices of no face
-        row[handles.index] = np.arange(len(handles))
-        index = np.flatnonzero(row[vertex] >= 0)
-        index = index[np.argsort(row[vertex[index]], kind="stable")]
-        return handles.sampled(row[vertex[index]], index, self.mesh.V)
+        return self._shape.on_copies(state.handles(self.mesh))
 
     def received_groups(self, content: bytes, name: str, *, first: int) -> Given:
         """Read a handle file in this project's JSON; messages call it `name`."""
+        file = parsed_handle_file(content, name)
         with naming(name):
-            data = parsed_list(content, "handles")
-            return self._given(handle_file_of(data, raw=False), first)
+            return self._given(file, first)
 
     def _given(self, file: HandleFile, first: int) -> Given:
-        handles = on_surface(file, self._surface)
-        names = {entry.number: entry.name for entry in file.entries}
+        handles = on_shape(file, self._shape)
+        names = {group.number: group.name for group in file.groups}
         groups = groups_of(handles, names, first=first)
         return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
@@ -240,9 +236,13 @@ class Document:
 
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""
-        write_file(path, self._file, self._surface.placed(self._file.V, V))
+        positions = self._shape.placed(V)
+        if self._file is None:
+            write_mesh(path, positions, self._shape.F)
+        else:
+            write_file(path, self._file, positions)
         self._propose("mesh", path)
-        return self._file.lost(path)
+        return () if self._file is None else self._file.lost(path)
 
     @property
     def colours(self) -> np.ndarray | None:
@@ -250,19 +250,19 @@ class Document:
 
         A vertex that a seam doubles has the colour of its first copy.
         """
-        if self._file.colours is None:
+        if self._file is None or self._file.colours is None:
             return None
         return (255 * self._file.colours()[self._id].clip(0, 1)).round().astype(np.uint8)
 
     @property
     def is_coloured(self) -> bool:
         """Whether the file has colours of vertices."""
-        return self._file.colours is not None
+        return self._file is not None and self._file.colours is not None
 
     @property
     def has_skin(self) -> bool:
         """Whether the file has materials."""
-        return self._file.skin is not None
+        return self._file is not None and self._file.skin is not None
 
     @cached_property
     def skin(self) -> Skin:
@@ -273,10 +273,10 @@ class Document:
         InputError
             When the file has no materials, or materials or texture coordinates cannot be read.
         """
-        if self._file.skin is None:
+        if self._file is None or self._file.skin is None:
             raise InputError(f"{self.name}: the file has no materials")
         try:
-            return drawn(self._file.skin(), self._surface.vertex[self._file.F])
+            return drawn(self._file.skin(), self._shape.surface.vertex[self._file.F])
         except (ValueError, LookupError, TypeError) as error:
             raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
 

@@ -34,7 +34,7 @@ class Session(Grouping):
     carry_unconstrained : bool
         See :class:`sshade.DeformationTask`.
     **options
-        ``file``, ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
+        ``shape``, ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.files.document import MeshFile, listed
 from sshade.files.meshes import read_file, write_file, write_mesh
-from sshade.files.objects import opened
+from sshade.files.objects import mesh_in
 
 
 class Arrays(NamedTuple):
@@ -93,7 +93,7 @@ def write(
         `path` cannot hold. On an unknown suffix, positions too large for the format, or a folder that does
         not exist or is not writable.
     """
-    shape = opened(mesh)
+    shape = mesh_in(mesh)
     if shape is None:
         V, F = getattr(mesh, "V", mesh), getattr(mesh, "F", F)
     else:

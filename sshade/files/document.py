@@ -98,6 +98,13 @@ class MeshFile:
         """Return the names of contents that the format of `path` cannot hold."""
         return () if Path(path).suffix.lower() in self.suffixes else self.holds
 
+    def require_triangles(self) -> None:
+        """Raise InputError if the file holds points alone."""
+        if not len(self.F):
+            splats = "property rot_0" in self.holds
+            found = "Gaussian splats are no longer supported" if splats else "the file holds no triangles"
+            raise InputError(f"{found}; give a mesh with faces")
+
 
 def present(**found: object) -> tuple[str, ...]:
     """Return the names of the true arguments, with spaces for underscores."""

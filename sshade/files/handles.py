@@ -1,35 +1,4 @@
-"""Read and write handle files: this project's JSON; the YAML of Implicit-ARAP is read only.
-
-JSON::
-
-    {"handles": [
-        {"landmark": "left foot", "kind": "static", "vertices": [12, 13, 14]},
-        {"landmark": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
-        {"landmark": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
-         "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
-        {"landmark": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
-    ]}
-
-Each entry is a group of handles, given in one of three ways:
-
-- ``vertices``: ids of vertices of the mesh.
-- ``source``: positions, which are snapped to the nearest vertices.
-- ``boxes``: all vertices in some axis-aligned boxes, each with its lowest and its highest corner.
-
-``kind`` is ``static`` (the handles stay at rest and need no target), ``dynamic`` or ``unused`` (the entry
-is skipped). Without a ``kind``, an entry with a motion is dynamic. A motion is given in one of two ways:
-
-- ``target``: the position of each handle.
-- ``translation`` t and ``rotation`` R, or one of the two: a vertex v moves to R (v - c) + c + t. The
-  ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
-
-A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
-``dynamic``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
-a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
-(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.points`.
-
-Unknown keys are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
-"""
+"""Place the handles of a file on a mesh, and write handles as a file."""
 
 from __future__ import annotations
 
@@ -43,19 +12,22 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
-from sshade.files.entries import FILE_RECORDS, Entry, HandleFile, entry_name, read_handle_file
+from sshade.files.door import OpenShape, open_shape
+from sshade.files.handle_files import FILE_RECORDS, HandleFile, HandleGroup, read_handle_file
 from sshade.files.implicit_arap import implicit_arap_frame
 from sshade.files.keys import require_known
-from sshade.files.meshes import read_surface
+from sshade.files.meshes import read_file
 from sshade.files.points import columns, packed
 from sshade.files.regions import vertices_in
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import Surface
 from sshade.mesh.weld import NEAR
-from sshade.problem.handle_checks import SAME_TARGET, extent_of
+from sshade.problem.handle_checks import SAME_TARGET
 from sshade.problem.handles import Handles
 from sshade.problem.snapping import snap_to_vertices
 from sshade.problem.task import DeformationTask
+
+#: Rotation of handles without a prescribed one.
+NO_ROTATION = np.full((3, 3), np.nan)
 
 
 def read_handles(
@@ -84,9 +56,9 @@ def read_handles(
         return on_mesh(file, mesh, vertex=vertex)
 
 
-def on_surface(file: HandleFile, whole: Surface) -> Handles:
-    """Place the handles of a file on a surface; see :func:`on_mesh`."""
-    return on_mesh(file, whole.mesh, vertex=whole.vertex, extent=extent_of(whole))
+def on_shape(file: HandleFile, shape: OpenShape) -> Handles:
+    """Place the handles of a file on the surface of a shape; see :func:`on_mesh`."""
+    return on_mesh(file, shape.mesh, vertex=shape.surface.vertex, extent=shape.extent)
 
 
 def on_mesh(
@@ -111,13 +83,12 @@ def on_mesh(
     extent = mesh.diagonal if extent is None else extent
     # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
-    for entry in file.entries:
-        by_position = entry.way == "source" and entry.motion is None
-        with naming(entry_name(entry.number, entry.name)):
-            place, target, distance = _placed(entry, mesh, vertex)
-        k = len(place)
-        values = np.full(k, entry.dynamic), np.full(k, entry.number), np.full(k, entry.weight)
-        rotation = np.broadcast_to(entry.rotation, (k, 3, 3))
+    for own in file.groups:
+        with naming(own.title):
+            place, target, distance = _placed(own, mesh, vertex)
+        k, by_position = len(place), own.source is not None and own.motion is None
+        values = np.full(k, own.moves), np.full(k, own.number), np.full(k, own.weight)
+        rotation = np.broadcast_to(NO_ROTATION if own.rotation is None else own.rotation, (k, 3, 3))
         rows[by_position].append((place, target, distance, *values, rotation))
     parts = []
     if rows[0]:
@@ -150,11 +121,11 @@ def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
             f"{100 * handles.merge_distance / mesh.diagonal:.2g} % of the diagonal from each target"
         )
     turned = []
-    for entry in file.entries:
-        if entry.motion is not None and entry.motion.center is None and entry.motion.turns:
-            points = mesh.V[handles.index[handles.group == entry.number]]
+    for group in file.groups:
+        if group.motion is not None and group.motion.center is None and group.motion.turns:
+            points = mesh.V[handles.index[handles.group == group.number]]
             if len(points) and not ((points.min(axis=0) <= 0) & (points.max(axis=0) >= 0)).all():
-                turned.append(str(entry.number))
+                turned.append(str(group.number))
     if turned:
         entries = "entry" if len(turned) == 1 else "entries"
         found.append(
@@ -191,16 +162,17 @@ def read_task(
     Raises
     ------
     InputError
-        See :func:`sshade.files.meshes.read_surface`, :func:`read_handles` and
-        :class:`sshade.DeformationTask`.
+        See :func:`sshade.files.meshes.read_file`, :func:`sshade.files.door.open_shape`,
+        :func:`read_handles` and :class:`sshade.DeformationTask`.
     """
-    file, rest = read_surface(mesh, weld=weld, repair=repair)
-    name = f"{Path(mesh).stem}/{Path(handles).stem}"
+    file = read_file(mesh)
+    with naming(mesh):
+        shape = open_shape(file, weld=weld, repair=repair)
     given = read_handle_file(handles, raw=raw)
     with naming(handles):
-        own = on_surface(given, rest)
-    meta, carry = {"raw": raw}, carry_unconstrained
-    return DeformationTask(name, rest.mesh, own, meta=meta, carry_unconstrained=carry)
+        own = on_shape(given, shape)
+    name = f"{Path(mesh).stem}/{Path(handles).stem}"
+    return shape.task(name, own, carry_unconstrained=carry_unconstrained, meta={"raw": raw})
 
 
 def write_handles(
@@ -276,31 +248,32 @@ def _lines(texts: Mapping[str, str], indent: str) -> str:
     return f"{{\n{lines}\n{indent}}}"
 
 
-def _placed(entry: Entry, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the vertices of an entry, their targets and their snap distances.
+def _placed(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the vertices of a group, their targets and their snap distances.
 
-    If the positions of an entry have targets, which are corrected by the snap, they are returned in place
-    of vertices.
+    Positions without a common motion are returned in place of vertices: they are snapped later, because the
+    snap corrects their targets.
     """
-    target, distance = entry.target, np.zeros(len(entry.place))
-    if entry.way == "source" and entry.motion is None:
-        return entry.place, entry.place if target is None else target, distance
-    if entry.way == "source":
-        distance, at = snap_to_vertices(mesh, entry.place, np.full(len(entry.place), entry.number))
-    elif entry.way == "vertices":
-        at = _vertices(entry.place, vertex)
+    if group.source is not None and group.motion is None:
+        target = group.source if group.target is None else group.target
+        return group.source, target, np.zeros(len(target))
+    if group.source is not None:
+        distance, at = snap_to_vertices(mesh, group.source, np.full(len(group.source), group.number))
     else:
-        at = vertices_in(mesh.V, entry.place)
+        at = _vertices(group, mesh, vertex)
         distance = np.zeros(len(at))
-    if entry.motion is None:
-        return at, mesh.V[at] if target is None else target, distance
+    if group.motion is None:
+        return at, mesh.V[at] if group.target is None else group.target, distance
     _, first = np.unique(at, return_index=True)  # each vertex counts once in the centroid
     at = at[np.sort(first)]
-    return at, entry.motion(mesh.V[at]), distance[np.sort(first)]
+    return at, group.motion(mesh.V[at]), distance[np.sort(first)]
 
 
-def _vertices(index: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Return the vertices of the mesh for ids of the file."""
+def _vertices(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> np.ndarray:
+    """Return the vertices of the mesh in the boxes of a group, or for its ids of the file."""
+    if group.boxes is not None:
+        return vertices_in(mesh.V, group.boxes)
+    index = np.asarray(group.vertices)
     outside = index[(index < 0) | (index >= len(vertex))]
     if len(outside):
         raise InputError(f"vertex ids must lie in 0..{len(vertex) - 1}, not {outside[0]}")

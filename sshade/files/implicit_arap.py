@@ -21,8 +21,8 @@ HALF_EXTENT = 0.8
 ON_SURFACE = 0.01
 
 
-def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
-    """Return the points, the targets and whether the part moves, for each part, in the file's coordinates.
+def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray | None]]:
+    """Return the points of each part and their targets, None if the part is fixed, in the file's coordinates.
 
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP", 2024.
     """
@@ -39,14 +39,17 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray, bool]]:
         raise InputError("there are no handles; name at least one static or moving part")
     parts: list[tuple[str, str | None]] = [(name, None) for name in static]
     parts += zip(moving, transforms, strict=True)
-    rows = []
+    found: list[tuple[np.ndarray, np.ndarray | None]] = []
     for name, transform in parts:
-        points = _read_points(path.parent / "parts", name)
-        moved = points if transform is None else _read_points(path.parent / "transforms", transform)
-        if len(points) != len(moved):
-            raise InputError(f"part {name} has {len(points)} points, its transform {transform} {len(moved)}")
-        rows.append((points, moved, transform is not None))
-    return rows
+        points, target = _read_points(path.parent / "parts", name), None
+        if transform is not None:
+            target = _read_points(path.parent / "transforms", transform)
+            if len(points) != len(target):
+                raise InputError(
+                    f"part {name} has {len(points)} points, its transform {transform} {len(target)}"
+                )
+        found.append((points, target))
+    return found
 
 
 def _check_keys(handles: dict[str, Any]) -> None:

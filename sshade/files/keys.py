@@ -1,18 +1,23 @@
-"""Parse files that people write by hand, JSON and YAML, and refuse unknown keys."""
+"""Parse files that people write by hand, JSON and YAML, and refuse unknown keys; read files of options."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from sshade.core.errors import InputError
+from sshade.files.atomic import naming
+from sshade.files.document import check_input
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"
 #: Greatest length of a key in a message.
 LONGEST = 40
+#: Suffixes of files of options.
+OPTION_FORMATS = (".yaml", ".yml", ".json")
 
 
 def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[str, ...] = ()) -> None:
@@ -86,3 +91,29 @@ def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(key for key in keys if keys.count(key) > 1)
         raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
     return found
+
+
+def read_option_file(path: Path, names: Collection[str]) -> dict[Any, Any]:
+    """Return the names and values in a file, unchecked.
+
+    A handle file has them under its key ``made``, which the editor writes for ``sshade deform``: options
+    outside of `names` are left out there.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, of another format, no mapping, or a handle file without options.
+    """
+    check_input(path, OPTION_FORMATS)
+    content = path.read_bytes()
+    with naming(path):
+        data = parsed_json(content) if path.suffix.lower() == ".json" else parsed_yaml(content)
+        if isinstance(data, dict) and "handles" in data:
+            if not isinstance(data.get("made"), dict):
+                raise InputError(
+                    'it has handles and no options; the editor saves options under the key "made"'
+                )
+            return {name: value for name, value in data["made"].items() if name in names}
+        if not isinstance(data, dict):
+            raise InputError("expected names and values of options, such as `volume: 0`")
+        return data

@@ -17,8 +17,6 @@ from sshade.files.ply import read_ply, write_ply
 from sshade.files.stl import read_stl, write_stl
 from sshade.files.words import rows_of
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import Surface, surface
-from sshade.mesh.weld import NEAR
 
 #: Suffixes of the formats in which :func:`write_mesh` stores positions as float32.
 SINGLE = (".stl", ".glb", ".gltf")
@@ -43,43 +41,6 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     file = read_file(path)
     with naming(path):
         return Mesh(file.V, file.F)
-
-
-def read_surface(
-    path: str | os.PathLike[str], *, weld: float = NEAR, repair: bool = False
-) -> tuple[MeshFile, Surface]:
-    """Read a mesh file, and the surface in it that can be deformed.
-
-    Raises
-    ------
-    InputError
-        See :func:`read_file` and :func:`surface_of`.
-    """
-    file = read_file(path)
-    return file, surface_of(file, path, weld=weld, repair=repair)
-
-
-def surface_of(
-    file: MeshFile, path: str | os.PathLike[str], *, weld: float = NEAR, repair: bool = False
-) -> Surface:
-    """Return the surface of a file that was read from `path`; see :func:`sshade.mesh.surface.surface`.
-
-    Raises
-    ------
-    InputError
-        When the file holds no surface. The message names `path`.
-    """
-    require_triangles(file, path)
-    with naming(path):
-        return surface(file.V, file.F, weld=weld, rounding=file.rounding, repair=repair)
-
-
-def require_triangles(file: MeshFile, path: str | os.PathLike[str]) -> None:
-    """Raise InputError if a file that was read from `path` holds points alone."""
-    if not len(file.F):
-        splats = "property rot_0" in file.holds
-        found = "Gaussian splats are no longer supported" if splats else "the file holds no triangles"
-        raise InputError(f"{path}: {found}; give a mesh with faces")
 
 
 def read_arrays(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:

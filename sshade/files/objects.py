@@ -14,7 +14,7 @@ from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 
 
-class OpenedShape(NamedTuple):
+class MeshObject(NamedTuple):
     """The mesh in an object.
 
     Attributes
@@ -30,7 +30,7 @@ class OpenedShape(NamedTuple):
     moved: Callable[[np.ndarray], Any]
 
 
-def opened(shape: Any) -> OpenedShape | None:
+def mesh_in(shape: Any) -> MeshObject | None:
     """Return the mesh in an object, None if it is no known object, such as an array.
 
     Parameters
@@ -45,19 +45,19 @@ def opened(shape: Any) -> OpenedShape | None:
         When a scene has another number of meshes, or a PolyData has other polygons.
     """
     if isinstance(shape, Mesh):
-        return OpenedShape(shape.V, shape.F, lambda V: Mesh(V, shape.F))
+        return MeshObject(shape.V, shape.F, lambda V: Mesh(V, shape.F))
     if _has(shape, "geometry", "graph", "copy"):
         return _scene(shape)
     if _has(shape, "points", "regular_faces", "copy"):
         return _poly_data(shape)
     if _has(shape, "vertices", "faces", "copy"):
-        return OpenedShape(
+        return MeshObject(
             _floats(shape.vertices), np.asarray(shape.faces), lambda V: _with(shape, "vertices", V)
         )
     return None
 
 
-def _scene(scene: Any) -> OpenedShape:
+def _scene(scene: Any) -> MeshObject:
     """Open a scene at the place where its node puts the mesh."""
     nodes = scene.graph.nodes_geometry
     if len(nodes) != 1:
@@ -65,7 +65,7 @@ def _scene(scene: Any) -> OpenedShape:
             f"the scene has {len(nodes)} meshes; pass scene.to_mesh(), all in one, or one of scene.dump()"
         )
     matrix, name = scene.graph[nodes[0]]
-    inside = opened(scene.geometry[name])
+    inside = mesh_in(scene.geometry[name])
     if inside is None:
         raise InputError(f"the geometry {name!r} of the scene is no triangle mesh")
     R, t = matrix[:3, :3], matrix[:3, 3]
@@ -76,10 +76,10 @@ def _scene(scene: Any) -> OpenedShape:
         copy.geometry[name].vertices = np.linalg.solve(R, (V - t).T).T if placed else V
         return copy
 
-    return OpenedShape(inside.V @ R.T + t if placed else inside.V, inside.F, moved)
+    return MeshObject(inside.V @ R.T + t if placed else inside.V, inside.F, moved)
 
 
-def _poly_data(shape: Any) -> OpenedShape:
+def _poly_data(shape: Any) -> MeshObject:
     if not shape.is_all_triangles:
         raise InputError("the PolyData has polygons other than triangles; pass its .triangulate()")
 
@@ -90,7 +90,7 @@ def _poly_data(shape: Any) -> OpenedShape:
                 del data[data.active_normals_name]
         return copy
 
-    return OpenedShape(_floats(shape.points), shape.regular_faces, moved)
+    return MeshObject(_floats(shape.points), shape.regular_faces, moved)
 
 
 def _with(shape: Any, name: str, value: np.ndarray) -> Any:

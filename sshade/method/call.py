@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from sshade.files.objects import opened
-from sshade.mesh.surface import surface
+from sshade.files.door import open_shape
+from sshade.files.objects import mesh_in
 from sshade.mesh.weld import NEAR
 from sshade.method.deform import deform_task
-from sshade.problem.handle_checks import extent_of
 from sshade.problem.options import accepted, require_method, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
 from sshade.proxy.kinds import vertex_values
@@ -136,25 +134,20 @@ def deform(
                 "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
             )
         return result_of(shape, run(shape, **options))
-    if (mesh := opened(shape)) is not None:
+    if (mesh := mesh_in(shape)) is not None:
         b, bc = _expect(arrays, "a mesh", 2)
-        V, F = mesh.V, mesh.F
+        opened = open_shape(mesh, weld=weld, repair=repair)
     else:
         F, b, bc = _expect(arrays, "vertices", 3)
-        V = np.asarray(shape, dtype=np.float64)
-    whole = surface(V, F, weld=weld, repair=repair)
+        opened = open_shape(shape, F, weld=weld, repair=repair)
     if rotations is not None and np.ndim(rotations) == 2:
         rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
     values = options.get("frame_function")
     if values is not None and not isinstance(values, str):
-        options["frame_function"] = whole.picked(vertex_values(values, len(V)))
-    extent = extent_of(whole)
-    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=extent)  # type: ignore[arg-type]
-    handles = replace(handles, index=whole.places(handles.index), extent=extent)
-    task = DeformationTask("mesh", whole.mesh, handles, carry_unconstrained=carry_unconstrained)
-    moved = whole.placed(V, result_of(task, run(task, **options)).vertices)
-    moved = np.array(moved, dtype=np.float64)  # a method may return the rest shape itself
-    return moved if mesh is None else mesh.moved(moved)
+        options["frame_function"] = opened.surface.picked(vertex_values(values, len(opened.V)))
+    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
+    task = opened.task("mesh", opened.on_surface(handles), carry_unconstrained=carry_unconstrained)
+    return opened.moved(result_of(task, run(task, **options)).vertices)
 
 
 def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:

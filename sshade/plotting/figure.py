@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from sshade.core.errors import InputError
 from sshade.files.arrays import Arrays
 from sshade.files.atomic import check_output, replacing
-from sshade.files.objects import opened
+from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, cleaned
 from sshade.plotting import part, ramp, style, threejs
@@ -184,7 +184,7 @@ class _Scene:
             self._add_mesh(one.V, one.F, one)
         elif isinstance(one, Arrays):
             self._add_mesh(one.V, one.F)
-        elif (shape := opened(one)) is not None:
+        elif (shape := mesh_in(one)) is not None:
             self._add_mesh(shape.V, shape.F)
         elif (V := _numbers(one)) is not None:
             F = _numbers(following[0]) if following else None

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sshade.core.errors import InputError
-
-if TYPE_CHECKING:
-    from sshade.mesh.surface import Surface
 
 #: Largest difference between two equal targets of one vertex, as a fraction of the diagonal.
 SAME_TARGET = 1e-6
@@ -100,12 +97,6 @@ def require_rotations(R: np.ndarray) -> None:
     if wrong.any():
         bad = int(np.argmax(wrong))
         raise InputError(f"matrix {bad} is no rotation: its rows must be orthonormal and right-handed")
-
-
-def extent_of(whole: Surface) -> float:
-    """Return the `extent` of handles on a surface: targets of merged copies may differ as the copies do."""
-    apart = 2 * np.sqrt(3) * whole.facts["tolerance"]  # of two copies, along all axes
-    return whole.mesh.diagonal * max(1.0, apart / SAME_TARGET)
 
 
 def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, Mesh, deform
-from sshade.files.entries import read_handle_file
+from sshade.files.handle_files import read_handle_file
 from sshade.files.handles import handle_notes, on_mesh, read_handles, read_task, write_handles
 from sshade.files.meshes import write_mesh
 from sshade.mesh.surface import surface
@@ -177,6 +177,48 @@ def test_unknown_keys_are_refused_with_the_nearest_key(write, body, content, mes
         read_handles(write(json.dumps(content)), body)
 
 
+def test_both_vocabularies_are_read(write, body):
+    """A file in the words name, fixed and moved equals the file in the words landmark, static and dynamic."""
+    words = {"landmark": "name", "static": "fixed", "dynamic": "moved"}
+    move = {"vertices": [7, 8], "target": [[0, 0, 1], [0, 1, 1]]}
+    entries = [
+        {"landmark": "foot", "kind": "static", "vertices": [1, 2], "translation": [0, 0, 1]},
+        {"landmark": "hand", "kind": "dynamic", **move},
+        {"landmark": "tail", "kind": "dynamic", "source": body.V[[30]].tolist(), "translation": [1, 0, 0]},
+    ]
+    text = json.dumps({"handles": entries})
+    old = read_handle_file(write(text))
+    for word, other in words.items():
+        text = text.replace(json.dumps(word), json.dumps(other))
+    new = read_handle_file(write(text))
+    assert [group.name for group in new.groups] == ["foot", "hand", "tail"]
+    assert [group.moves for group in new.groups] == [False, True, True]
+    assert [(group.name, group.moves) for group in old.groups] == [(g.name, g.moves) for g in new.groups]
+    a, b = on_mesh(old, body), on_mesh(new, body)
+    assert np.array_equal(a.index, b.index) and np.array_equal(a.target, b.target)
+    assert np.array_equal(a.dynamic, b.dynamic) and b.dynamic.tolist() == [False] * 2 + [True] * 3
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (
+            {"name": "a", "landmark": "a", "vertices": [1]},
+            'entry 0 "a": .* either as "name" or as "landmark"',
+        ),
+        ({"name": [], "vertices": [1]}, 'entry 0: "name" must be a name'),
+        ({"landmark": True, "vertices": [1]}, 'entry 0: "landmark" must be a name'),
+        ({"kind": "moved", "vertices": [1]}, 'it is moved and has no "target" or "rotation"'),
+        ({"kind": "dynamic", "vertices": [1]}, 'it is dynamic and has no "target" or "rotation"'),
+        ({"kind": "free", "vertices": [1]}, "unknown kind 'free'; use fixed, moved or unused"),
+        ({"kind": ["fixed"], "vertices": [1]}, "unknown kind .*; use fixed, moved or unused"),
+    ],
+)
+def test_mistakes_in_names_and_kinds_are_refused_in_the_words_of_the_file(write, body, entry, message):
+    with pytest.raises(InputError, match=message):
+        read_handles(write([entry]), body)
+
+
 HUGE = 10**400
 ODD = [None, True, "1", "", [], {}, [[]], [[[]]], [None], [True], ["1"], [[1, "2", 3]], [[1, 2]], -1, HUGE]
 ODD += [float("nan"), [float("inf")], [HUGE], [[HUGE, 0, 0]], [[0, 0, HUGE]] * 3, {"runs": []}, {"runs": [1]}]
@@ -214,7 +256,7 @@ def test_files_of_other_systems_are_read(tmp_path, body, far_body, encoding):
     mark = "\ufeff" if encoding.endswith("e") else ""  # Python itself writes the marks of others
     path = tmp_path / "a.json"
     path.write_bytes((mark + '{"handles": [{"landmark": "Fu\u00df", "vertices": [7]}]}').encode(encoding))
-    assert read_handle_file(path).entries[0].name == "Fu\u00df"
+    assert read_handle_file(path).groups[0].name == "Fu\u00df"
     assert read_handles(path, body).index.tolist() == [7]
     experiment = Experiment(tmp_path / "x", far_body, AXES[0])
     expected = read_handles(experiment.path, far_body)

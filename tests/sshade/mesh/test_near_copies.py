@@ -6,7 +6,7 @@ import pyvista
 import trimesh
 
 from sshade import Mesh, deform
-from sshade.files.objects import opened
+from sshade.files.objects import mesh_in
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
 
 SHAPES = {
@@ -83,7 +83,7 @@ def test_python_joins_the_copies_too(made):
     V, F, origin = noisy(mesh, whole=True, single=True, rng=np.random.default_rng(5))
     b = np.array([np.argmax(V[:, 2]), np.argmin(V[:, 2])])
     moved = deform(*made(V.astype(np.float32), F), b, V[b] * 1.2, vertices=60)
-    assert_together(np.asarray(opened(moved).V if opened(moved) else moved), origin)
+    assert_together(np.asarray(mesh_in(moved).V if mesh_in(moved) else moved), origin)
 
 
 def assert_together(moved: np.ndarray, origin: np.ndarray) -> None:

@@ -1,0 +1,328 @@
+"""Read handle files: this project's JSON and the YAML of Implicit-ARAP, with all checks that need no mesh.
+
+JSON::
+
+    {"handles": [
+        {"name": "left foot", "kind": "fixed", "vertices": [12, 13, 14]},
+        {"name": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
+        {"name": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
+         "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
+        {"name": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
+    ]}
+
+Each entry is a group of handles, given in one of three ways:
+
+- ``vertices``: ids of vertices of the mesh.
+- ``source``: positions, which are snapped to the nearest vertices.
+- ``boxes``: all vertices in some axis-aligned boxes, each with its lowest and its highest corner.
+
+``kind`` is ``fixed`` (the handles stay at rest and need no target), ``moved`` or ``unused`` (the entry is
+skipped). Without a ``kind``, an entry with a motion is moved. A motion is given in one of two ways:
+
+- ``target``: the position of each handle.
+- ``translation`` t and ``rotation`` R, or one of the two: a vertex v moves to R (v - c) + c + t. The
+  ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
+
+A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
+``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
+a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
+(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.points`.
+
+``landmark``, ``static`` and ``dynamic`` are other words for ``name``, ``fixed`` and ``moved``. Unknown keys
+are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.atomic import naming
+from sshade.files.document import check_input
+from sshade.files.implicit_arap import read_implicit_arap
+from sshade.files.keys import LONGEST, parsed_list, require_known
+from sshade.files.points import as_array, as_boxes, as_ids, as_points
+from sshade.files.regions import RigidMotion
+from sshade.problem.handle_checks import NO_HANDLES, require_rotations
+
+#: Suffixes of handle files.
+FORMATS = (".json", ".yaml", ".yml")
+#: Keys of which an entry has one: they say where its handles are. Functions check their values.
+PLACES = {"vertices": as_ids, "source": as_points, "boxes": as_boxes}
+#: Keys that give the motion of a group without targets.
+MOTION = {"rotation", "translation"}
+#: Keys of the name of a group.
+NAMES = ("name", "landmark")
+#: Words for a kind, and whether the handles move.
+KINDS = {"fixed": False, "moved": True, "static": False, "dynamic": True}
+#: Keys of an entry.
+KEYS = (*NAMES, "kind", *PLACES, "target", *sorted(MOTION), "center", "weight")
+#: Keys that are refused, and the handles that had them.
+REFUSED = {"slide": "handles that slide", "free": "rotations without a position"}
+#: Keys of animations, which are refused.
+ANIMATION = ("frames", "keys")
+#: Keys that this project writes into entries and files, and that readers of handles ignore. "links" is in
+#: files of earlier editors.
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
+#: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
+UNIT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class HandleGroup:
+    """A group of handles. One of `vertices`, `source` and `boxes` says where they are.
+
+    Attributes
+    ----------
+    number : int
+        Place of the group in the file.
+    name : str
+        Empty if the group has none.
+    moves : bool
+        False if the group is fixed.
+    vertices : (k,) int64, optional
+        Ids of vertices.
+    source : (k, 3) float64, optional
+        Positions, which are snapped to vertices.
+    boxes : (b, 2, 3) float64, optional
+        Lowest and highest corners of boxes.
+    target : (k, 3) float64, optional
+        None for handles that stay, and for groups that move rigidly.
+    motion : RigidMotion, optional
+        Motion of a group that moves rigidly.
+    rotation : (3, 3) float64, optional
+        Prescribed rotation of the surface.
+    weight : float
+        inf for hard handles.
+    """
+
+    number: int
+    name: str
+    moves: bool
+    vertices: np.ndarray | None = None
+    source: np.ndarray | None = None
+    boxes: np.ndarray | None = None
+    target: np.ndarray | None = None
+    motion: RigidMotion | None = None
+    rotation: np.ndarray | None = None
+    weight: float = np.inf
+
+    @property
+    def title(self) -> str:
+        """How messages name the group, such as ``entry 0 "foot"``."""
+        return _entry_title(self.number, self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class HandleFile:
+    """A handle file that was read and checked; :func:`sshade.files.handles.on_mesh` places it on a mesh.
+
+    Attributes
+    ----------
+    groups : tuple of HandleGroup
+        Without unused groups; at least one.
+    raw : bool
+        Whether targets stay as the file has them; see :meth:`sshade.Handles.from_positions`.
+    implicit_arap : bool
+        Whether positions are in the coordinates of Implicit-ARAP.
+    made : mapping
+        Options that the editor recorded.
+    """
+
+    groups: tuple[HandleGroup, ...]
+    raw: bool
+    implicit_arap: bool = False
+    made: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
+    """Read a handle file, and check all that can be checked without the mesh.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, of another format, or inconsistent.
+    """
+    path = Path(path)
+    check_input(path, FORMATS)
+    if path.suffix.lower() == ".json":
+        return parsed_handle_file(path.read_bytes(), path, raw=raw)
+    with naming(path):
+        groups = [
+            HandleGroup(number, "", target is not None, source=points, target=target)
+            for number, (points, target) in enumerate(read_implicit_arap(path))
+        ]
+        return HandleFile(tuple(groups), raw, implicit_arap=True)
+
+
+def parsed_handle_file(content: bytes, path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
+    """Parse the content of a handle file in JSON; messages name the file `path`.
+
+    Raises
+    ------
+    InputError
+        When the content is no JSON or inconsistent.
+    """
+    with naming(path):
+        data = parsed_list(content, "handles")
+        if "volumes" in data:
+            raise InputError(
+                'volume goals of parts ("volumes") are no longer supported; use the option volume_goal, '
+                "which is the goal of the whole mesh"
+            )
+        for key in ANIMATION:
+            if key in data:
+                raise InputError(
+                    f'animations ("{key}") are no longer supported; use one handle file for each pose'
+                )
+        require_known(data, ("handles",), FILE_RECORDS)
+        found = [_checked_group(number, entry, raw=raw) for number, entry in enumerate(data["handles"])]
+        groups = tuple(group for group in found if group is not None)
+        if not groups:
+            raise InputError(NO_HANDLES)
+        made = data.get("made")
+        return HandleFile(groups, raw, made=made if isinstance(made, dict) else {})
+
+
+def _entry_title(number: int, name: str) -> str:
+    """Return how messages name an entry of a handle file, such as ``entry 0 "foot"``."""
+    return f"entry {number} {json.dumps(name, ensure_ascii=False)[:LONGEST]}" if name else f"entry {number}"
+
+
+def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
+    """Check an entry; None if it is unused.
+
+    Targets and motions of handles that do not move are ignored unless `raw`.
+    """
+    names = [entry[key] for key in NAMES if key in entry] if isinstance(entry, dict) else []
+    with naming(_entry_title(number, next((name for name in names if isinstance(name, str)), ""))):
+        if (moves := _moves(entry)) is None:
+            return None
+        name = _name(entry)
+        key = next(key for key in PLACES if key in entry)
+        place = PLACES[key](entry[key], f'"{key}"')
+        target, motion, rotation = None, None, None
+        if "target" in entry and (raw or moves or "source" in entry):
+            target = as_points(entry["target"], '"target"')
+            if len(target) != len(place):
+                raise InputError(f"{len(place)} handles have {len(target)} targets; each needs one")
+        if (raw or moves) and _moves_rigidly(entry, moves):
+            motion = _motion(entry)
+        elif "rotation" in entry and "boxes" not in entry:
+            rotation = _rotation(entry)
+        return HandleGroup(
+            number,
+            name,
+            moves,
+            target=target,
+            motion=motion,
+            rotation=rotation,
+            weight=_weight(entry),
+            **{key: place},
+        )
+
+
+def _moves_rigidly(entry: dict[str, Any], moves: bool) -> bool:
+    """Whether a rotation or a translation is the motion of the group, and no prescribed rotation."""
+    if "target" in entry or not MOTION & set(entry):
+        return False
+    return moves or "boxes" in entry or "translation" in entry or "center" in entry
+
+
+def _motion(entry: dict[str, Any]) -> RigidMotion:
+    """Return the motion of a group without targets."""
+    rotation = _rotation(entry) if "rotation" in entry else np.eye(3)
+    translation, center = np.zeros(3), entry.get("center")
+    if "translation" in entry:
+        translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
+    if "center" in entry and center != "centroid":
+        form = 'three numbers or "centroid"'
+        if isinstance(center, str):
+            raise InputError(f'"center" must be {form}, not {json.dumps(center[:LONGEST])}')
+        center = as_array(center, '"center"', (3,), form)
+    return RigidMotion(rotation, translation, center)
+
+
+def _rotation(entry: dict[str, Any]) -> np.ndarray:
+    """Return the rotation (3, 3) of an entry, given as a matrix or a quaternion."""
+    form = "three rows of three numbers, or a quaternion [x, y, z, w]"
+    if isinstance(entry["rotation"], list) and len(entry["rotation"]) == 4:
+        quaternion = as_array(entry["rotation"], '"rotation"', (4,), form)
+        if abs(np.linalg.norm(quaternion) - 1) > UNIT:
+            length = f"{np.linalg.norm(quaternion):.4g}"
+            raise InputError(f'"rotation" is no rotation: a quaternion has length 1, not {length}')
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(quaternion).as_matrix()
+    R = as_array(entry["rotation"], '"rotation"', (3, 3), form)
+    try:
+        require_rotations(R[None])
+    except InputError as error:
+        why = "its rows must have length 1 and be perpendicular"
+        why = "it mirrors; its determinant must be 1" if np.linalg.det(R) < 0 else why
+        raise InputError(f'"rotation" is no rotation: {why}') from error
+    return R
+
+
+def _weight(entry: dict[str, Any]) -> float:
+    """Return the weight of an entry: inf for hard handles."""
+    weight = entry.get("weight", np.inf)
+    number = isinstance(weight, int | float) and not isinstance(weight, bool)
+    if not number or not weight > 0 or (isinstance(weight, int) and weight > 2**1000):
+        raise InputError('"weight" must be a number above 0; leave it out for hard handles')
+    return float(weight)
+
+
+def _name(entry: dict[str, Any]) -> str:
+    """Return the name of an entry; empty if it has none."""
+    given = [key for key in NAMES if key in entry]
+    if len(given) > 1:
+        raise InputError('give its name either as "name" or as "landmark"')
+    name = entry[given[0]] if given else ""
+    if isinstance(name, bool) or not isinstance(name, str | int):
+        raise InputError(f'"{given[0]}" must be a name')
+    return str(name)
+
+
+def _moves(entry: Any) -> bool | None:
+    """Return whether the handles of an entry move, None if it is unused; check the keys of its kind."""
+    if not isinstance(entry, dict):
+        raise InputError("it is no JSON object")
+    for key, what in REFUSED.items():
+        if key in entry:
+            raise InputError(
+                f'{what} ("{key}") are no longer supported; use a soft handle, with a target and a "weight"'
+            )
+    require_known(entry, KEYS, RECORDS)
+    if entry.get("kind") == "unused":
+        return None
+    moves = "target" in entry or "translation" in entry
+    moves = moves or ("rotation" in entry and ("boxes" in entry or "center" in entry))
+    kind = entry.get("kind", "moved" if moves else "fixed")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError(f"unknown kind {ascii(kind)[:LONGEST]}; use fixed, moved or unused")
+    if sum(key in entry for key in PLACES) != 1:
+        raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
+    _check_motion(entry, kind)
+    return KINDS[kind]
+
+
+def _check_motion(entry: dict[str, Any], kind: str) -> None:
+    """Raise InputError unless the entry gives one motion, or none."""
+    needed = ["rotation", "translation"] if "boxes" in entry else ["target", "rotation", "translation"]
+    if "boxes" in entry and "target" in entry:
+        raise InputError('"boxes" have no "target"; give a "rotation" or a "translation"')
+    for key in ("translation", "center"):
+        if key in entry and "target" in entry:
+            raise InputError(f'give the motion either as "target" or as "{key}"')
+    if "center" in entry and "rotation" not in entry:
+        raise InputError('"center" needs a "rotation"')
+    if KINDS[kind] and not any(key in entry for key in needed):
+        raise InputError(f"it is {kind} and has no {' or '.join(map(json.dumps, needed))}")
