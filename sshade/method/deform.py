@@ -1,8 +1,14 @@
 """The method: cut a mesh into pieces, deform each through proxies, and put them together.
 
-The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry its
-deformation back to the mesh, and average over samplings (:mod:`sshade.method.proxies` and
-:mod:`sshade.method.proxy`). The method `fine` polishes the result at full resolution.
+A piece is a connected, oriented manifold: a component of the mesh, or of the mesh cut where it is not
+manifold. Pieces with handles come first. A piece that is joined to earlier pieces has their common vertices
+fixed. A piece whose handles make one rigid move needs no proxy, and a component without handles follows the
+nearest one: see :mod:`sshade.method.pieces`.
+
+The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry
+its deformation back to the mesh (:mod:`sshade.method.proxy`), and average over samplings
+(:mod:`sshade.method.proxies`). The method `fine` then polishes the piece at full resolution. Where handles
+are regions, which are areas and not single points or landmarks, some options have other defaults.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
@@ -28,6 +34,16 @@ from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, enclosed_volume, has_regions
 from sshade.problem.options import Options, as_row, resolve
 from sshade.problem.task import DeformationResult, DeformationTask
+
+log = logging.getLogger(__name__)
+
+#: Largest default weight of the area with a volume goal. A body that grows needs more area.
+GOAL_AREA = 0.1
+#: Least volume of a piece with a goal, as a multiple of area^1.5. The ratio of two volumes near zero
+#: means nothing.
+FLAT = 1e-5
+#: Relative error of a goal from which on a warning is logged.
+MISSED = 0.01
 
 
 def deform_task(
@@ -64,7 +80,7 @@ def deform_task(
     for piece in pieces.in_order():
         with piece.named():
             result = deform_piece(piece, method, values, whole, make_proxies)
-            if (again := pieces.again(piece, result)) is not None:
+            if (again := pieces.again(piece, result)) is not None:  # its two sides came apart
                 result = both(result, deform_piece(again, method, values, whole, make_proxies))
         pieces.put(piece, result)
     result = pieces.together()
@@ -87,7 +103,7 @@ def deform_piece(
     method, values
         See :func:`deform_task`.
     whole : Options
-        Of the whole mesh, for the record.
+        Options of the whole mesh. Facts record its totals; they do not change the deformation.
     make_proxies : callable
     """
     task, progress = piece.task, piece.progress
@@ -126,24 +142,13 @@ def _hard_error(task: DeformationTask, V: np.ndarray) -> float:
     return float(distance.max(initial=0.0)) / task.mesh.diagonal
 
 
-log = logging.getLogger(__name__)
-
-#: Largest default weight of the area with a volume goal. A body that grows needs more area.
-GOAL_AREA = 0.1
-#: Least volume of a component with a goal, as a multiple of area^1.5. The ratio of two volumes near zero
-#: means nothing.
-FLAT = 1e-5
-#: Relative error of a goal from which on a warning is logged.
-MISSED = 0.01
-
-
 def with_goal(mesh: Mesh, options: Options, *, area: bool) -> Options:
-    """Return the options of a component: a volume goal limits the default weight of the area.
+    """Return the options of a piece: a volume goal limits the default weight of the area.
 
     Parameters
     ----------
     mesh : Mesh
-        The component: an oriented manifold.
+        The piece.
     options : Options
     area : bool
         Whether the user gave a weight of the area.
@@ -151,7 +156,7 @@ def with_goal(mesh: Mesh, options: Options, *, area: bool) -> Options:
     Raises
     ------
     InputError
-        When the component has a goal and no volume at rest.
+        When the piece has a goal and no volume at rest.
     """
     if options.volume_goal is None:
         return options

@@ -15,7 +15,7 @@ from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam, available_cpus, in_threads, number_of_workers
 from sshade.mesh.mesh import Mesh
 from sshade.method.facts import OF_SAMPLINGS, joined
-from sshade.method.proxy import Proxy, Rest, corrects_volume
+from sshade.method.proxy import Proxy, Shared, corrects_volume
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, Handles
 
@@ -41,7 +41,7 @@ class Proxies:
     progress : Progress
         Of the bindings, if the proxies are kept.
     **hooks
-        ``sample`` and ``projection``, see :class:`sshade.method.proxy.Rest`.
+        ``sample`` and ``projection``, see :class:`sshade.method.proxy.Shared`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class Proxies:
         **hooks: Any,
     ) -> None:
         self.mesh, self._options, self._name = mesh, options, name
-        self._rest = Rest(mesh, handles, options, **hooks)
+        self._shared = Shared(mesh, handles, options, **hooks)
         #: Kept proxies; none if every vertex is a hard handle.
         self.kept: list[Proxy] = []
         if keep and not self.covered:
@@ -71,7 +71,7 @@ class Proxies:
     @property
     def covered(self) -> bool:
         """Whether every vertex is a hard handle."""
-        return self._rest.regions.covered
+        return self._shared.regions.covered
 
     @property
     def carriers(self) -> int:
@@ -79,7 +79,7 @@ class Proxies:
         return available_cpus() if self._options.samplings == 1 and self.mesh.n >= LARGE else 1
 
     def _kept_proxy(self, handles: Handles, progress: Progress, number: int) -> Proxy:
-        proxy = Proxy(self._rest, self._options, number, handles=handles)
+        proxy = Proxy(self._shared, self._options, number, keep_for=handles)
         progress("binding", number + 1, self._options.samplings)
         return proxy
 
@@ -116,7 +116,7 @@ class Proxies:
         options = options or self._options
         if self.kept and guess is not None:
             self.reset(guess)
-        rest = self._rest
+        shared = self._shared
         with ThreadTeam(1 if team else self.carriers) as own_team:
             work: dict[str, Any] = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
             work |= {"settle": settle, "team": team or own_team}
@@ -133,15 +133,15 @@ class Proxies:
                     V, results = mean_of(pool.map(run, range(options.samplings)))
         # With a corrected volume, each M' is on its targets.
         corrects = corrects_volume(options)
-        V = rest.regions.correct_volume(V) if corrects else rest.regions.on_targets(V, handles)
-        facts = {"samples": rest.vertices, "faces_without_area": rest.faces_without_area}
-        return of_samplings(V, results, facts, graph_seconds=rest.graph_seconds)
+        V = shared.regions.correct_volume(V) if corrects else shared.regions.on_targets(V, handles)
+        facts = {"samples": shared.vertices, "faces_without_area": shared.faces_without_area}
+        return of_samplings(V, results, facts, graph_seconds=shared.graph_seconds)
 
     def _proxy(self, guess: np.ndarray | None, progress: Progress, number: int) -> Proxy:
         """Return a kept proxy, or a new one for one deformation."""
         if self.kept:
             return self.kept[number]
-        return Proxy(self._rest, self._options, number, guess=guess, name=self._name, progress=progress)
+        return Proxy(self._shared, self._options, number, guess=guess, name=self._name, progress=progress)
 
     def _deformed(
         self,
@@ -174,13 +174,13 @@ class Proxies:
             raise InputError("all vertices were handles when the mesh was bound; make another Deformer")
         found = [proxy.rebound(handles) for proxy in self.kept]
         for proxy, (place, solver) in zip(self.kept, found, strict=True):
-            proxy.take(place, solver)
-        self._rest.take(handles, self._options)
+            proxy.use(place, solver)
+        self._shared.set_handles(handles, self._options)
 
     def change(self, options: Options) -> None:
         """Let kept proxies solve with another energy from now on, from the present shape."""
         self._options = options
-        self._rest.regions.volume_goal = options.volume_goal
+        self._shared.regions.volume_goal = options.volume_goal
         for proxy in self.kept:
             proxy.change(options)
 

@@ -19,7 +19,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.method.facts import OF_SAMPLINGS
 from sshade.method.placement import NearestPlacement, Sampler, sample_with_handles
 from sshade.method.regions import HandleRegions
-from sshade.method.solvers import FollowingSolver, OnceSolver
+from sshade.method.solvers import FollowingSolver, OnceSolver, ProxySolver
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, Handles
 from sshade.proxy.binding import Binding, bind_proxy
@@ -34,7 +34,7 @@ VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 MET = 1e-5
 
 
-class Rest:
+class Shared:
     """What all proxies of a connected, oriented manifold M share.
 
     Parameters
@@ -82,10 +82,10 @@ class Rest:
         self.graph_seconds = perf_counter() - begin
         mesh.require_one_component()
         self.vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
-        self.take(handles, options)
+        self.set_handles(handles, options)
 
-    def take(self, handles: Handles, options: Options) -> None:
-        """Take other handles, or another volume goal."""
+    def set_handles(self, handles: Handles, options: Options) -> None:
+        """Take other handles."""
         self.regions = HandleRegions(
             self.mesh,
             handles,
@@ -100,16 +100,17 @@ class Proxy:
 
     Parameters
     ----------
-    rest : Rest
+    shared : Shared
         M, and what its proxies share.
     options : Options
     number : int
         Number of the sampling; with the seed it chooses the samples.
-    handles : Handles, optional
-        Of M, at rest. With them the proxy is kept: M is bound to it and its solver is factorised now, and
-        each deformation starts from the last one. Without them it serves one deformation.
+    keep_for : Handles, optional
+        Handles of M, at rest. The proxy is then kept for many deformations: M is bound to it and its solver
+        is factorised now, and each deformation starts from the last one. By default it serves one
+        deformation, beside whose solve M is bound.
     guess : (n, 3) float64, optional
-        Shape of M in which the one deformation starts.
+        Shape of M in which the one deformation starts; a kept proxy gets it by :meth:`reset`.
     name : str
         Of the task.
     progress : Progress
@@ -124,26 +125,27 @@ class Proxy:
 
     def __init__(
         self,
-        rest: Rest,
+        shared: Shared,
         options: Options,
         number: int,
         *,
-        handles: Handles | None = None,
+        keep_for: Handles | None = None,
         guess: np.ndarray | None = None,
         name: str = "mesh",
         progress: Progress = silent,
     ) -> None:
-        self._rest, self._options, self._kept = rest, options, handles is not None
+        self._shared, self._options = shared, options
         stage = "proxy" if options.samplings == 1 else f"proxy {number + 1}"
         progress(stage, 0, options.max_iterations)
         begin = perf_counter()
-        self.sampling, self._place = rest.sample(rest.mesh, rest.regions, (options.seed, number))
+        self.sampling, self._place = shared.sample(shared.mesh, shared.regions, (options.seed, number))
         self.sampling_seconds = perf_counter() - begin
-        self.mesh = proxy_mesh(rest.mesh, self.sampling)
+        self.mesh = proxy_mesh(shared.mesh, self.sampling)
         self._binding: Binding | None = None
         self._goal = self._first_goal = options.volume_goal or 1.0
-        self._solver: Any
-        if handles is None:
+        self._solver: ProxySolver
+        self._following: FollowingSolver | None = None  # of a proxy that is kept
+        if keep_for is None:
             self._solver = OnceSolver(
                 self.mesh,
                 options,
@@ -153,15 +155,15 @@ class Proxy:
                 coarser_progress=renamed(progress, f"coarser {stage}"),
             )
         else:
-            with beside(self._bind, size=rest.mesh.n) as binding:  # the solver is factorised beside it
-                self._solver = FollowingSolver(self.mesh, self._place(handles), options)
+            with beside(self._bind, size=shared.mesh.n) as binding:  # the solver is factorised beside it
+                self._solver = self._following = FollowingSolver(self.mesh, self._place(keep_for), options)
                 self._binding = binding.result()
 
     def _bind(self) -> Binding:
         """Find where the vertices of M lie on N, and what :class:`HandleRegions` needs of M at rest."""
-        rest = self._rest
-        binding = bind_proxy(rest.mesh, self.sampling, frames=rest.frames, projection=rest.projection)
-        rest.regions.prepare()
+        shared = self._shared
+        binding = bind_proxy(shared.mesh, self.sampling, frames=shared.frames, projection=shared.projection)
+        shared.regions.prepare()
         return binding
 
     @property
@@ -173,29 +175,32 @@ class Proxy:
     @property
     def at_start(self) -> bool:
         """Whether the next deformation starts as the method does, and not from the last shape."""
-        return not self._kept or self._solver.at_start
+        return self._following is None or self._following.at_start
 
     def reset(self, guess: np.ndarray | None = None) -> None:
         """Forget the last shape and all corrections; start at a shape (n, 3) of M, or as the method does."""
-        self._solver.reset()
+        assert self._following is not None
+        self._following.reset()
         self._goal = self._first_goal
         self._place.forget()
         if guess is not None:
-            self._solver.start_at(guess[self.sampling.samples])
+            self._following.start_at(guess[self.sampling.samples])
 
     def rebound(self, handles: Handles) -> tuple[NearestPlacement, FollowingSolver]:
         """Return the placement and the solver of other handles of M, at rest; the shape stays."""
-        place = NearestPlacement(self._rest.mesh, self.mesh, handles)
-        return place, self._solver.with_handles(place.rest)
+        place = NearestPlacement(self._shared.mesh, self.mesh, handles)
+        assert self._following is not None
+        return place, self._following.with_handles(place.rest)
 
-    def take(self, place: NearestPlacement, solver: FollowingSolver) -> None:
+    def use(self, place: NearestPlacement, solver: FollowingSolver) -> None:
         """Go on with a placement and a solver of :meth:`rebound`."""
-        self._place, self._solver = place, solver
+        self._place, self._solver, self._following = place, solver, solver
 
     def change(self, options: Options) -> None:
         """Solve with another energy from now on, from the present shape."""
         self._options = options
-        self._solver.change(options)
+        assert self._following is not None
+        self._following.change(options)
         self._goal = self._first_goal = options.volume_goal or 1.0
 
     def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
@@ -210,7 +215,7 @@ class Proxy:
         on_proxy = self._place(handles)
         if self._binding is not None:
             return self._solver(on_proxy, volume_goal=self._goal, **stop)
-        with beside(self._bind, size=self._rest.mesh.n) as binding:
+        with beside(self._bind, size=self._shared.mesh.n) as binding:
             solved = self._solver(on_proxy, volume_goal=self._goal, **stop)
             self._binding = binding.result()
         return solved
@@ -228,9 +233,9 @@ class Proxy:
         """Deform M for handles at their targets.
 
         A proxy has few vertices inside of handle regions. M' may then lose volume, although N' keeps
-        the volume of N. Another solve with a corrected volume goal removes the deficit. So it is with the
-        volume that the user wants. In the same way, further solves bring handles that are no vertices of N
-        to their targets.
+        the volume of N. Another solve with a corrected volume goal removes the deficit, and also reaches the
+        volume goal of the user. In the same way, further solves bring handles that are no vertices of N to
+        their targets.
 
         Parameters
         ----------
@@ -240,14 +245,14 @@ class Proxy:
         max_iterations : int
             Of all solves together.
         settle : bool
-            Solve again at once where M' needs a correction. Without it, the next call makes the correction,
-            unless this is the first call.
+            Solve again at once where M' needs a correction. A first deformation always does; a later one
+            without `settle` leaves the correction to the next call.
         team : ThreadTeam
             Threads that prolong N' to M'.
         out : (n, 3) float64, C-contiguous, optional
             Takes the prolonged positions.
         """
-        regions, corrects = self._rest.regions, corrects_volume(self._options)
+        regions, corrects = self._shared.regions, corrects_volume(self._options)
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
@@ -274,9 +279,11 @@ class Proxy:
                 goal = self._goal + deficit / self.mesh.volume  # an exact constraint needs a volume
                 corrected = goal <= 0
                 self._goal = self._goal if corrected else goal
-            met = self._place.learn(handles, V) <= MET * self._rest.mesh.diagonal
+            met = self._place.learn(handles, V) <= MET * self._shared.mesh.diagonal
             if (corrected and met) or iterations >= max_iterations:
                 break
+            if V is out:  # the next solve takes this array again
+                best = (V.copy(), *best[1:])
         assert best is not None
         V, converged, degenerate = best
         facts = {
@@ -289,11 +296,14 @@ class Proxy:
         facts |= {name: fact for name, fact in solved_facts.items() if name in OF_SAMPLINGS}
         if "energy" in solver_facts:
             facts["energy"] = solver_facts["energy"]
-        if not self._kept:
+        if self._following is None:
             seconds = {"remesh": self.sampling_seconds, **self.binding.seconds, **seconds}
         return DeformationResult(V, iterations, converged, seconds, facts)
 
 
 def corrects_volume(options: Options) -> bool:
-    """Whether the volume deficit of M' is corrected where handles are regions."""
+    """Whether the volume deficit of M' is corrected where handles are regions.
+
+    A method of the user, which takes the place of our solver as the option `coarse`, takes no volume goal.
+    """
     return options.volume == inf and options.coarse is None

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,6 +24,18 @@ from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal, bind_task, solve_bound
 from sshade.solver.run import initial_guess
+
+
+class ProxySolver(Protocol):
+    """Solves a proxy for handles on it, from the result of the last solve.
+
+    To try another method on the proxy, pass it as the option `coarse`. To try another solver, make it in
+    :class:`sshade.method.proxy.Proxy` in place of the two below.
+    """
+
+    def __call__(
+        self, handles: Handles, *, volume_goal: float, tolerance: float, max_iterations: int
+    ) -> DeformationResult: ...
 
 
 class OnceSolver:
