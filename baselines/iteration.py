@@ -34,7 +34,7 @@ def start_motion(task: DeformationTask, start: Start) -> tuple[np.ndarray, np.nd
 
 
 class Plain:
-    """Positions under plain iterations ``u <- g(u)``; a :class:`sshade.solver.run.State`.
+    """Positions under plain iterations ``u <- g(u)``; a :class:`sshade.solver.run.IterationState`.
 
     Parameters
     ----------

@@ -24,9 +24,8 @@ from defaust.example import write_example
 from docs.blocks import fill, markdown
 from docs.editing import FLAGS
 from eval.run.provenance import environment
-from sshade import DeformationTask, Mesh, plot
+from sshade import DeformationTask, Mesh, plot, read_handles
 from sshade.core.console import say
-from sshade.files.handles import read_handles
 
 PAGE = Path(__file__).with_name("notebooks.md")
 NOTEBOOK = Path(__file__).parent / "examples" / "deform.ipynb"

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sshade.core.errors import InputError as InputError
-    from sshade.edit.call import edit_handles as edit_handles
+    from sshade.edit.from_python import edit_handles as edit_handles
     from sshade.files.arrays import read as read
     from sshade.files.arrays import write as write
+    from sshade.files.handles_on_mesh import read_handles as read_handles
     from sshade.mesh.mesh import Mesh as Mesh
     from sshade.method.call import deform as deform
     from sshade.method.deformer import Deformer as Deformer
@@ -35,8 +36,9 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "core.errors": ["InputError"],
-    "edit.call": ["edit_handles"],
+    "edit.from_python": ["edit_handles"],
     "files.arrays": ["read", "write"],
+    "files.handles_on_mesh": ["read_handles"],
     "mesh.mesh": ["Mesh"],
     "method.call": ["deform"],
     "method.deformer": ["Deformer"],

@@ -118,8 +118,8 @@ def implicit_arap(
     import torch
 
     from baselines.implicit_arap.networks import MotionField
-    from baselines.implicit_arap.sdf import Sdf, Surface, fit_network_sdf, grid_sdf
-    from baselines.implicit_arap.training import Constraints, Plan, displacements, train
+    from baselines.implicit_arap.sdf import ImplicitSurface, Sdf, fit_network_sdf, grid_sdf
+    from baselines.implicit_arap.training import HandleConstraints, Plan, displacements, train
 
     if min(layers, sdf_layers) < 2 or patch_points < 3:
         raise ValueError(
@@ -141,7 +141,7 @@ def implicit_arap(
         distance = grid_sdf(V, mesh.F, size=grid_size, device=place)
         progress("sdf", 1, 1, f"{grid_size}^3 distances")
     else:
-        surface = Surface.of(V, mesh.F, device=place)
+        surface = ImplicitSurface.of(V, mesh.F, device=place)
         fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
         fit |= {"frequencies": frequencies}
         random = {"generator": draws, "weights": weights}
@@ -155,7 +155,7 @@ def implicit_arap(
         return torch.tensor(points, dtype=torch.float32, device=place)
 
     rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
-    constraints = Constraints.of(distance, rest, target, handles.dynamic, repeats=projections)
+    constraints = HandleConstraints.of(distance, rest, target, handles.dynamic, repeats=projections)
     sizes = {"width": width, "layers": layers, "frequencies": frequencies}
     network = MotionField(**sizes, generator=weights).to(place)
     rng = np.random.default_rng(seed)

@@ -105,7 +105,7 @@ class NetworkSdf:
         return value.detach(), gradient
 
 
-class Surface(NamedTuple):
+class ImplicitSurface(NamedTuple):
     """A mesh prepared for random points: corner positions, unit normals, and cumulative areas."""
 
     corners: Tensor
@@ -113,7 +113,7 @@ class Surface(NamedTuple):
     cumulative_area: Tensor
 
     @classmethod
-    def of(cls, V: np.ndarray, F: np.ndarray, *, device: torch.device) -> Surface:
+    def of(cls, V: np.ndarray, F: np.ndarray, *, device: torch.device) -> ImplicitSurface:
         a, b, c = (V[F[:, k]] for k in range(3))
         cross = np.cross(b - a, c - a)
         doubled = np.linalg.norm(cross, axis=1)
@@ -138,7 +138,7 @@ class Surface(NamedTuple):
 
 
 def fit_network_sdf(
-    surface: Surface,
+    surface: ImplicitSurface,
     *,
     width: int,
     layers: int,
@@ -157,7 +157,7 @@ def fit_network_sdf(
 
     Parameters
     ----------
-    surface : Surface
+    surface : ImplicitSurface
     width, layers, frequencies : int
         Sizes of the MLP.
     steps : int

@@ -42,7 +42,7 @@ class Plan(NamedTuple):
         return (handles + self.random_patches(handles) + self.space_patches) * self.patch_points
 
 
-class Constraints(NamedTuple):
+class HandleConstraints(NamedTuple):
     """Places of handles (h, 3) on the zero set and their targets; moving handles come first."""
 
     at: Tensor
@@ -50,7 +50,9 @@ class Constraints(NamedTuple):
     moving: int
 
     @classmethod
-    def of(cls, sdf: Sdf, rest: Tensor, target: Tensor, dynamic: np.ndarray, *, repeats: int) -> Constraints:
+    def of(
+        cls, sdf: Sdf, rest: Tensor, target: Tensor, dynamic: np.ndarray, *, repeats: int
+    ) -> HandleConstraints:
         """Project handles onto the zero set. Targets of static handles are their projections."""
         order = torch.as_tensor(np.argsort(~dynamic, kind="stable"), device=rest.device)
         at = project(sdf, rest[order], repeats=repeats)
@@ -61,7 +63,7 @@ class Constraints(NamedTuple):
 def train(
     field: nn.Module,
     sdf: Sdf,
-    constraints: Constraints,
+    constraints: HandleConstraints,
     plan: Plan,
     *,
     rng: np.random.Generator,
@@ -75,7 +77,7 @@ def train(
     field : Module
         Network on the device of the constraints.
     sdf : Sdf
-    constraints : Constraints
+    constraints : HandleConstraints
     plan : Plan
     rng : numpy.random.Generator
         Generator of the patterns.
@@ -105,7 +107,7 @@ def train(
 def _losses(
     field: nn.Module,
     sdf: Sdf,
-    constraints: Constraints,
+    constraints: HandleConstraints,
     plan: Plan,
     *,
     rng: np.random.Generator,

@@ -10,7 +10,7 @@ import numpy as np
 from defaust.build.options import BuildOptions
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
-from sshade.files.regions import rigidly_moved, vertices_in
+from sshade.files.vertex_sets import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"

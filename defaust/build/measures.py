@@ -15,7 +15,7 @@ import numpy as np
 
 from defaust.build.handles import DYNAMIC, STATIC
 from sshade import Mesh
-from sshade.files.regions import rigidly_moved, vertices_in
+from sshade.files.vertex_sets import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import VertexGraph, edge_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.proxy.fronts import Fronts

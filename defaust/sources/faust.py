@@ -17,7 +17,7 @@ import numpy as np
 
 from defaust.folder.layout import sha256
 from defaust.sources.choices import OneTemplate, check_choice, require_choice, require_landmarks, shortened
-from defaust.sources.files import MESH_SUFFIXES, Shape, existing, mesh_files
+from defaust.sources.files import MESH_SUFFIXES, SourceShape, existing, mesh_files
 from defaust.sources.source import SourcePose, provenance_texts
 from sshade import InputError, Mesh
 
@@ -143,7 +143,7 @@ class Faust(OneTemplate):
 
     def _read(self, number: int) -> Mesh:
         """Registration, checked: closed, manifold, one component, with the faces of the first one."""
-        file = Shape(f"tr_reg_{number:03d}", self._files[number])
+        file = SourceShape(f"tr_reg_{number:03d}", self._files[number])
         V, F = file.arrays()
         first = min(self._files)
         with file.named():

@@ -30,11 +30,11 @@ SEQUENCE = "sequence"
 #: Reason to leave out a file in the layout ``tosca``.
 NO_CLASS = "its name does not read as a class and a number, like cat0"
 
-Classes = dict[str, tuple["Shape", ...]]
+Classes = dict[str, tuple["SourceShape", ...]]
 
 
 @dataclass(frozen=True)
-class Shape:
+class SourceShape:
     """A mesh in a file.
 
     Parameters
@@ -135,17 +135,17 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
     names = sorted(files, key=lambda name: (name.lower() != "rest", _natural(name)))
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
     if layout == "sequence" or (layout == "auto" and not all(match.values())):
-        return {SEQUENCE: tuple(Shape(name, files[name]) for name in names)}, {}
+        return {SEQUENCE: tuple(SourceShape(name, files[name]) for name in names)}, {}
     unfit = [name for name in names if not match[name]]
     if len(unfit) == len(names):
         raise InputError(
             f"{root}: {shortened(unfit)} do not read as a class and a number, like cat0; "
             "rename them, or set source.layout=sequence"
         )
-    classes: dict[str, list[Shape]] = {}
+    classes: dict[str, list[SourceShape]] = {}
     for name in names:
         if found := match[name]:
-            classes.setdefault(found[1], []).append(Shape(name, files[name]))
+            classes.setdefault(found[1], []).append(SourceShape(name, files[name]))
     return {name: tuple(classes[name]) for name in sorted(classes)}, dict.fromkeys(unfit, NO_CLASS)
 
 
@@ -162,7 +162,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def _archive_shapes(path: Path) -> tuple[Shape, ...]:
+def _archive_shapes(path: Path) -> tuple[SourceShape, ...]:
     if not is_zipfile(path):
         raise InputError(f"{path}: not an .npz file, or cut; give a folder of meshes or an .npz")
     with _reading(path, lambda: ZipFile(path)) as archive:
@@ -171,7 +171,7 @@ def _archive_shapes(path: Path) -> tuple[Shape, ...]:
     if not names or "F" not in arrays:
         held = shortened(arrays) or "nothing"
         raise InputError(f"{path}: holds {held}; it needs positions V_0, V_1, ... and triangles F")
-    return tuple(Shape(name, path, name) for name in sorted(names, key=_natural))
+    return tuple(SourceShape(name, path, name) for name in sorted(names, key=_natural))
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 from defaust.folder.layout import sha256
 from defaust.schema import mismatch
 from defaust.sources.choices import check_choice, require_choice, require_landmarks, shortened
-from defaust.sources.files import LAYOUTS, Classes, Shape, existing, find_shapes
+from defaust.sources.files import LAYOUTS, Classes, SourceShape, existing, find_shapes
 from defaust.sources.source import Source, SourcePose, provenance_texts
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
@@ -50,8 +50,8 @@ class _Class:
     """The meshes of a subject; `targets` are possible target poses."""
 
     name: str
-    rest: Shape
-    targets: tuple[Shape, ...]
+    rest: SourceShape
+    targets: tuple[SourceShape, ...]
 
     @cached_property
     def surface(self) -> _Surface:

@@ -7,14 +7,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from eval.metrics.shape import Shape, Topology
+from eval.metrics.shape import MeasuredShape, ShapeTopology
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, TransferTask
 
 Task = DeformationTask | TransferTask
 
 #: Rest shape of each mesh in use, shared by all runs of a task.
-_RESTS: WeakKeyDictionary[Mesh, Shape] = WeakKeyDictionary()
+_RESTS: WeakKeyDictionary[Mesh, MeasuredShape] = WeakKeyDictionary()
 
 
 class Deformed:
@@ -33,7 +33,7 @@ class Deformed:
     task : DeformationTask or TransferTask
     mesh : Mesh
         M.
-    rest, shape : Shape
+    rest, shape : MeasuredShape
         The geometry of M and of M'.
 
     Raises
@@ -45,14 +45,14 @@ class Deformed:
     def __init__(self, task: Task, vertices: np.ndarray) -> None:
         self.task, self.mesh = task, task.mesh
         if self.mesh not in _RESTS:
-            _RESTS[self.mesh] = Shape(Topology(self.mesh.F, self.mesh.n), self.mesh.V)
+            _RESTS[self.mesh] = MeasuredShape(ShapeTopology(self.mesh.F, self.mesh.n), self.mesh.V)
         self.rest = _RESTS[self.mesh]
-        self.shape = Shape(self.rest.topology, self.mesh.checked(vertices, "deformed shape"))
+        self.shape = MeasuredShape(self.rest.topology, self.mesh.checked(vertices, "deformed shape"))
 
     @cached_property
-    def truth(self) -> Shape:
+    def truth(self) -> MeasuredShape:
         """The geometry of the ground truth."""
-        return Shape(self.rest.topology, self.task.truth)
+        return MeasuredShape(self.rest.topology, self.task.truth)
 
     @cached_property
     def flipped(self) -> np.ndarray:
@@ -116,6 +116,6 @@ class Deformed:
         return there, igl.point_mesh_squared_distance(true, found, F)[0]
 
 
-def _new(now: np.ndarray, rest: Shape, name: str) -> np.ndarray:
+def _new(now: np.ndarray, rest: MeasuredShape, name: str) -> np.ndarray:
     """Return the faces that are marked now but not at rest; the rest shape is checked only if necessary."""
     return now & ~getattr(rest, name) if now.any() else now

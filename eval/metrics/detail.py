@@ -6,7 +6,7 @@ import numpy as np
 
 from eval.metrics.deformed import Deformed
 from eval.metrics.registry import metric
-from eval.metrics.shape import Shape, angle_between
+from eval.metrics.shape import MeasuredShape, angle_between
 
 #: Smallest distance of an angle from 0 and 180 degrees in a cotangent.
 SMALLEST_ANGLE = np.radians(0.1)
@@ -44,7 +44,7 @@ def detail(deformed: Deformed) -> float:
     return float(np.degrees((weight * angle).sum() / weight.sum())) if weight.any() else np.nan
 
 
-def _edge_weights(rest: Shape) -> np.ndarray:
+def _edge_weights(rest: MeasuredShape) -> np.ndarray:
     """(e,) half the sum of the cotangents opposite to each edge."""
     angle = np.clip(rest.corner_angles, SMALLEST_ANGLE, np.pi - SMALLEST_ANGLE)
     opposite = rest.topology.face_edges[:, [1, 2, 0]]

@@ -20,7 +20,7 @@ from sshade.mesh.sides import sides_by_edge
 OPPOSED = -1e-9
 
 
-class Topology:
+class ShapeTopology:
     """Faces F (m, 3) of n vertices, with their edges and pairs of adjacent faces."""
 
     def __init__(self, F: np.ndarray, n: int) -> None:
@@ -73,10 +73,10 @@ class FirstForm(NamedTuple):
     root: np.ndarray
 
 
-class Shape:
+class MeasuredShape:
     """Positions V (n, 3) for a topology, with the geometry of the surface."""
 
-    def __init__(self, topology: Topology, V: np.ndarray) -> None:
+    def __init__(self, topology: ShapeTopology, V: np.ndarray) -> None:
         self.topology = topology
         self.V = np.ascontiguousarray(V, dtype=np.float64)
 

@@ -60,7 +60,7 @@ class Sweep:
     code: Mapping[str, str] = field(default_factory=dict)
 
 
-class Ended(NamedTuple):
+class EndedRun(NamedTuple):
     """A finished run of a sweep.
 
     Parameters
@@ -93,7 +93,7 @@ class SweepRecord:
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
-        self._read: dict[str, Ended] = {}
+        self._read: dict[str, EndedRun] = {}
 
     @classmethod
     def create(cls, experiment: Path, sweep: Sweep) -> SweepRecord:
@@ -125,7 +125,7 @@ class SweepRecord:
             if self.folder.exists():
                 raise
 
-    def ended(self) -> list[Ended]:
+    def ended(self) -> list[EndedRun]:
         """Return the finished runs. Runs that are new since the last call come last, ordered by their end."""
         new = [self._ended(path) for path in self.folder.glob("[0-9]*.json") if path.name not in self._read]
         for run in sorted(new, key=lambda run: (run.end, run.number)):
@@ -133,9 +133,9 @@ class SweepRecord:
         return list(self._read.values())
 
     @staticmethod
-    def _ended(path: Path) -> Ended:
+    def _ended(path: Path) -> EndedRun:
         content: dict[str, Any] = json.loads(path.read_text())
-        return Ended(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"])})
+        return EndedRun(int(path.stem), **content | {"end": datetime.fromisoformat(content["end"])})
 
     def given_up(self) -> bool:
         """Whether the process of the sweep has ended early. False for sweeps on other machines."""
@@ -175,13 +175,13 @@ def unfinished(experiment: Path) -> list[Sweep]:
     return found
 
 
-def counts(sweep: Sweep, ended: Sequence[Ended]) -> str:
+def counts(sweep: Sweep, ended: Sequence[EndedRun]) -> str:
     """Describe the progress of a sweep: "3 done, 1 failed, 5 remaining"."""
     failed = sum(1 for run in ended if run.problems)
     return f"{len(ended)} done, {failed} failed, {len(sweep.runs) - len(ended)} remaining"
 
 
-def run_line(run: Ended) -> str:
+def run_line(run: EndedRun) -> str:
     """Describe a finished run in one line."""
     row = run.row
     if row is None:
@@ -202,7 +202,7 @@ def status_text(row: Mapping[str, Any], *, found: str) -> str:
     return f"{text}, {found}" if found else text
 
 
-def summary(sweep: Sweep, ended: Sequence[Ended]) -> str:
+def summary(sweep: Sweep, ended: Sequence[EndedRun]) -> str:
     """Describe a finished sweep: new rows by status, and rows that were found."""
     new = [run.row["status"] if run.row else "failed" for run in ended if not run.found]
     by_status = ", ".join(f"{new.count(status)} {status}" for status in sorted(set(new)))

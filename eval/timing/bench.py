@@ -34,11 +34,11 @@ from collections.abc import Callable
 from eval.rows.files import TIMING
 from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import Row
-from eval.timing.cases import read_cases, read_methods
 from eval.timing.drag import time_drags
 from eval.timing.scaling import SIZES, time_scaling
 from eval.timing.speed import time_methods
 from eval.timing.table import require_free
+from eval.timing.timed_cases import read_cases, read_methods
 from eval.timing.turns import DRAG, SCALING, SPEED, WHOLE
 from eval.timing.whole import time_commands
 from sshade.core.errors import InputError

@@ -11,7 +11,7 @@ import numpy as np
 from eval.rows.store import Row
 from eval.run.provenance import method_facts, task_facts
 from eval.run.targets import locate
-from eval.timing.cases import TimedCase, TimedMethod
+from eval.timing.timed_cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.core.errors import InputError
 from sshade.method.call import deform

@@ -11,8 +11,8 @@ import pandas as pd
 
 from eval.rows.store import Row
 from eval.run.provenance import process_memory, reset_peak_memory
-from eval.timing.cases import TimedCase, TimedMethod
 from eval.timing.speed import job_of
+from eval.timing.timed_cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.core.console import say
 

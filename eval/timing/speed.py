@@ -9,7 +9,7 @@ from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.provenance import method_facts, task_facts
 from eval.run.targets import code_of
-from eval.timing.cases import TimedCase, TimedMethod
+from eval.timing.timed_cases import TimedCase, TimedMethod
 from eval.timing.turns import Job, take_turns
 from sshade.core.errors import InputError
 from sshade.problem.task import DeformationResult

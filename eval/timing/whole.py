@@ -14,11 +14,11 @@ from time import perf_counter
 from eval.rows.store import Row
 from eval.run.provenance import config_hash, library_facts, task_facts
 from eval.run.warmup import tiny_task
-from eval.timing.cases import TimedCase
+from eval.timing.timed_cases import TimedCase
 from eval.timing.turns import Job, take_turns
 from sshade.core.console import say
 from sshade.core.errors import InputError
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
 
 #: ``python -m sshade``, followed by the status of the process, which holds the peak of its memory.

@@ -14,7 +14,7 @@ from mathutils import Matrix
 from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 
-from .rig import RIGID, STILL, Group, Rig, rigid
+from .rig import RIGID, STILL, Rig, RigGroup, rigid
 
 #: Name of the shape keys that the extension makes, and of temporary data.
 KEY, TEMPORARY = "SShaDe", ".sshade"
@@ -129,7 +129,7 @@ def read_rig(obj: bpy.types.Object) -> Rig:
             raise InputError(f"vertex group {name!r} is a handle twice; remove one of the two handles")
     weights = group_weights(obj, names)
     moves = (handle.kind != "FIXED" for handle in handles)
-    groups = [Group(*group) for group in zip(names, weights, moves, strict=True)]
+    groups = [RigGroup(*group) for group in zip(names, weights, moves, strict=True)]
     return Rig(rest_positions(obj.data), triangles(obj.data), groups)
 
 

@@ -28,7 +28,7 @@ RIGID = 1e-4
 STILL = Motion(np.eye(3), np.zeros(3))
 
 
-class Group(NamedTuple):
+class RigGroup(NamedTuple):
     """A vertex group that is a handle.
 
     Attributes
@@ -75,7 +75,7 @@ class Rig:
         Positions at rest.
     F : (m, 3) int
         Triangles.
-    groups : sequence of Group
+    groups : sequence of RigGroup
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Rig:
         surface, or groups overlap.
     """
 
-    def __init__(self, V: np.ndarray, F: np.ndarray, groups: Sequence[Group]) -> None:
+    def __init__(self, V: np.ndarray, F: np.ndarray, groups: Sequence[RigGroup]) -> None:
         if not groups:
             raise InputError("there are no handles; add vertex groups as handles in the panel SShaDe")
         if not any(group.moves for group in groups):
@@ -115,7 +115,7 @@ class Rig:
             extent=self.mesh.diagonal,
         ).with_portions(self.mesh)
 
-    def _members(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
+    def _members(self, group: RigGroup) -> tuple[np.ndarray, np.ndarray]:
         """Return the vertices (k,) of a group on the surface, and their weights as handles."""
         vertex = self._shape.surface.vertex
         own = np.flatnonzero((group.weight > 0) & (vertex >= 0))

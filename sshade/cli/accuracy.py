@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.files.document import MeshFile
+from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single, is_single, single_steps
 from sshade.problem.handles import Handles

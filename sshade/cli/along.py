@@ -13,7 +13,7 @@ from sshade.cli.arguments import read
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.document import SUFFIXES, MeshFile, check_input
+from sshade.files.mesh_file import SUFFIXES, MeshFile, check_input
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh

@@ -21,7 +21,7 @@ from sshade.cli.arguments import (
 )
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
-from sshade.files.document import SUFFIXES, check_input
+from sshade.files.mesh_file import SUFFIXES, check_input
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

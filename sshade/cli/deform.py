@@ -77,8 +77,8 @@ from sshade.cli.sequence import (
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
-from sshade.files.document import SUFFIXES, check_input
 from sshade.files.handle_files import HandleFile, read_handle_file
+from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def _deform(
 ) -> int:
     """Read the mesh, deform it, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
-    from sshade.files.handles import handle_notes, on_shape
+    from sshade.files.handles_on_mesh import handle_notes, on_shape
     from sshade.files.meshes import write_file
     from sshade.method.deform import deform_task
     from sshade.method.dense_handles import are_dense

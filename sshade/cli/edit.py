@@ -33,8 +33,8 @@ from sshade.cli.arguments import (
 )
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
-from sshade.files.document import SUFFIXES, check_input
 from sshade.files.handle_files import read_handle_file
+from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import require_method
 
 if TYPE_CHECKING:

@@ -21,14 +21,14 @@ APART = 1e-6
 def announced_warnings() -> Iterator[None]:
     """Print the warnings that methods log, such as a constraint that is off; each once, at once."""
 
-    class Announcement(logging.Handler):
+    class WarningPrinter(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             if record.getMessage() not in printed:
                 printed.add(record.getMessage())
                 say(f"note: {record.getMessage()}")
 
     printed: set[str] = set()
-    logger, announcement = logging.getLogger("sshade"), Announcement(logging.WARNING)
+    logger, announcement = logging.getLogger("sshade"), WarningPrinter(logging.WARNING)
     logger.addHandler(announcement)
     try:
         yield

@@ -13,7 +13,7 @@ from pathlib import Path
 from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, open_mesh
 from sshade.core.console import announced_compilation, say
 from sshade.files.atomic import replacing
-from sshade.files.document import SUFFIXES, check_input
+from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import PROXIES, Options, checked
 
 OPTIONS = ("vertices", "seed")

@@ -16,8 +16,8 @@ from sshade.cli.arguments import open_mesh
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, identity, naming
-from sshade.files.document import MORPHS, SUFFIXES, MeshFile
 from sshade.files.handle_files import HandleFile, read_handle_file
+from sshade.files.mesh_file import MORPHS, SUFFIXES, MeshFile
 from sshade.problem.options import Options
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def placed_handles(files: list[HandleFile], paths: list[Path], shape: OpenShape)
     InputError
         When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    from sshade.files.handles import on_shape  # imports large libraries
+    from sshade.files.handles_on_mesh import on_shape  # imports large libraries
 
     poses: list[Handles] = []
     for path, file in zip(paths, files, strict=True):
@@ -178,7 +178,7 @@ def _deform(
     """Read the mesh, deform it for all poses, and write the output."""
     from sshade.cli.accuracy import reached, rounding_notes, warnings_of
     from sshade.cli.notes import announced_warnings, notes, unused_options
-    from sshade.files.handles import handle_notes
+    from sshade.files.handles_on_mesh import handle_notes
     from sshade.method.dense_handles import are_dense
     from sshade.method.sequence import Sequence
     from sshade.problem.task import DeformationResult

@@ -28,8 +28,8 @@ from sshade.cli.arguments import (
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
-from sshade.files.document import SUFFIXES, check_input
 from sshade.files.handle_files import read_handle_file
+from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.plotting.pictures import TOWARDS, UP, draw
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def command(options: argparse.Namespace) -> int:
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
-    from sshade.files.handles import on_shape
+    from sshade.files.handles_on_mesh import on_shape
 
     _, shape = open_mesh(options)
     mesh = shape.mesh

@@ -27,7 +27,7 @@ from sshade.cli.arguments import (
 )
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import counted
-from sshade.files.document import SUFFIXES, check_input
+from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices"

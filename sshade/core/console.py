@@ -110,7 +110,7 @@ def announced_compilation() -> Iterator[None]:
 
     from sshade.core.kernels import why_compiled
 
-    class Announcement(event.TimingListener):
+    class CompilationTimer(event.TimingListener):
         """Measure the time of compilations in all threads; nested compilations count once."""
 
         announced = False
@@ -121,7 +121,7 @@ def announced_compilation() -> Iterator[None]:
             self.announced = True
             super().on_start(event)
 
-    listener = Announcement()
+    listener = CompilationTimer()
     with event.install_listener("numba:compile", listener), warnings.catch_warnings(record=True) as found:
         yield
     if listener.done:

@@ -14,14 +14,14 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group, groups_of
-from sshade.edit.skin import Skin, drawn
-from sshade.edit.state import State
+from sshade.edit.skin import DrawnSkin, drawn
+from sshade.edit.state import EditState
 from sshade.files.atomic import check_output, is_same_file, naming
-from sshade.files.document import MeshFile
 from sshade.files.door import OpenShape, open_shape
 from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
-from sshade.files.handles import on_shape, write_handles
+from sshade.files.handles_on_mesh import on_shape, write_handles
+from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SUFFIXES, read_file, write_file, write_mesh
 from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
@@ -128,7 +128,7 @@ class Document:
         self.mesh = shape.mesh
         self._id = shape.surface.original  # handle files name the first of the vertices at one place
 
-    def task(self, state: State) -> DeformationTask:
+    def task(self, state: EditState) -> DeformationTask:
         """Return the task of a method.
 
         Raises
@@ -144,7 +144,7 @@ class Document:
         Raises
         ------
         InputError
-            See :func:`sshade.files.handles.read_handles`.
+            See :func:`sshade.files.handles_on_mesh.read_handles`.
         """
         file = read_handle_file(path)
         with naming(path):
@@ -160,7 +160,7 @@ class Document:
         """
         return groups_of(self._shape.on_surface(handles), {}, first=1)
 
-    def all_handles(self, state: State) -> Handles:
+    def all_handles(self, state: EditState) -> Handles:
         """Return the groups as handles at vertices of the file, each copy of a vertex included.
 
         Raises
@@ -225,7 +225,7 @@ class Document:
         self.outputs[content] = path
         self._replaceable[path.resolve()] = _signature(path)
 
-    def write_handles(self, state: State, path: Path) -> None:
+    def write_handles(self, state: EditState, path: Path) -> None:
         """Write the groups and all options as a handle file; raise InputError when there are no groups."""
         names = {number: group.name for number, group in enumerate(state.groups)}
         handles = state.handles(self.mesh)
@@ -246,7 +246,7 @@ class Document:
 
     @property
     def colours(self) -> np.ndarray | None:
-        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.files.document.MeshFile`.
+        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.files.mesh_file.MeshFile`.
 
         A vertex that a seam doubles has the colour of its first copy.
         """
@@ -265,7 +265,7 @@ class Document:
         return self._file is not None and self._file.skin is not None
 
     @cached_property
-    def skin(self) -> Skin:
+    def skin(self) -> DrawnSkin:
         """The materials of the mesh, ready to be drawn.
 
         Raises
@@ -304,7 +304,7 @@ class Document:
         """
         if self.is_in_memory:
             handles = str(self.outputs["handles"])
-            return f"from sshade.files.handles import read_handles; handles = read_handles({handles!r}, mesh)"
+            return f"import sshade; handles = sshade.read_handles({handles!r}, mesh)"
         handles = str(self.outputs["handles"])
         words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])

@@ -48,7 +48,7 @@ def _options(settings: Settings) -> dict[str, Any]:
     return {"start": "rigid"} if settings.method == "paper" else dict(settings.constraints)
 
 
-class _Part(NamedTuple):
+class _FollowedPart(NamedTuple):
     """A component of the mesh and its handles; the proxy takes at most :data:`REDUCED` of each group.
 
     Attributes
@@ -100,7 +100,7 @@ class Follower:
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
         self._connected = mesh.topology.components == 1
-        self._last: _Part | None = None
+        self._last: _FollowedPart | None = None
         self._bound: _Bound | None = None
 
     def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
@@ -159,7 +159,7 @@ class Follower:
         if self._bound is not None:
             self._bound.deformer.reset()
 
-    def _part(self, handles: Handles, on: int) -> _Part:
+    def _part(self, handles: Handles, on: int) -> _FollowedPart:
         """Return the component of a vertex with its handles."""
         last, number = self._last, int(self._mesh.component[on])
         if last is not None and last.component == number:
@@ -181,10 +181,10 @@ class Follower:
         binding = {"index": np.searchsorted(vertices, handles.index[reduced])}
         binding |= {"group": handles.group[reduced], "weight": handles.weight[reduced]}
         hard = members[handles.hard[members]]
-        self._last = _Part(number, vertices, mesh, handles.group, members, hard, reduced, binding)
+        self._last = _FollowedPart(number, vertices, mesh, handles.group, members, hard, reduced, binding)
         return self._last
 
-    def _bind(self, part: _Part, mesh: Mesh, settings: Settings) -> _Bound:
+    def _bind(self, part: _FollowedPart, mesh: Mesh, settings: Settings) -> _Bound:
         """Return a Deformer that is bound with the reduced handles."""
         key = tuple(values.tobytes() for values in part.binding.values())
         bound, self._bound = self._bound, None

@@ -18,7 +18,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group
-from sshade.edit.state import Settings, State
+from sshade.edit.state import EditState, Settings
 from sshade.files.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import require_method
@@ -83,7 +83,7 @@ class Recovery:
                     self.offers.append(Offer(path, path.stat().st_mtime, len(facts["groups"])))
         self.offers.sort(key=lambda offer: -offer.time)
 
-    def write(self, state: State) -> None:
+    def write(self, state: EditState) -> None:
         """Write the groups, settings and selection of a state.
 
         Raises
@@ -106,7 +106,7 @@ class Recovery:
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
-    def read(self, path: Path, *, first: int) -> State:
+    def read(self, path: Path, *, first: int) -> EditState:
         """Read a recovery file; `first` is the number of the first group.
 
         Raises
@@ -129,7 +129,7 @@ class Recovery:
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )
             settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
-            return State(arrays["selection"], tuple(groups), settings)
+            return EditState(arrays["selection"], tuple(groups), settings)
 
     def end(self, *, keep: bool) -> None:
         """End the session; later sessions offer its file if it is kept."""

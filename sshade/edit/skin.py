@@ -10,7 +10,7 @@ from sshade.files import skins
 from sshade.mesh.mesh import repeats_vertex
 
 
-class Skin(NamedTuple):
+class DrawnSkin(NamedTuple):
     """Vertices and triangles with texture coordinates. A seam has copies of a vertex for its two sides.
 
     Attributes
@@ -33,7 +33,7 @@ class Skin(NamedTuple):
     materials: list[skins.Material]
 
 
-def drawn(skin: skins.Skin, F: np.ndarray) -> Skin:
+def drawn(skin: skins.Skin, F: np.ndarray) -> DrawnSkin:
     """Prepare the materials of a file for drawing.
 
     Parameters
@@ -49,4 +49,4 @@ def drawn(skin: skins.Skin, F: np.ndarray) -> Skin:
     runs = list(zip(first.tolist(), count.tolist(), range(len(material)), strict=True))
     materials = [skin.materials[i] for i in material.tolist()]
     vertex, row = np.divmod(key, len(skin.uv))
-    return Skin(vertex, skin.uv[row], faces.reshape(-1, 3), runs, materials)
+    return DrawnSkin(vertex, skin.uv[row], faces.reshape(-1, 3), runs, materials)

@@ -41,7 +41,7 @@ class Settings(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class EditState:
     """One step of the history.
 
     Parameters
@@ -60,7 +60,7 @@ class State:
     settings: Settings = Settings()
     shape: np.ndarray | None = None
 
-    def same_shape(self, other: State) -> bool:
+    def same_shape(self, other: EditState) -> bool:
         """Whether both states have the same settings and groups, except for names of groups."""
         own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
@@ -79,12 +79,12 @@ class State:
                 return group
         raise InputError(f"there is no group {number}")
 
-    def changed(self, number: int, **fields: Any) -> State:
+    def changed(self, number: int, **fields: Any) -> EditState:
         """Return a state with changed fields of a group."""
         old = self.group(number)
         return replace(self, groups=tuple(replace(g, **fields) if g is old else g for g in self.groups))
 
-    def moved(self, number: int, motion: Motion) -> State:
+    def moved(self, number: int, motion: Motion) -> EditState:
         """Return a state with a group moved from its targets.
 
         Raises
@@ -100,7 +100,7 @@ class State:
             turn = motion.R if turn is None else motion.R @ turn
         return self.changed(number, target=motion(group.target), turn=turn)
 
-    def marked(self, new: Group) -> State:
+    def marked(self, new: Group) -> EditState:
         """Return a state with another group, whose vertices leave the selection and all other groups."""
         groups = []
         for group in self.groups:
@@ -162,14 +162,14 @@ class History:
 
     Parameters
     ----------
-    first : State
+    first : EditState
     """
 
-    def __init__(self, first: State) -> None:
+    def __init__(self, first: EditState) -> None:
         self._states, self._at = [first], 0
 
     @property
-    def state(self) -> State:
+    def state(self) -> EditState:
         """Current state."""
         return self._states[self._at]
 
@@ -183,7 +183,7 @@ class History:
         """Whether there is a later state."""
         return self._at < len(self._states) - 1
 
-    def push(self, state: State) -> None:
+    def push(self, state: EditState) -> None:
         """Append a state and make it the current one; states that were undone are dropped."""
         self._states = [*self._states[: self._at + 1], state][-STATES:]
         self._at = len(self._states) - 1
@@ -192,7 +192,7 @@ class History:
         """Go forth, or back if `steps` is negative, as far as there are states."""
         self._at = min(max(self._at + steps, 0), len(self._states) - 1)
 
-    def store_shape(self, state: State, shape: np.ndarray) -> None:
+    def store_shape(self, state: EditState, shape: np.ndarray) -> None:
         """Store the converged shape of a state, also for states that differ in the selection only."""
         for i, other in enumerate(self._states):
             if other.same_shape(state):

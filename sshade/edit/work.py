@@ -13,7 +13,7 @@ from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
-from sshade.edit.state import History, Settings, State
+from sshade.edit.state import EditState, History, Settings
 from sshade.problem.handles import Handles
 
 
@@ -54,9 +54,9 @@ class Work:
         self.trouble = ""
         self.version = 0
         self.shown = self.mesh.V
-        self.history = History(State(settings=settings, shape=self.mesh.V))
+        self.history = History(EditState(settings=settings, shape=self.mesh.V))
         self._revision = 0
-        #: State whose groups, settings and selection count as saved.
+        #: EditState whose groups, settings and selection count as saved.
         self._saved = self.state
         self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(self.mesh)
@@ -66,7 +66,7 @@ class Work:
         self._dragged: tuple[tuple[Group, ...], Handles] | None = None
 
     @property
-    def state(self) -> State:
+    def state(self) -> EditState:
         """Current state."""
         return self.history.state
 
@@ -172,7 +172,7 @@ class Work:
                 self.version += state.shape is None
                 self.shown = V
 
-    def _push(self, state: State) -> None:
+    def _push(self, state: EditState) -> None:
         """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
         before = self.state
         if not state.same_shape(before):
@@ -201,7 +201,7 @@ class Work:
             self._jumped |= self._advance(before)
             self._keep()
 
-    def _advance(self, before: State) -> bool:
+    def _advance(self, before: EditState) -> bool:
         """Return whether groups or settings differ from `before`; then computations are out of date."""
         if self.state.same_shape(before):
             return False

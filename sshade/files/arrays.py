@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.document import MeshFile, listed
+from sshade.files.mesh_file import MeshFile, listed
 from sshade.files.meshes import read_file, write_file, write_mesh
 from sshade.files.objects import mesh_in
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.document import MeshFile
+from sshade.files.mesh_file import MeshFile
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, surface

@@ -20,7 +20,6 @@ from urllib.parse import quote, unquote, unquote_to_bytes, urlsplit
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.document import MeshFile, as_floats, moved_reference, present
 from sshade.files.gltf_materials import gltf_colours, gltf_skin
 from sshade.files.gltf_own import with_own_numbers
 from sshade.files.gltf_scene import (
@@ -36,6 +35,7 @@ from sshade.files.gltf_scene import (
     triangles_of,
 )
 from sshade.files.keys import decoded
+from sshade.files.mesh_file import MeshFile, as_floats, moved_reference, present
 from sshade.files.normals import vertex_turns
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.surface import single_steps
@@ -47,7 +47,7 @@ ROUNDING = 1e-5
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 
 
-class _Part(NamedTuple):
+class _BufferPart(NamedTuple):
     """Vertices of one accessor of positions.
 
     Attributes
@@ -84,7 +84,7 @@ def read_gltf(path: Path) -> MeshFile:
     require_plain(gltf.tree, path)
     gltf, notes = with_own_numbers(gltf)
     matrices = mesh_matrices(gltf.tree)
-    parts: dict[tuple, _Part] = {}
+    parts: dict[tuple, _BufferPart] = {}
     coloured: list[tuple[int, int | None]] = []
     primitives: list[tuple[dict[str, Any], np.ndarray]] = []
     V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
@@ -100,7 +100,7 @@ def read_gltf(path: Path) -> MeshFile:
                 P = gltf.array(position).astype(np.float64)
                 V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
                 rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
-                parts[key] = _Part(position, *shading, count, M)
+                parts[key] = _BufferPart(position, *shading, count, M)
                 count += len(P)
                 coloured.append((len(P), attributes.get("COLOR_0")))
             size = gltf.tree["accessors"][position]["count"]
@@ -210,7 +210,7 @@ def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _content(
-    gltf: Gltf, parts: list[_Part], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
+    gltf: Gltf, parts: list[_BufferPart], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
 ) -> bytes:
     buffers = [bytearray(data) for data in gltf.buffers]
     new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)

@@ -15,9 +15,9 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import replacing
-from sshade.files.document import MeshFile, as_floats
 from sshade.files.gltf import gltf_bytes, parsed_gltf, plain_gltf
 from sshade.files.gltf_scene import CHANGED, Gltf, NewAccessors, bounds, mesh_matrices
+from sshade.files.mesh_file import MeshFile, as_floats
 
 #: Largest size of a file in bytes: lengths are 32-bit numbers. Some bytes are left for the JSON.
 LARGEST = 2**32 - 2**26

@@ -45,11 +45,11 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
-from sshade.files.document import check_input
 from sshade.files.implicit_arap import read_implicit_arap
 from sshade.files.keys import LONGEST, parsed_list, require_known
+from sshade.files.mesh_file import check_input
 from sshade.files.points import as_array, as_boxes, as_ids, as_points
-from sshade.files.regions import RigidMotion
+from sshade.files.vertex_sets import RigidMotion
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
 
 #: Suffixes of handle files.
@@ -122,7 +122,7 @@ class HandleGroup:
 
 @dataclass(frozen=True, eq=False)
 class HandleFile:
-    """A handle file that was read and checked; :func:`sshade.files.handles.on_mesh` places it on a mesh.
+    """A handle file that was read and checked. :func:`sshade.files.handles_on_mesh.on_mesh` places it.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from typing import Any
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
-from sshade.files.document import check_input
+from sshade.files.mesh_file import check_input
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"

@@ -9,8 +9,8 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, expecting, naming, replacing
-from sshade.files.document import SUFFIXES, MeshFile, as_floats, check_input
 from sshade.files.gltf import plain_gltf, read_gltf
+from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats, check_input
 from sshade.files.obj import read_obj
 from sshade.files.off import read_off
 from sshade.files.ply import read_ply, write_ply

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files.document import MeshFile, moved_reference, present
+from sshade.files.mesh_file import MeshFile, moved_reference, present
 from sshade.files.normals import smooth_groups, turned, turns
 from sshade.files.obj_materials import obj_skin, rest_of
 from sshade.files.skins import Skin

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files.document import MeshFile, moved_reference, present, unchanged
+from sshade.files.mesh_file import MeshFile, moved_reference, present, unchanged
 from sshade.files.normals import turned, turns, vertex_turns
 from sshade.files.ply_elements import Element, copy_rows, declared_words, read_header, take
 from sshade.files.triangles import fanned, strip_triangles

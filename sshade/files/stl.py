@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.files.document import MeshFile, as_floats, present, unchanged
+from sshade.files.mesh_file import MeshFile, as_floats, present, unchanged
 from sshade.files.normals import turned, turns
 from sshade.files.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows

@@ -26,7 +26,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, cleaned
 from sshade.plotting import part, ramp, style, threejs
 from sshade.plotting.pictures import TOWARDS, UP, colour_range, edge_error
-from sshade.plotting.surface import Shape, packed_view
+from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 
@@ -142,7 +142,7 @@ def plot(
     if mesh.diagonal == 0:
         raise InputError("all vertices of the mesh coincide; there is nothing to see")
     poses, bottom, top = _named(scene.poses, names), 0.0, 1.0
-    shapes = [Shape("rest", "", mesh.V), *poses]
+    shapes = [ViewShape("rest", "", mesh.V), *poses]
     if values is not None:
         colours = scene.values(values)
         shapes = [shape._replace(values=colours) for shape in shapes]
@@ -162,7 +162,7 @@ class _Scene:
     def __init__(self) -> None:
         self.mesh: Mesh | None = None
         self.handles: Handles | None = None
-        self.poses: list[Shape] = []
+        self.poses: list[ViewShape] = []
         #: Number of vertices and faces of the first object, and the mesh in it.
         self._n, self._F = 0, np.zeros((0, 3), dtype=np.int64)
         self._whole: Surface
@@ -241,7 +241,7 @@ class _Scene:
             raise InputError(
                 f"a {name} has shape {V.shape}, and the mesh {self._n:,} vertices: pass poses of one mesh"
             )
-        self.poses.append(Shape(name, "", self.mesh.checked(V[self._whole.vertex >= 0], name)))
+        self.poses.append(ViewShape(name, "", self.mesh.checked(V[self._whole.vertex >= 0], name)))
 
     def _add_handles(self, handles: Handles) -> None:
         if self.mesh is None:
@@ -262,7 +262,7 @@ def _numbers(one: Any) -> np.ndarray | None:
     return None
 
 
-def _named(poses: list[Shape], names: Sequence[str]) -> list[Shape]:
+def _named(poses: list[ViewShape], names: Sequence[str]) -> list[ViewShape]:
     """Return poses with unique names: the given ones, or their kinds with numbers."""
     if names:
         chosen = list(names)

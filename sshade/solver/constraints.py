@@ -80,10 +80,8 @@ FACES = 65_536
 Solves = Callable[[np.ndarray, np.ndarray], None]
 
 
-class Surface:
+class ConstrainedSurface:
     """The faces of a mesh in the solver's order, with their volume and area at rest.
-
-    This is not :class:`sshade.mesh.surface.Surface`, which relates a mesh to the arrays it was made from.
 
     Parameters
     ----------
@@ -156,7 +154,7 @@ class Constraints:
 
     Parameters
     ----------
-    surface : Surface
+    surface : ConstrainedSurface
     volume, area : float
         Weights. 0 leaves the quantity unconstrained, inf fixes it exactly. With a weight in between, a
         relative error e costs ``weight / 2 x e^2`` times the rest energy, which is the energy of the rest
@@ -175,7 +173,7 @@ class Constraints:
 
     def __init__(
         self,
-        surface: Surface,
+        surface: ConstrainedSurface,
         volume: float,
         area: float,
         *,

@@ -18,7 +18,7 @@ ENERGY_ROUNDING = 1e-14
 
 
 class Descent:
-    """The state of local/global iterations; a :class:`sshade.solver.run.State`.
+    """The state of local/global iterations; a :class:`sshade.solver.run.IterationState`.
 
     One object may serve several solves in a row, as targets move. Each solve begins with the positions,
     rotations, strain weights, multipliers of constraints and quasi-Newton pairs of the end of the last solve.

@@ -71,7 +71,7 @@ def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:
 REPORT_EVERY = 10
 
 
-class State(Protocol):
+class IterationState(Protocol):
     """The unknowns u of an iteration, and the steps that change them."""
 
     def step(self) -> float:
@@ -139,12 +139,14 @@ class Run(NamedTuple):
         return float(self.residual_curve[-1]) if self.iterations else inf
 
 
-def run(state: State, stop: Stop, *, progress: Progress = silent, report_every: int = REPORT_EVERY) -> Run:
+def run(
+    state: IterationState, stop: Stop, *, progress: Progress = silent, report_every: int = REPORT_EVERY
+) -> Run:
     """Iterate until a plain step moves no vertex by more than a tolerance.
 
     Parameters
     ----------
-    state : State
+    state : IterationState
         Changed in place.
     stop : Stop
     progress : Progress
@@ -221,7 +223,7 @@ class Solution(NamedTuple):
         Accelerated iterates that were given up because the energy rose.
     volume_error, area_error : float
     volume_constraint, area_constraint : str
-        See :meth:`sshade.solver.constraints.Surface.report`.
+        See :meth:`sshade.solver.constraints.ConstrainedSurface.report`.
     """
 
     positions: np.ndarray

@@ -22,7 +22,7 @@ from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import Energy
-from sshade.solver.constraints import Surface
+from sshade.solver.constraints import ConstrainedSurface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
 from sshade.solver.multigrid import SMOOTHER, Multigrid
@@ -233,9 +233,9 @@ class System:
         return float(self.rest.sum()) + sum(term.rest_energy for term in (self.plate, self.struts) if term)
 
     @cached_property
-    def surface(self) -> Surface:
+    def surface(self) -> ConstrainedSurface:
         """The faces in the solver's order, for constraints."""
-        return Surface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
+        return ConstrainedSurface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
         """Assemble the matrix of a V-cycle: Laplacian with weights (m,) of triangles, bending and pulls."""

@@ -21,8 +21,8 @@ from baselines.implicit_arap.patches import (  # noqa: E402
     random_pattern,
     zero_set,
 )
-from baselines.implicit_arap.sdf import GridSdf, Surface, fit_network_sdf, grid_sdf  # noqa: E402
-from baselines.implicit_arap.training import Constraints  # noqa: E402
+from baselines.implicit_arap.sdf import GridSdf, ImplicitSurface, fit_network_sdf, grid_sdf  # noqa: E402
+from baselines.implicit_arap.training import HandleConstraints  # noqa: E402
 from sshade.problem.task import DeformationTask, Handles, silent  # noqa: E402
 from tests.shapes import bumpy, held_ends, icosphere, rotation  # noqa: E402
 
@@ -116,7 +116,7 @@ def test_grid_reproduces_a_linear_function_with_its_axes_in_order():
 
 def test_fitted_network_approaches_the_distance():
     sphere = icosphere(3)
-    surface = Surface.of(0.7 * sphere.V, sphere.F, device=CPU)
+    surface = ImplicitSurface.of(0.7 * sphere.V, sphere.F, device=CPU)
     settings = {"width": 32, "layers": 4, "frequencies": 2, "points": 256, "learning_rate": 1e-3}
     x = 0.7 * torch.nn.functional.normalize(points(300), dim=-1)
 
@@ -135,7 +135,7 @@ def test_fitted_network_approaches_the_distance():
 
 def test_surface_samples_lie_on_faces_in_proportion_to_area():
     mesh = bumpy(2)
-    x, normal = Surface.of(mesh.V, mesh.F, device=CPU).sample(20_000, generator())
+    x, normal = ImplicitSurface.of(mesh.V, mesh.F, device=CPU).sample(20_000, generator())
     squared, face, _ = igl.point_mesh_squared_distance(x.double().numpy(), mesh.V, np.array(mesh.F))
     assert squared.max() < 1e-10
     share = np.bincount(face, minlength=mesh.m) / 20_000
@@ -214,7 +214,7 @@ def test_energy_of_a_stretch_by_hand():
 def test_static_handles_stay_at_their_projections_and_moving_ones_come_first():
     rest, target = points(4, seed=2), points(4, seed=3)
     dynamic = np.array([False, True, False, True])
-    at, goal, moving = Constraints.of(Ball(), rest, target, dynamic, repeats=2)
+    at, goal, moving = HandleConstraints.of(Ball(), rest, target, dynamic, repeats=2)
     projected = 0.6 * torch.nn.functional.normalize(rest, dim=-1)
     assert moving == 2
     torch.testing.assert_close(at, projected[[1, 3, 0, 2]])

@@ -10,7 +10,7 @@ from eval_program import run_eval
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records
 from eval.run.record import Sweep, SweepRecord
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
 from tests.files import contents
 

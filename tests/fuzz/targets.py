@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from defaust.folder.record import POSE, read_dataset, read_record
-from defaust.sources.files import Shape, find_shapes
+from defaust.sources.files import SourceShape, find_shapes
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
 from sshade import InputError, Mesh
-from sshade.files.handles import read_handles
+from sshade.files.handles_on_mesh import read_handles
 from sshade.files.meshes import SUFFIXES, read_mesh, write_mesh
 from tests.files import scratch
 from tests.gltf import glb
@@ -159,7 +159,7 @@ def _read_shapes(data: bytes, folder: Path) -> None:
             for shape in shapes:
                 Mesh(*shape.arrays())
     else:
-        Mesh(*Shape("a", path.with_suffix(".mat" if suffix == ".mat" else ".vert")).arrays())
+        Mesh(*SourceShape("a", path.with_suffix(".mat" if suffix == ".mat" else ".vert")).arrays())
 
 
 def _shape_seeds() -> list[bytes]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sshade import Handles
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, end_handles
 

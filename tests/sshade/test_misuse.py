@@ -9,7 +9,7 @@ import pytest
 import sshade
 from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.proxy.binding_file import load_binding, save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal, local_global

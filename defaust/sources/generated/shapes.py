@@ -23,7 +23,7 @@ from defaust.sources.generated.cactus import BLEND, CAPSULES, cactus
 from defaust.sources.generated.motions import Bend, Lift, Twist
 from defaust.sources.source import Box, Region, Source, SourcePose, provenance_texts
 from sshade import InputError, Mesh
-from sshade.files.regions import rigidly_moved, vertices_in
+from sshade.files.vertex_sets import rigidly_moved, vertices_in
 
 #: Approximate number of vertices of the registered meshes, and minimum number of vertices of any mesh.
 LOW, FEWEST = 5000, 1000
@@ -53,7 +53,7 @@ FORMULAS = {
 }
 
 
-class Shape(NamedTuple):
+class GeneratedShape(NamedTuple):
     """A shape and its pose.
 
     Attributes
@@ -108,15 +108,15 @@ def box(**intervals: tuple[float, float]) -> Box:
 
 def upright(
     pose: str, triangulate: Callable[..., Any], motion: Bend | Twist, *, is_known: bool, **sides: Any
-) -> Shape:
+) -> GeneratedShape:
     """Shape along z that is fixed below its motion, and moves above; `sides` bound the moved region."""
     held, moved = box(z=(-FAR, motion.low)), box(z=(motion.high, FAR), **sides)
-    return Shape(pose, triangulate, held=(held,), moved=(moved,), motion=motion, is_known=is_known)
+    return GeneratedShape(pose, triangulate, held=(held,), moved=(moved,), motion=motion, is_known=is_known)
 
 
 OUTSIDE = (-FAR, -BORDER), (BORDER, FAR)
 SHAPES = (
-    Shape(
+    GeneratedShape(
         "lift",
         bumpy_plane,
         held=(*(box(x=side) for side in OUTSIDE), *(box(y=side) for side in OUTSIDE)),

@@ -20,7 +20,7 @@ from eval.rows.store import Row
 from eval.run.recall import load_task
 from sshade.core.errors import InputError
 from sshade.plotting.pictures import View, colour_range
-from sshade.plotting.surface import Shape, packed_view
+from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.task import TransferTask
 
 #: Width of a rendering in pixels.
@@ -28,7 +28,7 @@ PANEL = 360
 
 
 @dataclass
-class Case:
+class ReportCase:
     """A section of the report.
 
     Parameters
@@ -69,7 +69,7 @@ class Case:
 
 def show_case(
     experiment: Experiment, rows: list[Row], *, towards: np.ndarray, up: np.ndarray, turnable: bool
-) -> Case:
+) -> ReportCase:
     """Render a case from its stored runs.
 
     Parameters
@@ -82,7 +82,7 @@ def show_case(
     turnable : bool
         Pack the shapes for the 3D view as well.
     """
-    case = Case(rows)
+    case = ReportCase(rows)
     found = [(row, V) for row in rows if (V := experiment.vertices(row)) is not None]
     absent = [row["method.name"] for row in rows if experiment.folder(row) is None]
     if absent:
@@ -114,15 +114,15 @@ def show_case(
     return case
 
 
-def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[Shape]:
+def _shapes(task: Task, found: list[tuple[Row, np.ndarray]]) -> list[ViewShape]:
     """Return the shapes of a case."""
     counts = f"{task.mesh.n:,} vertices"
-    shapes = [Shape("rest", counts, task.mesh.V)]
+    shapes = [ViewShape("rest", counts, task.mesh.V)]
     if isinstance(task, TransferTask) and task.truth is not None:
-        shapes.append(Shape("truth", "", task.truth))
+        shapes.append(ViewShape("truth", "", task.truth))
     for row, V in found:
         error = error_of(task, V)
-        shapes.append(Shape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
+        shapes.append(ViewShape(row["method.name"], f"mean {error.mean():.2g} %", V, error))
     return shapes
 
 

@@ -6,7 +6,7 @@ import pytest
 from eval.metrics import Deformed, measure
 from eval.metrics.detail import detail
 from eval.metrics.distortion import collapsed, distortion, distortion_max
-from eval.metrics.shape import Shape, Topology, weighted_percentile
+from eval.metrics.shape import MeasuredShape, ShapeTopology, weighted_percentile
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, Handles
@@ -18,8 +18,8 @@ def task(mesh: Mesh) -> DeformationTask:
     return DeformationTask("task", mesh, Handles(index, mesh.V[index], group=np.arange(2)))
 
 
-def shape(V: np.ndarray, F: np.ndarray) -> Shape:
-    return Shape(Topology(F, len(V)), V)
+def shape(V: np.ndarray, F: np.ndarray) -> MeasuredShape:
+    return MeasuredShape(ShapeTopology(F, len(V)), V)
 
 
 def test_zero_area_rest_faces_are_left_out_and_counted():
@@ -107,10 +107,10 @@ def test_a_face_that_loses_its_area_is_infinitely_distorted_and_one_without_is_l
 def test_edges_of_boundaries_of_three_faces_and_of_opposed_winding_have_no_angle():
     mesh = strip(4, 2)
     inner = len(mesh.edges) - len(mesh.boundary_edges)
-    assert Topology(mesh.F, mesh.n).dihedral.shape[1] == inner
-    assert Topology(np.array([[0, 1, 2], [0, 1, 3]]), 5).dihedral.shape[1] == 0
-    assert Topology(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]), 5).dihedral.shape[1] == 0
-    assert Topology(np.array([[0, 1, 2], [1, 0, 3]]), 5).dihedral.shape[1] == 1
+    assert ShapeTopology(mesh.F, mesh.n).dihedral.shape[1] == inner
+    assert ShapeTopology(np.array([[0, 1, 2], [0, 1, 3]]), 5).dihedral.shape[1] == 0
+    assert ShapeTopology(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]), 5).dihedral.shape[1] == 0
+    assert ShapeTopology(np.array([[0, 1, 2], [1, 0, 3]]), 5).dihedral.shape[1] == 1
 
 
 def test_detail_turns_with_the_surface_and_is_lost_where_relief_is_mirrored():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade.blender.rig import STILL, Drag, Group, Rig, rigid
+from sshade.blender.rig import STILL, Drag, Rig, RigGroup, rigid
 from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 from sshade.mesh.mesh import Mesh
@@ -19,8 +19,8 @@ def weights(n, vertices, weight=1.0):
 def rig_of(mesh: Mesh, *, weight=1.0) -> Rig:
     order = np.argsort(mesh.V[:, 2])
     groups = [
-        Group("low", weights(mesh.n, order[:60]), False),
-        Group("high", weights(mesh.n, order[-60:], weight), True),
+        RigGroup("low", weights(mesh.n, order[:60]), False),
+        RigGroup("high", weights(mesh.n, order[-60:], weight), True),
     ]
     return Rig(mesh.V.astype(np.float32), mesh.F, groups)
 
@@ -77,7 +77,7 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
     F = np.arange(3 * mesh.m).reshape(-1, 3)
     low, high = (weights(len(V), np.flatnonzero(mask)) for mask in (V[:, 2] < -1.5, V[:, 2] > 1.5))
     high[-1] = 0
-    rig = Rig(V, F, [Group("low", low, False), Group("high", high, True)])
+    rig = Rig(V, F, [RigGroup("low", low, False), RigGroup("high", high, True)])
     assert rig.mesh.n == mesh.n
     U = rig.deform([STILL, Motion(np.eye(3), np.array([0.5, 0.0, 0.0]))])
     assert np.array_equal(U[-1], V[-1]) and np.abs(U - V).max() > 0.4
@@ -100,14 +100,18 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
 def test_groups_that_cannot_be_handles_are_refused(groups, said):
     mesh = bumpy(2)
     V = np.vstack([mesh.V, [[9.0, 9.0, 9.0]]]).astype(np.float32)
-    made = [Group(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in enumerate(groups)]
+    made = [
+        RigGroup(f"group {k}", weights(len(V), list(own)), moves) for k, (own, moves) in enumerate(groups)
+    ]
     with pytest.raises(InputError, match=said):
         Rig(V, mesh.F, made)
 
 
 def test_a_mesh_without_faces_is_refused():
     with pytest.raises(InputError, match="the mesh has no faces"):
-        Rig(np.zeros((4, 3), dtype=np.float32), np.zeros((0, 3), dtype=int), [Group("a", np.ones(4), True)])
+        Rig(
+            np.zeros((4, 3), dtype=np.float32), np.zeros((0, 3), dtype=int), [RigGroup("a", np.ones(4), True)]
+        )
 
 
 def test_a_drag_comes_near_the_converged_shape_and_can_begin_anew():
@@ -130,9 +134,9 @@ def test_all_components_with_a_moving_handle_follow_and_the_others_follow_at_the
     F, n = np.vstack([mesh.F, mesh.F + mesh.n, mesh.F + 2 * mesh.n]), mesh.n
     top, bottom = np.argsort(mesh.V[:, 2])[-20:], np.argsort(mesh.V[:, 2])[:20]
     groups = [
-        Group("fixed", weights(3 * n, [*bottom, *(bottom + n)]), False),
-        Group("left", weights(3 * n, top), True),
-        Group("right", weights(3 * n, top + n), True),
+        RigGroup("fixed", weights(3 * n, [*bottom, *(bottom + n)]), False),
+        RigGroup("left", weights(3 * n, top), True),
+        RigGroup("right", weights(3 * n, top + n), True),
     ]
     rig = Rig(V, F, groups)
     motions = [STILL, *(Motion(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0, 0, 0.5]))]

@@ -6,7 +6,7 @@ import pytest
 from sshade import Handles, Mesh
 from sshade.cli.main import main
 from sshade.cli.notes import notes
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
 from tests.shapes import beside, bumpy, end_handles
 

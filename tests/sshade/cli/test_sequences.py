@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sshade.cli.main import main
 from sshade.files import atomic, gltf_morph
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import Handles

@@ -14,7 +14,7 @@ import trimesh
 
 import sshade
 from sshade import DeformationTask, Handles, InputError
-from sshade.edit import call
+from sshade.edit import from_python as call
 from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, torn
 from tests.sshade.edit.lent import ask, command, mark, whole
@@ -155,13 +155,11 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
     def act(server):
         mark_and_lift(server)
         said = command(server, "save", {"what": "handles", "name": "mine.json"})
-        assert said["command"] == (
-            f"from sshade.files.handles import read_handles; handles = read_handles({str(saved)!r}, mesh)"
-        )
+        assert said["command"] == (f"import sshade; handles = sshade.read_handles({str(saved)!r}, mesh)")
 
     user(act)
     handles = sshade.edit_handles(BODY)
-    from sshade.files.handles import read_handles
+    from sshade.files.handles_on_mesh import read_handles
 
     read = read_handles("mine.json", BODY)
     assert np.array_equal(read.index, handles.index) and np.array_equal(read.target, handles.target)

@@ -9,8 +9,8 @@ import pytest
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
-from sshade.files.document import moved_reference
-from sshade.files.handles import write_handles
+from sshade.files.handles_on_mesh import write_handles
+from sshade.files.mesh_file import moved_reference
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.files import sample
 from tests.shapes import end_handles, icosphere

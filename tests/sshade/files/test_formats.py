@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from sshade import InputError
-from sshade.files.document import MeshFile
+from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_file, write_file, write_mesh
 from tests.files import sample
 from tests.shapes import icosphere

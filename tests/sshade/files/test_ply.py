@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sshade.files.document import MeshFile
+from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_file, write_file
 from sshade.files.ply import parsed, read_ply
 from tests import write

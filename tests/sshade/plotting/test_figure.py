@@ -12,7 +12,7 @@ import trimesh
 import sshade
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask, plot
 from sshade.files.arrays import Arrays
-from sshade.plotting import surface
+from sshade.plotting import view as surface
 from sshade.plotting.figure import Figure
 from sshade.plotting.pictures import edge_error
 from tests.shapes import bumpy, end_handles, icosphere

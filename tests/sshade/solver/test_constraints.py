@@ -20,8 +20,8 @@ from sshade.solver.constraints import (
     EVERY_OF_BOTH,
     SLENDER,
     SLENDER_AT_REST,
+    ConstrainedSurface,
     Constraints,
-    Surface,
 )
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal, local_global
@@ -64,8 +64,8 @@ def ends(mesh: Mesh, **motion) -> DeformationTask:
 CLOSED = {"bumpy": bumpy(2), "torus": torus(), "double torus": double_torus(), "bar": BAR.mesh}
 
 
-def surface_of(mesh: Mesh) -> Surface:
-    return Surface(mesh, np.arange(mesh.n, dtype=np.int32))
+def surface_of(mesh: Mesh) -> ConstrainedSurface:
+    return ConstrainedSurface(mesh, np.arange(mesh.n, dtype=np.int32))
 
 
 def gradients_of(mesh: Mesh, V: np.ndarray) -> np.ndarray:

@@ -21,10 +21,10 @@ LIMIT, SAMPLES = 28_000, 20_000
 #: Greatest number of handles that are shown.
 HANDLES = 1500
 #: Reduced meshes and the vertices that they keep, so that several views of a mesh reduce it once.
-_REDUCED: WeakKeyDictionary[Mesh, tuple[bytes, Surface]] = WeakKeyDictionary()
+_REDUCED: WeakKeyDictionary[Mesh, tuple[bytes, ViewSurface]] = WeakKeyDictionary()
 
 
-class Shape(NamedTuple):
+class ViewShape(NamedTuple):
     """One shape of a view.
 
     Attributes
@@ -42,7 +42,7 @@ class Shape(NamedTuple):
     values: np.ndarray | None = None
 
 
-class Surface(NamedTuple):
+class ViewSurface(NamedTuple):
     """The part of a mesh that the 3D view shows.
 
     Parameters
@@ -66,7 +66,7 @@ class Surface(NamedTuple):
         return np.where(count > 0, total / np.maximum(count, 1), values[self.samples])
 
 
-def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> Surface:
+def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> ViewSurface:
     """Return the mesh, or above `limit` vertices a coarser surface of about `samples` vertices.
 
     The coarser surface is a proxy, whose vertices include `keep`. For a mesh that is not manifold or has
@@ -74,7 +74,7 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
     vertices of the mesh, and move with a deformation of the mesh.
     """
     if mesh.n <= limit:
-        return Surface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
+        return ViewSurface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
     key = np.array([limit, samples, *keep]).tobytes()
     found = _REDUCED.get(mesh)
     if found is None or found[0] != key:  # another thread may replace it at any time
@@ -82,19 +82,19 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
     return found[1]
 
 
-def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> Surface:
+def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
     try:
         coarse = sample_proxy(mesh, max(samples, len(keep)), first=keep)
-        return Surface(coarse.samples, coarse.faces, coarse.cell)
+        return ViewSurface(coarse.samples, coarse.faces, coarse.cell)
     except InputError:
         few = cluster_vertices(mesh, samples)
         beside = np.setdiff1d(keep, few.vertices)
-        return Surface(np.concatenate([few.vertices, beside]), few.faces, few.cell)
+        return ViewSurface(np.concatenate([few.vertices, beside]), few.faces, few.cell)
 
 
 def packed_view(
     mesh: Mesh,
-    shapes: Sequence[Shape],
+    shapes: Sequence[ViewShape],
     *,
     handles: Handles | None,
     bottom: float = 0.0,
@@ -109,7 +109,7 @@ def packed_view(
     ----------
     mesh : Mesh
         Of a diagonal above 0.
-    shapes : sequence of Shape
+    shapes : sequence of ViewShape
     handles : Handles, optional
         At most :data:`HANDLES` of them are shown.
     bottom, top : float

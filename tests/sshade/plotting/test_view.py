@@ -10,8 +10,8 @@ import pytest
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.mesh import Mesh
 from sshade.plotting import COLOURS, ramp
-from sshade.plotting import surface as module
-from sshade.plotting.surface import Shape, pack, packed_view, surface
+from sshade.plotting import view as module
+from sshade.plotting.view import ViewShape, pack, packed_view, surface
 from sshade.problem.handles import Handles
 from tests.shapes import beside, bumpy, shifted
 
@@ -94,7 +94,7 @@ def test_a_view_does_not_depend_on_unit_and_place_and_says_what_is_left_out(monk
     for scale, place in ((1.0, 0.0), (2.0**-70, 2.0**-40), (2.0**90, 0.0)):
         rest = Mesh(scale * mesh.V + place, mesh.F)
         moved = Handles(handles.index, scale * handles.target + place, dynamic=handles.dynamic)
-        views.append(packed_view(rest, [Shape("rest", "", rest.V)], handles=moved, label="x"))
+        views.append(packed_view(rest, [ViewShape("rest", "", rest.V)], handles=moved, label="x"))
     first = views[0]
     assert first["note"] == "20 of 50 handles are shown."
     assert len(first["handles"]) == len(first["dynamic"]) == len(first["targets"]) == 20

@@ -18,7 +18,7 @@ from sshade.files.implicit_arap import implicit_arap_frame
 from sshade.files.keys import require_known
 from sshade.files.meshes import read_file
 from sshade.files.points import columns, packed
-from sshade.files.regions import vertices_in
+from sshade.files.vertex_sets import vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.weld import NEAR
 from sshade.problem.handle_checks import SAME_TARGET
