@@ -10,8 +10,9 @@ import numpy as np
 from defaust.build.options import BuildOptions
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
-from sshade.files.vertex_sets import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.rigid import rigidly_moved
+from sshade.problem.snapping import vertices_in
 
 STATIC, DYNAMIC, UNUSED = "static", "dynamic", "unused"
 

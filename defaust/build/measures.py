@@ -15,9 +15,9 @@ import numpy as np
 
 from defaust.build.handles import DYNAMIC, STATIC
 from sshade import Mesh
-from sshade.files.vertex_sets import rigidly_moved, vertices_in
 from sshade.mesh.adjacency import VertexGraph, edge_graph
-from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.rigid import rigid_motion, rigidly_moved
+from sshade.problem.snapping import vertices_in
 from sshade.proxy.fronts import Fronts
 
 #: Radius of the surroundings of a landmark along the edges, as a fraction of the square root of the area:

@@ -15,7 +15,8 @@ from defaust.folder.record import POSE, read_dataset, read_json, read_record
 from sshade import InputError, Mesh
 from sshade.core.progress import Progress, silent
 from sshade.files.meshes import read_mesh
-from sshade.files.vertex_sets import rigidly_moved, vertices_in
+from sshade.mesh.rigid import rigidly_moved
+from sshade.problem.snapping import vertices_in
 
 #: Accepted error of a listed displacement, as a fraction of the diagonal times the number of handles.
 SAME = 1e-12

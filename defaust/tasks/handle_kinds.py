@@ -8,9 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from sshade import Handles, InputError, Mesh
-from sshade.files.vertex_sets import rigidly_moved
 from sshade.mesh.adjacency import edge_graph
-from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.rigid import rigid_motion, rigidly_moved
 from sshade.proxy.fronts import Fronts, thinned
 
 Kind = Literal["stored", "points", "landmarks", "regions"]

@@ -13,7 +13,7 @@ import numpy as np
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.keys import read_option_file, require_known
+from sshade.files.handwritten import read_option_file, require_known
 from sshade.files.mesh_file import SUFFIXES, MeshFile, listed
 from sshade.mesh.weld import NEAR, check_weld
 from sshade.problem.options import described, help_text, require_method

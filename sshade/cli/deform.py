@@ -66,7 +66,6 @@ from sshade.cli.arguments import (
     check_outputs,
     open_mesh,
 )
-from sshade.cli.notes import announced_warnings, notes, unused_options
 from sshade.cli.sequence import (
     add_fps,
     deform_poses,
@@ -145,7 +144,15 @@ def _deform(
     companions: list[Path],
 ) -> int:
     """Read the mesh, deform it, and write the output."""
-    from sshade.cli.accuracy import reached, rounding_notes, stored_positions, warnings_of
+    from sshade.cli.notes import (
+        announced_warnings,
+        notes,
+        reached,
+        rounding_notes,
+        stored_positions,
+        unused_options,
+        warnings_of,
+    )
     from sshade.files.handles_on_mesh import handle_notes, on_shape
     from sshade.files.meshes import write_file
     from sshade.method.deform import deform_task

@@ -97,7 +97,7 @@ def write_poses(
     seen : Seen
         Called for each pose that is written.
     """
-    from sshade.cli.accuracy import stored_positions
+    from sshade.cli.notes import stored_positions
     from sshade.files.gltf_morph import write_morphs
     from sshade.files.meshes import write_file
     from sshade.mesh.surface import as_single
@@ -176,8 +176,14 @@ def _deform(
     inputs: list[Path],
 ) -> int:
     """Read the mesh, deform it for all poses, and write the output."""
-    from sshade.cli.accuracy import reached, rounding_notes, warnings_of
-    from sshade.cli.notes import announced_warnings, notes, unused_options
+    from sshade.cli.notes import (
+        announced_warnings,
+        notes,
+        reached,
+        rounding_notes,
+        unused_options,
+        warnings_of,
+    )
     from sshade.files.handles_on_mesh import handle_notes
     from sshade.method.dense_handles import are_dense
     from sshade.method.sequence import Sequence

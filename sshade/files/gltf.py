@@ -34,7 +34,7 @@ from sshade.files.gltf_scene import (
     require_plain,
     triangles_of,
 )
-from sshade.files.keys import decoded
+from sshade.files.handwritten import decoded
 from sshade.files.mesh_file import MeshFile, as_floats, moved_reference, present
 from sshade.files.normals import vertex_turns
 from sshade.mesh.mesh import unit_rows

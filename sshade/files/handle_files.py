@@ -26,7 +26,7 @@ skipped). Without a ``kind``, an entry with a motion is moved. A motion is given
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
-(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.points`.
+(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.handwritten`.
 
 ``landmark``, ``static`` and ``dynamic`` are other words for ``name``, ``fixed`` and ``moved``. Unknown keys
 are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
@@ -45,11 +45,18 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
+from sshade.files.handwritten import (
+    LONGEST,
+    as_array,
+    as_boxes,
+    as_ids,
+    as_points,
+    parsed_list,
+    require_known,
+)
 from sshade.files.implicit_arap import read_implicit_arap
-from sshade.files.keys import LONGEST, parsed_list, require_known
 from sshade.files.mesh_file import check_input
-from sshade.files.points import as_array, as_boxes, as_ids, as_points
-from sshade.files.vertex_sets import RigidMotion
+from sshade.mesh.rigid import RigidMotion
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
 
 #: Suffixes of handle files.

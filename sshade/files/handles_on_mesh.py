@@ -14,16 +14,14 @@ from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.door import OpenShape, open_shape
 from sshade.files.handle_files import FILE_RECORDS, HandleFile, HandleGroup, read_handle_file
+from sshade.files.handwritten import packed, require_known
 from sshade.files.implicit_arap import implicit_arap_frame
-from sshade.files.keys import require_known
 from sshade.files.meshes import read_file
-from sshade.files.points import columns, packed
-from sshade.files.vertex_sets import vertices_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.weld import NEAR
 from sshade.problem.handle_checks import SAME_TARGET
 from sshade.problem.handles import Handles
-from sshade.problem.snapping import snap_to_vertices
+from sshade.problem.snapping import snap_to_vertices, vertices_in
 from sshade.problem.task import DeformationTask
 
 #: Rotation of handles without a prescribed one.
@@ -92,10 +90,10 @@ def on_mesh(
         rows[by_position].append((place, target, distance, *values, rotation))
     parts = []
     if rows[0]:
-        at, target, snap, dynamic, group, weight, R = columns(rows[0])
+        at, target, snap, dynamic, group, weight, R = _columns(rows[0])
         parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, extent=extent))
     if rows[1]:
-        at, target, _, dynamic, group, weight, R = columns(rows[1])
+        at, target, _, dynamic, group, weight, R = _columns(rows[1])
         if file.implicit_arap:
             to_mesh = implicit_arap_frame(at, mesh)
             at, target = to_mesh(at), to_mesh(target)
@@ -246,6 +244,11 @@ def _lines(texts: Mapping[str, str], indent: str) -> str:
     """Return the text of a JSON object with a line for each key."""
     lines = ",\n".join(f"{indent} {json.dumps(key)}: {text}" for key, text in texts.items())
     return f"{{\n{lines}\n{indent}}}"
+
+
+def _columns(rows: list[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+    """Concatenate the first entries of all rows, the second entries, and so on."""
+    return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
 
 def _placed(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,8 +9,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
-from sshade.files.keys import decoded, parsed_yaml, require_known
-from sshade.files.points import as_points
+from sshade.files.handwritten import as_points, decoded, parsed_yaml, require_known
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh

@@ -1,14 +1,19 @@
-"""The rigid motion that fits one set of points to another (Kabsch)."""
+"""Rigid motions of points, and the motion that fits one set of points to another (Kabsch)."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 #: Largest distance of a point from its target under a common motion, as a fraction of the points' extent.
 ROUNDING = 1e-6
 #: Least ratio of the second to the first singular value of points that determine a rotation. Points nearly in
 #: a line have a smaller ratio and leave the rotation about the line open.
 SPREAD = 0.1
+#: Greatest difference of a matrix from the identity that counts as no rotation.
+IDENTITY = 1e-12
 
 
 def common_motion(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -70,3 +75,46 @@ def rigid_motion(
     else:
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     return R, ct - R @ cs
+
+
+class RigidMotion(NamedTuple):
+    """Rigid motion of a group: points p move to ``R (p - c) + c + t``.
+
+    Attributes
+    ----------
+    rotation : (3, 3) float64
+        R.
+    translation : (3,) float64
+        t.
+    center : (3,) float64 or "centroid", optional
+        c, or the mean of the points. None stands for the origin.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    center: np.ndarray | str | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the rotation differs from the identity."""
+        return bool(np.abs(self.rotation - np.eye(3)).max() > IDENTITY)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Move points (k, 3)."""
+        if self.center is None or not self.turns:  # a translation is exact
+            return rigidly_moved(points, self.rotation, self.translation)
+        center = points.mean(axis=0) if isinstance(self.center, str) else self.center
+        return rigidly_moved(points - center, self.rotation, center + self.translation)
+
+
+def rigidly_moved(points: np.ndarray, rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:
+    """Compute R p + t for each point. The result for a point has the same bits among any other points.
+
+    Parameters
+    ----------
+    points : (k, 3) float64
+    rotation : (3, 3) float64
+    translation : (3,) float64
+    """
+    columns = np.asarray(rotation, dtype=np.float64).T
+    return points[:, :1] * columns[0] + points[:, 1:2] * columns[1] + points[:, 2:] * columns[2] + translation

@@ -1,10 +1,11 @@
-"""Snap positions to the nearest vertices of a mesh, and explain positions that are too far away."""
+"""Find the vertices in boxes, snap positions to the nearest vertices, and explain positions too far away."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sshade.core.errors import InputError
 from sshade.core.threads import in_ranges
@@ -27,6 +28,33 @@ LARGE = 100_000
 #: Step between the vertices that give a first estimate of the distances, and number of grid cells along the
 #: longest side of the bounding box.
 STRIDE, CELLS = 64, 64
+
+
+def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
+    """Find the vertices in some axis-aligned boxes. The sides belong to the boxes.
+
+    Parameters
+    ----------
+    V : (n, 3) float64
+    boxes : (b, 2, 3) float64
+        Lowest and highest corner of each box.
+
+    Returns
+    -------
+    (k,) int64, ascending
+
+    Raises
+    ------
+    InputError
+        When no vertex lies in the boxes.
+    """
+    inside = np.zeros(len(V), dtype=bool)
+    for low, high in np.asarray(boxes, dtype=np.float64):
+        x, y, z = ((a <= v) & (v <= b) for a, v, b in zip(low, V.T, high, strict=True))
+        inside |= x & y & z
+    if not inside.any():
+        raise InputError("no vertex lies in its boxes")
+    return np.flatnonzero(inside)
 
 
 def snap_to_vertices(

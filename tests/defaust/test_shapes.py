@@ -17,7 +17,7 @@ from defaust.sources.generated import cactus
 from defaust.sources.generated.shapes import BENT, SHAPES, TWISTED, Shapes
 from defaust.tasks import load_task
 from sshade import InputError, Mesh
-from sshade.files.vertex_sets import vertices_in
+from sshade.problem.snapping import vertices_in
 from tests.defaust.toy import change, change_handles
 from tests.files import contents
 

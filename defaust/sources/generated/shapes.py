@@ -23,7 +23,8 @@ from defaust.sources.generated.cactus import BLEND, CAPSULES, cactus
 from defaust.sources.generated.motions import Bend, Lift, Twist
 from defaust.sources.source import Box, Region, Source, SourcePose, provenance_texts
 from sshade import InputError, Mesh
-from sshade.files.vertex_sets import rigidly_moved, vertices_in
+from sshade.mesh.rigid import rigidly_moved
+from sshade.problem.snapping import vertices_in
 
 #: Approximate number of vertices of the registered meshes, and minimum number of vertices of any mesh.
 LOW, FEWEST = 5000, 1000
