@@ -25,7 +25,6 @@ COMMANDS = {
     "report": ("eval.publish.report.page", "write one HTML page with tables, charts and a 3D view"),
     "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
     "remeasure": ("eval.run.remeasure", "measure finished runs again from their stored vertices"),
-    "compare": ("eval.rows.compare", "compare two sets of rows"),
     "check": ("eval.rows.bands", "check rows against committed bands of quality"),
     "verify": ("eval.publish.verify", "print the paper's numbers beside yours on FAUST or TOSCA"),
     "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),

@@ -120,7 +120,7 @@ check() {
     # shellcheck disable=SC2086
     sweep slurm $slurm
     echo "== the same rows"
-    "$PYTHON" -m eval compare "$OUT"/basic/* "$OUT"/slurm/*
+    "$PYTHON" "$(dirname "$0")/same_rows.py" "$OUT"/basic/* "$OUT"/slurm/*
 }
 
 case ${1:-} in
