@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from sshade.core.progress import Progress, silent
-from sshade.method.pieces import in_pieces
+from sshade.method.pieces import Pieces, both
 from sshade.problem.options import SOLVER, Energy, Options, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.local_global import local_global
@@ -51,9 +51,14 @@ def accelerated_elastic(
 
 
 def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **options: Any) -> DeformationResult:
-    def deform(task: DeformationTask, *, progress: Progress, **of_proxy: Any) -> DeformationResult:
+    if not (options.get("volume") or options.get("area") or task.carry_unconstrained):
         return local_global(task, energy=energy, progress=progress, **options)
-
-    if options.get("volume") or options.get("area") or task.carry_unconstrained:
-        return in_pieces(task, deform, Options(vertices=task.mesh.n), progress=progress)
-    return deform(task, progress=progress)
+    pieces = Pieces(task, Options(vertices=task.mesh.n), progress)
+    for piece in pieces.in_order():
+        with piece.named():
+            result = local_global(piece.task, energy=energy, progress=piece.progress, **options)
+            if (again := pieces.again(piece, result)) is not None:
+                further = local_global(again.task, energy=energy, progress=again.progress, **options)
+                result = both(result, further)
+        pieces.put(piece, result)
+    return pieces.together()

@@ -60,8 +60,6 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
         The error of the first chunk that failed; see :class:`ThreadTeam`.
     """
     workers = number_of_workers(workers, default=2 * available_cpus())
-    if count == 1:
-        return [chunk(0)]
     with ThreadTeam(max(1, min(workers, count))) as team:
         return team(chunk, count)
 

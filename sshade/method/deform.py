@@ -110,13 +110,11 @@ def deform_piece(
     options = options_of_piece(piece, method, values)
     if task.handles.hard.sum() == task.mesh.n:
         result = all_on_targets(task)
+    elif options.polish:
+        with Polish(task, options, progress) as polish:  # its solver is set up beside the proxies
+            result = polish.solve(through_proxies(task, options.of_proxy(), make_proxies, progress))
     else:
-        proxies = make_proxies(task.mesh, task.handles, options.of_proxy(), name=task.name)
-        if options.polish:
-            with Polish(task, options, progress) as polish:  # its solver is set up beside the proxies
-                result = polish.solve(proxies.deform(task.handles, guess=task.guess, progress=progress))
-        else:
-            result = proxies.deform(task.handles, guess=task.guess, progress=progress)
+        result = through_proxies(task, options, make_proxies, progress)
     totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
     extra = {**result.extra, "options": as_row(totals, method)}
     if options.volume_goal is not None:
@@ -124,6 +122,14 @@ def deform_piece(
         if options.volume == inf:
             warn_of_missed(extra["volume_goal_error"])
     return replace(result, extra=extra)
+
+
+def through_proxies(
+    task: DeformationTask, options: Options, make_proxies: Callable[..., Proxies], progress: Progress
+) -> DeformationResult:
+    """Sample, bind, solve, carry and average; the memory of the proxies is freed before the polish."""
+    proxies = make_proxies(task.mesh, task.handles, options, name=task.name)
+    return proxies.deform(task.handles, guess=task.guess, progress=progress)
 
 
 def options_of_piece(piece: Piece, method: str, values: Mapping[str, Any]) -> Options:

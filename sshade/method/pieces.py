@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -196,29 +196,6 @@ class Pieces:
         facts |= {name: gap / self._mesh.diagonal for name, gap in gaps.items()}
         joint = joined(V, results or [DeformationResult(V, 0, True, {}, NO_PROXY)], OF_PIECES)
         return replace(joint, seconds={**parts.seconds, **joint.seconds}, extra={**joint.extra, **facts})
-
-
-def in_pieces(
-    task: DeformationTask, deform: Callable[..., DeformationResult], options: Options, *, progress: Progress
-) -> DeformationResult:
-    """Extend a method for connected, oriented manifolds to all meshes.
-
-    Parameters
-    ----------
-    task : DeformationTask
-    deform : callable
-        ``deform(task, progress=, **changes)``, with some options changed.
-    options, progress
-        See :class:`Pieces`.
-    """
-    pieces = Pieces(task, options, progress)
-    for piece in pieces.in_order():
-        with piece.named():
-            result = deform(piece.task, progress=piece.progress, **piece.changes)
-            if (again := pieces.again(piece, result)) is not None:
-                result = both(result, deform(again.task, progress=again.progress, **again.changes))
-        pieces.put(piece, result)
-    return pieces.together()
 
 
 def both(first: DeformationResult, again: DeformationResult) -> DeformationResult:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.memory import give_back
 from sshade.core.progress import Progress, renamed
 from sshade.core.threads import available_cpus
 from sshade.mesh.adjacency import vertex_graph
@@ -47,6 +48,7 @@ class Polish:
 
     def __enter__(self) -> Polish:
         bind = partial(bind_task, factorised=False, exact_steps=0)
+        give_back()  # frees memory of earlier work before the stage that needs most
         self._pool = ThreadPoolExecutor(max_workers=1)
         self._ready = self._pool.submit(bind, self._task, self._options)
         return self
@@ -74,6 +76,7 @@ class Polish:
         energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
         start = [proxy.vertices]
         proxy = replace(proxy, vertices=np.empty((0, 3)))
+        give_back()
         solution = solver.solve(
             targets,
             start=start.pop(),  # so that the solver can free it

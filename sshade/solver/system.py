@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.core.errors import InputError
+from sshade.core.memory import give_back
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
@@ -273,6 +274,7 @@ class System:
             multigrid = Multigrid(self.metric(weighted), fixed, degree=degree, team=team)
         except FloatingPointError as error:
             raise not_positive_definite() from error
+        give_back()
         if self.exact_steps:
             return ConjugateGradients(multigrid, self.fixed, steps=self.exact_steps)
         return VCycle(multigrid, self.fixed)

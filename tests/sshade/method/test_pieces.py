@@ -14,7 +14,7 @@ from scipy.spatial.distance import pdist
 from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.core.progress import silent
-from sshade.method.pieces import in_pieces
+from sshade.method.pieces import Pieces, both
 from sshade.problem.options import Options
 from tests.shapes import (
     QUARTER,
@@ -33,6 +33,17 @@ from tests.sshade.method.calls import fast, fine, paper
 
 BODY = bumpy(2)
 METHOD = partial(paper, samplings=2)
+
+
+def in_pieces(task, deform, options, *, progress) -> DeformationResult:
+    """Deform piece by piece, as the methods do."""
+    pieces = Pieces(task, options, progress)
+    for piece in pieces.in_order():
+        result = deform(piece.task, progress=piece.progress, **piece.changes)
+        if (again := pieces.again(piece, result)) is not None:
+            result = both(result, deform(again.task, progress=again.progress, **again.changes))
+        pieces.put(piece, result)
+    return pieces.together()
 
 
 def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> DeformationResult:
