@@ -1,1 +1,1 @@
-"""What all packages share and what knows no geometry: errors, progress, threads, kernels, the console."""
+"""Errors, progress, threads, kernels and the console: all packages use them, and they know no geometry."""

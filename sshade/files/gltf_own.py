@@ -35,7 +35,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
     -------
     gltf : Gltf
     notes : tuple of str
-        What was rewritten, for the user.
+        Notes for the user on rewritten contents.
     """
     gltf = gltf._replace(tree=copy.deepcopy(gltf.tree))
     tree = gltf.tree

@@ -56,7 +56,7 @@ def decoded(content: bytes) -> str:
     Raises
     ------
     InputError
-        When the bytes are text in none of these encodings.
+        When the bytes are no text in these encodings.
     """
     try:
         return content.decode(json.detect_encoding(content))

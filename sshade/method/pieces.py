@@ -1,7 +1,7 @@
 """The pieces of a mesh of several components, or that is not manifold.
 
 The engine needs a connected, oriented manifold. Other meshes are cut into an oriented manifold
-(:mod:`sshade.mesh.cutting`). Vertices of which cutting made copies are placed first, by one coarse solve of
+(:mod:`sshade.mesh.cutting`). Vertices that cutting has copied are placed first, by one coarse solve of
 all components that have such vertices (:mod:`sshade.method.junctions`). The components are then deformed
 one after another, with their copies fixed there, so that they fit together again. A component without
 handles that is joined to no other is unconstrained: a task refuses it, or lets it follow the nearest
@@ -75,7 +75,7 @@ class Piece:
 class Pieces:
     """The pieces of a task's mesh, and their results.
 
-    A connected, oriented manifold is its own piece; other meshes are cut. A component whose hard handles
+    A connected, oriented manifold is one piece; other meshes are cut. A component whose hard handles
     share one rigid motion moves with them, without a proxy, unless it is joined to another component.
     Unconstrained components follow the nearest component: see
     :func:`sshade.mesh.unconstrained.move_rigidly`.
@@ -86,7 +86,7 @@ class Pieces:
     options : Options
         `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
         vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
-        :func:`sshade.proxy.sample.proxy_vertices`. The other components get the rest of its portion. Both
+        :func:`sshade.proxy.sample.proxy_vertices`. Other components get the rest of its portion. Both
         sides of a one-sided surface count.
     progress : Progress
 
@@ -130,7 +130,7 @@ class Pieces:
         self._parts.place_junctions(self._order, progress)
 
     def in_order(self) -> Iterator[Piece]:
-        """Yield the pieces; :meth:`put` must take the result of a piece before the next one is made.
+        """Yield the pieces; :meth:`put` takes each result before the next piece is made.
 
         Pieces with handles come first, then pieces that are joined to earlier pieces.
         """

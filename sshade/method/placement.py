@@ -1,4 +1,4 @@
-"""Where the handles of M are on a proxy N: at samples of their own, or at the nearest samples."""
+"""Where the handles of M are on a proxy N: at samples, or at the nearest samples."""
 
 from __future__ import annotations
 

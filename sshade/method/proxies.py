@@ -35,7 +35,7 @@ class Proxies:
     options : Options
     keep : bool
         Bind M to its proxies now and keep them: each deformation then starts from the last one. Otherwise
-        each deformation makes proxies of its own.
+        each deformation makes new proxies.
     name : str
         Of the task.
     progress : Progress

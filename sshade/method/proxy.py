@@ -35,7 +35,7 @@ MET = 1e-5
 
 
 class Shared:
-    """What all proxies of a connected, oriented manifold M share.
+    """The data that all proxies of a connected, oriented manifold M share.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Proxy:
     Parameters
     ----------
     shared : Shared
-        M, and what its proxies share.
+        M, and the data that its proxies share.
     options : Options
     number : int
         Number of the sampling; with the seed it chooses the samples.
@@ -160,7 +160,7 @@ class Proxy:
                 self._binding = binding.result()
 
     def _bind(self) -> Binding:
-        """Find where the vertices of M lie on N, and what :class:`HandleRegions` needs of M at rest."""
+        """Find where the vertices of M lie on N, and prepare the :class:`HandleRegions` of M."""
         shared = self._shared
         binding = bind_proxy(shared.mesh, self.sampling, frames=shared.frames, projection=shared.projection)
         shared.regions.prepare()
