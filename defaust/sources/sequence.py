@@ -61,8 +61,8 @@ class _Class:
             whole = cleaned(V, F)
             single = without_duplicates(whole.mesh)
             count = {
-                "unused_vertices": whole.facts["unused"],
-                "faces_that_repeat_a_vertex": whole.facts["collapsed"],
+                "unused_vertices": whole.facts.unused,
+                "faces_that_repeat_a_vertex": whole.facts.collapsed,
                 "duplicate_faces": whole.mesh.m - single.m,
             }
             dropped = {name: number for name, number in count.items() if number}

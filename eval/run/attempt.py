@@ -32,6 +32,7 @@ from eval.run.targets import code_of, flat, instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.core.console import Ended, arrived_in, missing_library
 from sshade.core.progress import Progress, silent
+from sshade.problem.facts import Facts
 from sshade.problem.task import DeformationResult, result_of
 
 log = logging.getLogger(__name__)
@@ -324,10 +325,11 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
         "env.cores_used": round(cpu / seconds, 3),
     }
     row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
-    row |= {f"extra.{name}": _plain(value) for name, value in result.extra.items() if is_scalar(value)}
+    found = {**(vars(result.facts) if result.facts != Facts() else {}), **result.extra}
+    row |= {f"extra.{name}": _plain(value) for name, value in found.items() if is_scalar(value)}
     if "peak_mib" in result.extra:  # a method that runs a program measures the memory of the program
         row["peak_mib"] = row.pop("extra.peak_mib")
-    row |= flat(result.extra.get("options", {}), "method")
+    row |= flat(found.get("options", {}), "method")
     row.pop("method.seed", None)  # the row has a column `seed`
     return row
 

@@ -176,30 +176,28 @@ def _deform(
     stored = stored_positions(options.output, file, placed)
     rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
     reach, error = reached(stored, shape.surface, handles)
-    samplings = result.extra.get("samplings", 1)
+    samplings, size = result.facts.samplings, result.facts.proxy_vertices
     proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
-    size = result.extra["proxy_vertices"]
     proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
     say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
     exact = options.method != "paper"
     for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
         say(f"warning: {warning}")
     rounded = rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal)
-    facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
-    facts["snap"] = float(handles.snap_distance.max())
-    facts["dense"] = options.method != "interpolate" and are_dense(task)
+    snap = float(handles.snap_distance.max())
+    dense = options.method != "interpolate" and are_dense(task)
     for note in [
         *rounded,
         *unused_options(options, options.handles, given),
         *handle_notes(given, handles, mesh),
         *_at_rest(task, resolved),
-        *notes({**result.extra, **shape.surface.facts, **facts}),
+        *notes(result.facts, shape.surface, asked=resolved.vertices, snap=snap, dense=dense),
     ]:
         say(f"note: {note}")
     if result.converged is False:
         say(
             f"note: the iterations did not converge: they stopped after {result.iterations:.0f} on average, "
-            f"with a residual of {result.extra['residual']:.1e}"
+            f"with a residual of {result.facts.residual:.1e}"
         )
     return 0
 

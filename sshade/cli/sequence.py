@@ -226,18 +226,22 @@ def _deform(
         max(errors), rounding=rounding / mesh.diagonal, exact=options.method != "paper"
     ):
         say(f"warning: {warning}")
-    facts = {"asked": resolved.vertices, "diagonal": mesh.diagonal}
-    facts["snap"] = max(float(handles.snap_distance.max()) for handles in poses)
-    facts["dense"] = options.method != "interpolate" and are_dense(task)
-    for name in ("gap", "side_gap", "opening"):
-        facts[name] = max(result.extra.get(name, 0.0) for result in results)
+    snap = max(float(handles.snap_distance.max()) for handles in poses)
+    dense = options.method != "interpolate" and are_dense(task)
+    found = [result.facts for result in results]
+    facts = replace(
+        found[0],
+        gap=max(one.gap for one in found),
+        side_gap=max(one.side_gap for one in found),
+        opening=max(one.opening for one in found),
+    )
     for note in [
         *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal),
         *handle_notes(files[0], poses[0], mesh),
-        *notes({**results[0].extra, **shape.surface.facts, **facts}),
+        *notes(facts, shape.surface, asked=resolved.vertices, snap=snap, dense=dense),
     ]:
         say(f"note: {note}")
-    if alone := sum(not result.extra["followed"] for result in results[1:]):
+    if alone := sum(not one.followed for one in found[1:]):
         far = "is far from the pose before, and started as a single run does"
         far = far if alone == 1 else "are far from the poses before, and started as single runs do"
         say(f"note: {_poses(alone)} {far}")

@@ -54,7 +54,7 @@ class OpenShape:
     @property
     def extent(self) -> float:
         """The `extent` of :class:`sshade.Handles`: targets of copies of a vertex may differ as they do."""
-        apart = 2 * np.sqrt(3) * self.surface.facts["tolerance"]  # of two copies, along all axes
+        apart = 2 * np.sqrt(3) * self.surface.facts.tolerance  # of two copies, along all axes
         return self.mesh.diagonal * max(1.0, apart / SAME_TARGET)
 
     def on_surface(self, handles: Handles) -> Handles:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,30 @@ STEPS = 2
 HEAD = 64
 
 
+@dataclass(frozen=True)
+class SurfaceFacts:
+    """What had to be done to get a surface.
+
+    Attributes
+    ----------
+    unused : int
+        Vertices that no face uses.
+    doubled, near : int
+        Vertices merged with another at exactly their place, or near it.
+    collapsed, duplicates : int
+        Faces that repeat a vertex; of a repair, faces there twice.
+    tolerance : float
+        Largest distance of a copy of a vertex from its place, as a fraction of the diagonal.
+    """
+
+    unused: int = 0
+    doubled: int = 0
+    near: int = 0
+    collapsed: int = 0
+    duplicates: int = 0
+    tolerance: float = 0.0
+
+
 class Surface(NamedTuple):
     """A mesh, and how it relates to the vertices and faces that it was made from.
 
@@ -27,16 +52,12 @@ class Surface(NamedTuple):
     mesh : Mesh
     vertex : (n,) int64
         Vertex of `mesh` for each original vertex; -1 where it has none.
-    facts : mapping
-        Counts: vertices that no face uses (``unused``), vertices merged with another at exactly their place
-        (``doubled``) or near it (``near``), faces that repeat a vertex (``collapsed``), and, of a repair,
-        faces there twice (``duplicates``). ``tolerance`` is the largest distance of a copy from its place, as
-        a fraction of the diagonal.
+    facts : SurfaceFacts
     """
 
     mesh: Mesh
     vertex: np.ndarray
-    facts: dict[str, float]
+    facts: SurfaceFacts
 
     def placed(self, V: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Return the original vertices V (n, 3), with the vertices of the mesh placed at `moved` (k, 3).
@@ -126,7 +147,7 @@ def surface(
         if rounding is None:
             rounding = single_steps(whole.mesh.V) if is_single(whole.mesh.V) else np.zeros(3)
         tolerance = np.maximum(weld * whole.mesh.diagonal, STEPS * rounding)
-    facts = {**whole.facts, "tolerance": tolerance.max() / whole.mesh.diagonal}
+    facts = replace(whole.facts, tolerance=float(tolerance.max()) / whole.mesh.diagonal)
     result = whole._replace(facts=facts)
     if repair:
         result = _welded(result, tolerance)
@@ -138,7 +159,7 @@ def surface(
         there = result.vertex >= 0
         near = int((result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum())
         doubled = int(there.sum()) - result.mesh.n - near
-    return result._replace(facts={**result.facts, "near": near, "doubled": doubled})
+    return result._replace(facts=replace(result.facts, near=near, doubled=doubled))
 
 
 def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
@@ -152,8 +173,8 @@ def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
         )
     welded = whole.merged(first)
     once = without_duplicates(welded.mesh)
-    collapsed = whole.facts["collapsed"] + whole.mesh.m - welded.mesh.m
-    facts = {**whole.facts, "collapsed": collapsed, "duplicates": welded.mesh.m - once.m}
+    collapsed = whole.facts.collapsed + whole.mesh.m - welded.mesh.m
+    facts = replace(whole.facts, collapsed=collapsed, duplicates=welded.mesh.m - once.m)
     return welded._replace(mesh=once, facts=facts)
 
 
@@ -194,7 +215,7 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     if (V[F[0]] == V[F[0, 0]]).all() and (V[F] == V[F[:, :1]]).all():
         raise InputError(f"all {len(F)} faces are points; there is no surface to deform")
     vertex = np.arange(len(V))
-    facts: dict[str, float] = {"unused": int((~used).sum()), "collapsed": int(repeating)}
+    facts = SurfaceFacts(unused=int((~used).sum()), collapsed=int(repeating))
     if not used.all():
         vertex = np.where(used, np.cumsum(used) - 1, -1)
         V, F = V[used], vertex[F]

@@ -97,13 +97,8 @@ def deform(
     -------
     (n, 3) float64, mesh or DeformationResult
         ``seconds`` of a result are summed over samplings, which overlap in time, as do ``bind`` and
-        ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``extra`` has the
-        resolved ``options``, the ``samples`` of each proxy, the ``faces_without_area`` of the mesh, the
-        largest ``residual``, the largest distance of a hard handle from its target as a fraction of the
-        diagonal (``hard_handle_error``), the largest relative error of the volume goal
-        (``volume_goal_error``), the number of ``degenerate_frames``, and facts of the proxies:
-        ``proxy_energy``, ``proxy_volume_error`` and others. Facts of several components: see
-        :func:`sshade.method.pieces.Pieces.together`.
+        ``solve``. ``iterations`` is the mean over samplings, or the number in the polish. ``facts``:
+        see :class:`sshade.problem.facts.Facts`.
 
     Raises
     ------

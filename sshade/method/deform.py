@@ -84,8 +84,8 @@ def deform_task(
                 result = both(result, deform_piece(again, method, values, whole, make_proxies))
         pieces.put(piece, result)
     result = pieces.together()
-    facts = {"options": as_row(whole, method), "hard_handle_error": _hard_error(task, result.vertices)}
-    return replace(result, extra={**facts, **result.extra})
+    facts = replace(result.facts, hard_handle_error=_hard_error(task, result.vertices))
+    return replace(result, facts=replace(facts, options=facts.options or as_row(whole, method)))
 
 
 def deform_piece(
@@ -116,12 +116,13 @@ def deform_piece(
     else:
         result = through_proxies(task, options, make_proxies, progress)
     totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
-    extra = {**result.extra, "options": as_row(totals, method)}
+    facts = replace(result.facts, options=as_row(totals, method))
     if options.volume_goal is not None:
-        extra["volume_goal_error"] = goal_error(task.mesh, result.vertices, options.volume_goal)
+        error = goal_error(task.mesh, result.vertices, options.volume_goal)
+        facts = replace(facts, volume_goal_error=error)
         if options.volume == inf:
-            warn_of_missed(extra["volume_goal_error"])
-    return replace(result, extra=extra)
+            warn_of_missed(error)
+    return replace(result, facts=facts)
 
 
 def through_proxies(

@@ -190,8 +190,8 @@ class Deformer:
         Returns
         -------
         DeformationResult
-            ``seconds`` has ``solve`` and ``carry``, ``extra`` the largest ``residual`` and the ``energy`` of
-            each proxy.
+            ``seconds`` has ``solve`` and ``carry``. ``facts`` has the largest ``residual`` and the mean
+            ``energy`` of the proxies.
         """
         handles = self._rest.at(targets, rotations)
         stop = self._stopping(tolerance, max_iterations, out)

@@ -7,8 +7,8 @@ elastic surface, which keeps its volume and its area. The map: :mod:`sshade.meth
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +18,7 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
 from sshade.method.interpolation import fit_splines, interpolate, neighbours
 from sshade.method.regions import edge_vertices
+from sshade.problem.facts import Facts
 from sshade.problem.task import DeformationResult, DeformationTask
 
 #: Over the distance to the nearest handle that nearly all of the surface has at most: handles nearer than
@@ -49,7 +50,7 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     Returns
     -------
     DeformationResult
-        Handles are exactly on their targets. ``extra``: see :func:`sshade.deform`.
+        Handles are exactly on their targets.
 
     Raises
     ------
@@ -71,17 +72,16 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     splines = fit_splines(x, y, neighbours(x, thinned, centres))
     V = interpolate(splines, mesh.V - mesh.origin)
     V[handles.index] = handles.target
-    extra: dict[str, Any] = {"proxy_vertices": 0, "residual": 0.0, "faces_without_area": 0}
-    extra |= {"hard_handle_error": 0.0, "options": {}}
+    facts = Facts(residual=0.0, hard_handle_error=0.0)
     if task.carry_unconstrained:
         unconstrained = without_handles(mesh, handles.index)
         move_rigidly(mesh, V, unconstrained)
         contact = contacts(mesh, unconstrained)
         contact.warn()
-        extra |= {"unconstrained": len(unconstrained), "touching": contact.components}
-        extra["opening"] = contact.opening(V) / mesh.diagonal
+        opening = contact.opening(V) / mesh.diagonal
+        facts = replace(facts, unconstrained=len(unconstrained), touching=contact.components, opening=opening)
     progress("interpolate", 1, 1)
-    return DeformationResult(V, 0, True, {"interpolate": perf_counter() - begin}, extra)
+    return DeformationResult(V, 0, True, {"interpolate": perf_counter() - begin}, facts=facts)
 
 
 def are_dense(task: DeformationTask) -> bool:

@@ -28,9 +28,9 @@ from sshade.mesh.cutting import cut_to_manifold
 from sshade.mesh.surface import without_duplicates
 from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
 from sshade.method.component_set import ComponentSet, at_means
-from sshade.method.facts import NO_PROXY, OF_PIECES, joined
+from sshade.problem.facts import Facts
 from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, joined
 
 log = logging.getLogger(__name__)
 
@@ -169,7 +169,8 @@ class Pieces:
         if self._parts is not None:
             self._parts.put(piece.component, result.vertices)
             if self._parts.sides(piece.component) == 2 and self._options.volume > 0:
-                result = replace(result, extra={**result.extra, "volume_constraint": "off: one-sided"})
+                facts = replace(result.facts, volume_constraint="off: one-sided")
+                result = replace(result, facts=facts)
             if self._seconds_left is not None:
                 self._seconds_left = max(0.0, self._seconds_left - result.seconds.get("polish", 0.0))
         self._results.append(result)
@@ -177,36 +178,32 @@ class Pieces:
     def together(self) -> DeformationResult:
         """Return the result of the whole mesh.
 
-        Of a mesh that was cut, `iterations` is the mean over components. ``extra`` has the sum of
-        ``proxy_vertices``, the largest ``residual``, and the numbers of deformed ``components``, of ``rigid``
-        components among them, of ``unconstrained`` components, of unconstrained components ``touching``
-        others, of removed ``duplicates`` of faces, of vertices on bent ``one_sided`` surfaces, of further
-        ``copies`` of vertices, and of faces ``turned`` to agree. Largest distances, as fractions of the
-        diagonal: ``gap`` between a copy and the joined vertex, ``side_gap`` between a side of a one-sided
-        surface and the mean of its sides, ``opening`` between vertices that touched at rest.
+        Of a mesh that was cut, `iterations` is the mean over components.
         """
         results, parts = self._results, self._parts
-        _warn_of_volume([result.extra for result in results])
+        _warn_of_volume([result.facts for result in results])
         if parts is None:
-            return replace(results[0], extra={**results[0].extra, **self._facts})
+            return replace(results[0], facts=replace(results[0].facts, **self._facts))
         V = parts.positions
         move_rigidly(self._mesh, V, self._unconstrained)
         gaps = {**parts.gaps, "opening": self._contact.opening(V)}
         facts = {**self._facts, "one_sided": int(parts.one_sided.sum())}
         facts |= {name: gap / self._mesh.diagonal for name, gap in gaps.items()}
-        joint = joined(V, results or [DeformationResult(V, 0, True, {}, NO_PROXY)], OF_PIECES)
-        return replace(joint, seconds={**parts.seconds, **joint.seconds}, extra={**joint.extra, **facts})
+        all_rigid = DeformationResult(V, 0, True, facts=Facts(residual=0.0))
+        joint = joined(V, results or [all_rigid], "pieces")
+        seconds = {**parts.seconds, **joint.seconds}
+        return replace(joint, seconds=seconds, facts=replace(joint.facts, **facts))
 
 
 def both(first: DeformationResult, again: DeformationResult) -> DeformationResult:
     """Return the second result of a piece that was deformed twice, with the work of both."""
-    work = joined(again.vertices, [first, again], {})
+    work = joined(again.vertices, [first, again], "pieces")
     return replace(again, iterations=2 * work.iterations, seconds=work.seconds)
 
 
-def _warn_of_volume(facts: list[Mapping[str, Any]]) -> None:
+def _warn_of_volume(facts: list[Facts]) -> None:
     """Warn once of all pieces whose volume should be constrained, but is not."""
-    states = [fact.get("volume_constraint", fact.get("proxy_volume_constraint", "")) for fact in facts]
+    states = [fact.volume_constraint or "" for fact in facts]
     for state, count in Counter(state for state in states if state.startswith("off: ")).items():
         where = f" in {count} of {len(facts)} components" if len(facts) > 1 else ""
         log.warning("the volume constraint is off%s: %s", where, state.removeprefix("off: "))

@@ -64,8 +64,7 @@ class Polish:
         DeformationResult
             `iterations` counts the polish alone. `converged` is None where it used up its iterations or
             seconds, as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
-            ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer. ``extra`` has
-            the facts of the solution, of :func:`sshade.deform`, and ``proxy_iterations``.
+            ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer.
         """
         task, options, arrived = self._task, self._options, perf_counter()
         self._progress("polish", 0, options.polish_iterations, "preparing")
@@ -73,7 +72,7 @@ class Polish:
         ready = perf_counter()
         energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
         energy["volume_goal"] = options.volume_goal or 1.0
-        energy["prescribed"] = _rotations_near_handles(task, samples=proxy.extra["samples"])
+        energy["prescribed"] = _rotations_near_handles(task, samples=proxy.facts.samples)
         start = [proxy.vertices]
         proxy = replace(proxy, vertices=np.empty((0, 3)))
         give_back()
@@ -89,7 +88,7 @@ class Polish:
         )
         if has_regions(task.mesh, task.handles.index, options):
             self._progress("regions", 0, 1)
-            graph, samples = vertex_graph(task.mesh), proxy.extra["samples"]
+            graph, samples = vertex_graph(task.mesh), proxy.facts.samples
             regions = HandleRegions(task.mesh, task.handles, vertices=samples, graph=graph)
             turned = regions.on_targets(solution.positions, task.handles)
             solution = _solution_at(solver, solution, turned, targets, energy)
@@ -100,10 +99,18 @@ class Polish:
             "wait": ready - arrived,
             "polish": perf_counter() - ready,
         }
-        kept = ("samples", "proxy_vertices", "faces_without_area", "proxy_initialisation")
-        facts = {name: proxy.extra[name] for name in kept if name in proxy.extra}
-        facts = {**solution.facts(), **facts, "proxy_iterations": proxy.iterations}
-        return replace(solution.result(seconds), converged=solution.converged or None, extra=facts)
+        facts = replace(
+            proxy.facts,
+            proxy_iterations=proxy.iterations,
+            residual=solution.residual,
+            energy=solution.energy,
+            volume_error=solution.volume_error,
+            area_error=solution.area_error,
+            volume_constraint=solution.volume_constraint,
+            area_constraint=solution.area_constraint,
+        )
+        converged = solution.converged or None
+        return DeformationResult(solution.positions, solution.iterations, converged, seconds, facts=facts)
 
 
 def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -14,10 +14,9 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam, available_cpus, in_threads, number_of_workers
 from sshade.mesh.mesh import Mesh
-from sshade.method.facts import OF_SAMPLINGS, joined
 from sshade.method.proxy import Proxy, Shared, corrects_volume
 from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, Handles
+from sshade.problem.task import DeformationResult, Handles, joined
 
 #: Number of mesh vertices from which on several threads prolong N' to M'.
 LARGE = 50_000
@@ -134,8 +133,7 @@ class Proxies:
         # With a corrected volume, each M' is on its targets.
         corrects = corrects_volume(options)
         V = shared.regions.correct_volume(V) if corrects else shared.regions.on_targets(V, handles)
-        facts = {"samples": shared.vertices, "faces_without_area": shared.faces_without_area}
-        return of_samplings(V, results, facts, graph_seconds=shared.graph_seconds)
+        return of_samplings(V, results, graph_seconds=shared.graph_seconds)
 
     def _proxy(self, guess: np.ndarray | None, progress: Progress, number: int) -> Proxy:
         """Return a kept proxy, or a new one for one deformation."""
@@ -205,21 +203,11 @@ def mean_of(results: Iterable[DeformationResult]) -> tuple[np.ndarray, list[Defo
 
 
 def of_samplings(
-    V: np.ndarray, results: list[DeformationResult], facts: dict[str, Any], *, graph_seconds: float
+    V: np.ndarray, results: list[DeformationResult], *, graph_seconds: float
 ) -> DeformationResult:
-    """Join results of samplings: ``seconds`` are summed, and ``extra`` follows :data:`OF_SAMPLINGS`.
-
-    Parameters
-    ----------
-    V : (n, 3) float64
-    results : list of DeformationResult
-    facts : dict
-        Facts that are equal in all samplings.
-    graph_seconds : float
-        Time of the graph that all samplings share.
-    """
-    times = results[0].seconds
-    if "remesh" in times:
-        times = {**times, "remesh": times["remesh"] + graph_seconds}
-        results[0] = replace(results[0], seconds=times)
-    return joined(V, results, OF_SAMPLINGS, extra={"samplings": len(results), **facts})
+    """Join results of samplings with the mean positions V (n, 3), and add the time of their common graph."""
+    result = joined(V, results, "samplings")
+    if "remesh" not in result.seconds:
+        return result
+    remesh = result.seconds["remesh"] + graph_seconds
+    return replace(result, seconds={**result.seconds, "remesh": remesh})

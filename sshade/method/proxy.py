@@ -16,10 +16,10 @@ from sshade.core.progress import Progress, renamed, silent
 from sshade.core.threads import ThreadTeam, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.facts import OF_SAMPLINGS
 from sshade.method.placement import NearestPlacement, Sampler, sample_with_handles
 from sshade.method.regions import HandleRegions
 from sshade.method.solvers import FollowingSolver, OnceSolver, ProxySolver
+from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, Handles
 from sshade.proxy.binding import Binding, bind_proxy
@@ -32,6 +32,11 @@ VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
+#: Facts of a solver that become facts of the deformation.
+OF_SOLVER = (
+    *("coarser_iterations", "initialisation", "residual", "energy"),
+    *("volume_error", "area_error", "volume_constraint", "area_constraint"),
+)
 
 
 class Shared:
@@ -255,7 +260,7 @@ class Proxy:
         regions, corrects = self._shared.regions, corrects_volume(self._options)
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
-        best, smallest, was_exact, solver_facts = None, inf, False, dict[str, Any]()
+        best, smallest, was_exact, found = None, inf, False, dict[str, Any]()
         for _ in range(1 + VOLUME_ROUNDS if settle or self.at_start else 1):
             begin = perf_counter()
             left = int(max_iterations - iterations)
@@ -272,7 +277,7 @@ class Proxy:
             worse = missing > max(smallest, VOLUME_ERROR)
             if best is not None and (worse or (was_exact and not exact)):
                 break  # the last shape was better
-            solver_facts |= solved.extra
+            found |= solved.extra
             best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
             corrected = missing <= VOLUME_ERROR or not exact
             if not corrected:
@@ -286,19 +291,18 @@ class Proxy:
                 best = (V.copy(), *best[1:])
         assert best is not None
         V, converged, degenerate = best
-        facts = {
-            "proxy_vertices": self.mesh.n,
-            "added_samples": self.sampling.added,
-            "degenerate_frames": degenerate,
-            "residual": solver_facts.get("residual", float("nan")),
-        }
-        solved_facts = {f"proxy_{name}": fact for name, fact in solver_facts.items()}
-        facts |= {name: fact for name, fact in solved_facts.items() if name in OF_SAMPLINGS}
-        if "energy" in solver_facts:
-            facts["energy"] = solver_facts["energy"]
+        facts = Facts(
+            samples=self._shared.vertices,
+            samplings=1,
+            proxy_vertices=self.mesh.n,
+            added_samples=self.sampling.added,
+            degenerate_frames=degenerate,
+            faces_without_area=self._shared.faces_without_area,
+            **{name: found[name] for name in OF_SOLVER if name in found},
+        )
         if self._following is None:
             seconds = {"remesh": self.sampling_seconds, **self.binding.seconds, **seconds}
-        return DeformationResult(V, iterations, converged, seconds, facts)
+        return DeformationResult(V, iterations, converged, seconds, facts=facts)
 
 
 def corrects_volume(options: Options) -> bool:

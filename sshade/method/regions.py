@@ -27,6 +27,7 @@ from sshade.mesh.harmonic import harmonic
 from sshade.mesh.ids import flagged, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.method.normal_shift import shifted
+from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -359,9 +360,8 @@ def all_on_targets(task: DeformationTask) -> DeformationResult:
     """Return the result of a task in which every vertex is a hard handle."""
     V = task.mesh.V.copy()
     V[task.handles.index] = task.handles.target
-    facts = {"samples": 0, "proxy_vertices": 0, "degenerate_frames": 0, "residual": 0.0}
-    facts["faces_without_area"] = int(task.mesh.without_area.sum())
-    return DeformationResult(V, 0, True, {}, facts)
+    facts = Facts(residual=0.0, faces_without_area=int(task.mesh.without_area.sum()))
+    return DeformationResult(V, 0, True, facts=facts)
 
 
 @kernel

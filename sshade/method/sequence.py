@@ -78,8 +78,7 @@ class Sequence:
         Returns
         -------
         DeformationResult
-            As of :func:`sshade.deform`; ``extra["followed"]`` says whether the pose started from the pose
-            before.
+            As of :func:`sshade.deform`. ``facts.followed`` says whether the pose started from the one before.
 
         Raises
         ------
@@ -94,7 +93,7 @@ class Sequence:
         kept = _Kept(self._kept)
         result = deform_task(pose, method=self._method, progress=progress, make_proxies=kept, **self._options)
         self._kept = kept.used
-        result = replace(result, extra={**result.extra, "followed": guess is not None})
+        result = replace(result, facts=replace(result.facts, followed=guess is not None))
         return result.of(self.task.at(pose.handles))
 
     def _is_near(self, handles: Handles, before: Handles) -> bool:

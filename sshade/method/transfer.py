@@ -17,6 +17,7 @@ from sshade.mesh.cutting import Cut
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import cut_surface, mean_of_copies
 from sshade.method.proxies import mean_of, of_samplings, threads_of
+from sshade.problem.facts import Facts
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.bind import bind
@@ -80,10 +81,9 @@ def transfer(
     report = partial(_report, progress, resolved.samplings, count())
     report()
     run = partial(_one_sampling, shapes, report)
-    facts = {"samples": samples, "faces_without_area": int(rest.without_area.sum())}
     with ThreadPoolExecutor(max_workers=threads_of(resolved)) as pool:
         mean, results = mean_of(pool.map(run, range(resolved.samplings)))
-    return of_samplings(mean, results, facts, graph_seconds=graph_seconds).of(task)
+    return of_samplings(mean, results, graph_seconds=graph_seconds).of(task)
 
 
 class _Shapes(NamedTuple):
@@ -117,7 +117,13 @@ def _one_sampling(shapes: _Shapes, report: Callable[[], None], number: int) -> D
     V = mean_of_copies(shapes.cut, V)
     report()
     seconds = {**binding.seconds, "carry": perf_counter() - begin}
-    return DeformationResult(V, 0, None, seconds, {"degenerate_frames": degenerate})
+    facts = Facts(
+        samples=shapes.samples,
+        samplings=1,
+        degenerate_frames=degenerate,
+        faces_without_area=int(rest.without_area.sum()),
+    )
+    return DeformationResult(V, 0, None, seconds, facts=facts)
 
 
 def transfer_pose(

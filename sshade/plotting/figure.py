@@ -23,7 +23,7 @@ from sshade.files.arrays import Arrays
 from sshade.files.atomic import check_output, replacing
 from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import Surface, cleaned
+from sshade.mesh.surface import Surface, SurfaceFacts, cleaned
 from sshade.plotting import part, ramp, style, threejs
 from sshade.plotting.pictures import TOWARDS, UP, colour_range, edge_error
 from sshade.plotting.view import ViewShape, packed_view
@@ -211,7 +211,7 @@ class _Scene:
             self._require_faces(V, F, "a further mesh")
             self._add_pose("pose", V)
             return
-        self._whole = cleaned(V, F) if mesh is None else Surface(mesh, np.arange(mesh.n), {})
+        self._whole = cleaned(V, F) if mesh is None else Surface(mesh, np.arange(mesh.n), SurfaceFacts())
         self.mesh, self._n, self._F = self._whole.mesh, len(V), np.asarray(F)
 
     def _add_task(self, task: DeformationTask | TransferTask) -> None:

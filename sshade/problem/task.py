@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -14,6 +14,7 @@ from sshade.core.progress import Progress, silent
 from sshade.core.shown import Shown
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.unconstrained import how_to_constrain, without_handles
+from sshade.problem.facts import Facts, Joint
 from sshade.problem.handles import Handles
 
 
@@ -133,8 +134,11 @@ class DeformationResult(Shown):
     seconds : mapping
         Wall-clock time of each stage.
     extra : mapping
-        Further flat facts for the row (last residual, counts, ...), and
-        arrays. Arrays named ``*_curve``, with one row for each step, are stored with the run.
+        Flat facts of other methods for the row (last residual, counts, ...), and arrays: a coarse method may
+        give ``rotations`` (n, 3, 3). Arrays named ``*_curve``, with one row for each step, are stored with
+        the run.
+    facts : Facts
+        Of :func:`sshade.deform`; empty for other methods.
     task : DeformationTask or TransferTask, optional
         The task, with whose mesh and handles a notebook shows the result. None if a function such as
         :func:`sshade.deform` has not set it.
@@ -152,6 +156,7 @@ class DeformationResult(Shown):
     converged: bool | None
     seconds: Mapping[str, float] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
+    facts: Facts = field(default_factory=Facts, repr=False)
     task: DeformationTask | TransferTask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -171,6 +176,29 @@ class DeformationResult(Shown):
         result = copy(self)
         object.__setattr__(result, "task", task)
         return result
+
+
+def joined(vertices: np.ndarray, results: Sequence[DeformationResult], of: Joint) -> DeformationResult:
+    """Join the results of samplings or of pieces into one.
+
+    The result has the mean number of iterations and summed seconds, converged if all have, and has facts by
+    the rules of :class:`sshade.problem.facts.Facts`.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+    results : sequence of DeformationResult
+    of : {"samplings", "pieces"}
+    """
+    converged = [result.converged for result in results]
+    stages = dict.fromkeys(stage for result in results for stage in result.seconds)
+    return DeformationResult(
+        vertices,
+        float(np.mean([result.iterations for result in results])),
+        None if None in converged else all(converged),
+        {stage: sum(result.seconds.get(stage, 0.0) for result in results) for stage in stages},
+        facts=Facts.joined([result.facts for result in results], of),
+    )
 
 
 def result_of(task: DeformationTask | TransferTask, result: object) -> DeformationResult:

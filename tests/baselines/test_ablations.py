@@ -36,7 +36,7 @@ def test_by_default_it_is_the_method():
     options = {"vertices": 150, "samplings": 2, "seed": 4}
     ablated, plain = paper_with(task, **options), deform(task, method="paper", **options)
     assert np.array_equal(ablated.vertices, plain.vertices)
-    assert ablated.extra == {**plain.extra, "far_vertices": 0.0, "far_share": 0.0}
+    assert ablated.facts == plain.facts and ablated.extra == {"far_vertices": 0.0, "far_share": 0.0}
     everywhere = DeformationTask("all", task.mesh, Handles(np.arange(task.mesh.n), task.mesh.V + 1))
     assert paper_with(everywhere).extra["far_share"] == 0.0
     for name, choice in (("projection", "normal"), ("handle_mode", "first")):
@@ -112,9 +112,9 @@ def test_nothing_left_out_is_fast_and_each_other_choice_differs_from_all_others(
         assert np.array_equal(found[name].vertices, deform(task, **left_out, **options).vertices)
     shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]
     assert len(set(shapes)) == len(LEFT_OUT)
-    basin = {name for name, result in found.items() if "proxy_initialisation" in result.extra}
+    basin = {name for name, result in found.items() if result.facts.initialisation}
     assert basin == set(LEFT_OUT) - {"guide", "attachment_and_guide"}
-    error = {name: result.extra["proxy_volume_error"] for name, result in found.items()}
+    error = {name: result.facts.volume_error for name, result in found.items()}
     assert error.pop("constraints") > 1e-4 > 10 * max(error.values())
     with pytest.raises(InputError, match="cannot leave out 'lid'; use one of nothing, "):
         fast_without(task, without="lid")

@@ -151,4 +151,4 @@ def test_each_component_keeps_its_volume(method):
     for part, volume in ((slice(0, one.n), one.volume), (slice(one.n, None), 1.5**3 * one.volume)):
         assert Mesh(held.vertices[part], one.F).volume == pytest.approx(volume, rel=1e-6)
         assert Mesh(free.vertices[part], one.F).volume != pytest.approx(volume, rel=1e-3)
-    assert held.extra["components"] == 2
+    assert held.facts.components == 2

@@ -1,5 +1,7 @@
 """Notes about a result: each note is true and appears once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,21 +10,18 @@ from sshade.cli.main import main
 from sshade.cli.notes import notes
 from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.mesh.surface import SurfaceFacts, surface
+from sshade.problem.facts import Facts
 from tests.shapes import beside, bumpy, end_handles
 
 BODY = bumpy(2)
-PLAIN = {
-    "faces_without_area": 0,
-    "snap": 0.0,
-    "diagonal": 1.0,
-    "samples": 100,
-    "asked": 100,
-    "options": {"coarser": 4},
-}
+#: The surface of a mesh whose bounding box has a diagonal of 1.
+WHOLE = surface(BODY.V / BODY.diagonal, BODY.F)
+PLAIN = Facts(samples=100, options={"coarser": 4})
 
 
 @pytest.mark.parametrize(
-    ("facts", "words"),
+    ("given", "words"),
     [
         ({}, []),
         ({"samples": 40, "options": {"coarser": 2}}, ["40 samples instead of 100: at most one for every 2"]),
@@ -37,8 +36,13 @@ PLAIN = {
         ({"near": 3, "tolerance": 1e-3}, ["3 vertices lie near another vertex", "0.001 of the diagonal"]),
     ],
 )
-def test_facts_in_words(facts, words):
-    found = notes({**PLAIN, **facts})
+def test_facts_in_words(given, words):
+    """Facts of the result, of the surface, and of the command."""
+    given = dict(given)
+    of_surface = {name: given.pop(name) for name in ("near", "tolerance") if name in given}
+    of_command = {"asked": 100, "snap": given.pop("snap", 0.0), "dense": given.pop("dense", False)}
+    whole = WHOLE._replace(facts=SurfaceFacts(**of_surface))
+    found = notes(replace(PLAIN, **given), whole, **of_command)
     assert len(found) == bool(words) and all(word in found[0] for word in words)
 
 

@@ -544,4 +544,4 @@ def test_a_task_is_made_of_what_of_a_file_is_a_surface(here):
     task = read_task("bodies.ply", handles="pose.json", carry_unconstrained=True)
     assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
     result = deform(task, vertices=30)
-    assert result.extra["unconstrained"] == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
+    assert result.facts.unconstrained == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6

@@ -69,11 +69,11 @@ def test_components_that_come_apart_are_named_before(caplog):
     result = deform(task, progress=lambda *_: seen.append(len(caplog.records)))
     words = "319 components without handles touch other components, and come apart from them where"
     assert words in caplog.text and min(seen, default=1) == 1
-    assert result.extra["touching"] == 319 and result.extra["opening"] < 1e-12  # all follow one triangle
+    assert result.facts.touching == 319 and result.facts.opening < 1e-12  # all follow one triangle
     target[2] += 0.3
     two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
     result = deform(DeformationTask("m", mesh, two, carry_unconstrained=True))
-    assert result.extra["opening"] > 0.01
+    assert result.facts.opening > 0.01
 
 
 def test_a_component_follows_the_nearest_vertices():

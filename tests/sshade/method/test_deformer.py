@@ -38,7 +38,7 @@ def test_a_drag_takes_fewer_iterations_and_ends_where_a_cold_solve_does(mesh, he
     cold = drag(lifted(mesh, held, 0.35), tolerance=1e-9)
     assert max(steps) < cold.iterations
     assert np.abs(released.vertices - cold.vertices).max() < 1e-5 * mesh.diagonal
-    assert released.extra["energy"][0] == pytest.approx(cold.extra["energy"][0], rel=1e-6)
+    assert released.facts.energy == pytest.approx(cold.facts.energy, rel=1e-6)
 
 
 def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
@@ -46,7 +46,7 @@ def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
     drag = Deformer(mesh, held, method="paper", vertices=150)
     first = drag(targets, max_iterations=3)
     assert first.iterations == 3 and not first.converged
-    assert drag(targets, max_iterations=200).extra["residual"] < first.extra["residual"]
+    assert drag(targets, max_iterations=200).facts.residual < first.facts.residual
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
@@ -108,7 +108,7 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
     settled = drag.settle()
     assert settled.converged and apart(settled.vertices, minimum) < 3e-4
     # With regions, the two energies belong to different volume goals.
-    assert settled.extra["energy"][0] <= last.extra["energy"][0] or name == "regions"
+    assert settled.facts.energy <= last.facts.energy or name == "regions"
     # Further steps of the drag do not move the converged shape.
     for _ in range(3):
         there = drag(handles.target, tolerance=1e-8)

@@ -81,7 +81,7 @@ def check_collapsed(method):
 def test_every_method_takes_collapsed_edges_and_faces(name):
     flat, count = check_collapsed(METHODS[name])
     if name != "full resolution":
-        assert flat.extra["faces_without_area"] == count > 12
+        assert flat.facts.faces_without_area == count > 12
 
 
 def test_rigid_motions_of_collapsed_meshes_come_out_as_such():

@@ -69,9 +69,9 @@ def test_a_component_that_comes_apart_is_counted():
     mesh = beside(BODY, flap)
     carried = DeformationTask("flap", mesh, task(bent, 300).handles, carry_unconstrained=True)
     result = deform(carried, method="interpolate")
-    assert result.extra["unconstrained"] == result.extra["touching"] == 1
+    assert result.facts.unconstrained == result.facts.touching == 1
     gap = np.linalg.norm(result.vertices[[10, 500]] - result.vertices[-3:-1], axis=1).max()
-    assert result.extra["opening"] == pytest.approx(gap / mesh.diagonal) and gap > 0.001
+    assert result.facts.opening == pytest.approx(gap / mesh.diagonal) and gap > 0.001
 
 
 def test_thousands_of_handles_in_one_place_take_the_memory_of_their_number():

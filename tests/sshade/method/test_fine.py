@@ -22,15 +22,14 @@ def task() -> DeformationTask:
 def test_volume_area_and_handles_are_kept(task, method, area):
     """`fast` constrains the area of the proxy only, so the area of the mesh is less exact."""
     result = method(task, vertices=600, area=np.inf)
-    after, extra = Mesh(result.vertices, task.mesh.F), result.extra
+    after, facts = Mesh(result.vertices, task.mesh.F), result.facts
     assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
     assert after.area == pytest.approx(task.mesh.area, rel=area)
     gap = np.abs(result.vertices[task.handles.index] - task.handles.target).max()
     assert gap < 1e-12 * task.mesh.diagonal if method is fast else gap == 0
-    of = "proxy_" if method is fast else ""
-    assert extra[f"{of}volume_constraint"] == extra[f"{of}area_constraint"] == "exact"
-    assert extra[f"{of}volume_error"] < 1e-6 and extra[f"{of}area_error"] < 1e-6
-    assert method is fast or extra["proxy_iterations"] > 0 and result.iterations <= 60
+    assert facts.volume_constraint == facts.area_constraint == "exact"
+    assert facts.volume_error < 1e-6 and facts.area_error < 1e-6
+    assert method is fast or facts.proxy_iterations > 0 and result.iterations <= 60
 
 
 @pytest.mark.parametrize("volume", [0.0, np.inf])
@@ -46,7 +45,7 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     result = fine(task, vertices=600, polish_iterations=3000, **options)
     plain = local_global(task, **{**POLISH, **options, "max_iterations": 5000})
     assert result.converged and plain.converged
-    assert result.extra["energy"] == pytest.approx(plain.extra["energy"], rel=1e-5)
+    assert result.facts.energy == pytest.approx(plain.extra["energy"], rel=1e-5)
     assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
 
 

@@ -60,8 +60,8 @@ def test_goals_are_reached_with_handles_on_their_targets(name, method):
     options = {"volume": np.inf} if method == "paper" else {}
     result = sshade.deform(task_of(mesh, count=count), method=method, volume_goal=1.1, **options)
     assert ratio(mesh, result.vertices) == pytest.approx(1.1, rel=WHOLE)
-    assert method == "paper" or result.extra["hard_handle_error"] < 1e-12
-    assert result.extra["volume_goal_error"] < WHOLE and result.extra["options"]["volume_goal"] == 1.1
+    assert method == "paper" or result.facts.hard_handle_error < 1e-12
+    assert result.facts.volume_goal_error < WHOLE and result.facts.options["volume_goal"] == 1.1
 
 
 def test_each_component_has_the_ratio_and_one_without_handles_keeps_its_volume():

@@ -53,11 +53,11 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
     assert np.abs(first - second).max() > 1e-3
     assert result.iterations == np.mean([solved.iterations for _, solved, _ in single])
     assert result.converged == all(solved.converged for _, solved, _ in single)
-    assert result.extra["samplings"] == 3
-    assert result.extra["proxy_vertices"] == np.mean([b.proxy.n for _, _, b in single])
-    assert result.extra["added_samples"] == sum(b.sampling.added for _, _, b in single)
-    assert result.extra["residual"] == max(solved.extra["residual"] for _, solved, _ in single)
-    assert result.extra["proxy_energy"] == np.mean([solved.extra["energy"] for _, solved, _ in single])
+    assert result.facts.samplings == 3
+    assert result.facts.proxy_vertices == np.mean([b.proxy.n for _, _, b in single])
+    assert result.facts.added_samples == sum(b.sampling.added for _, _, b in single)
+    assert result.facts.residual == max(solved.extra["residual"] for _, solved, _ in single)
+    assert result.facts.energy == np.mean([solved.extra["energy"] for _, solved, _ in single])
     assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
 
 
@@ -81,7 +81,7 @@ def test_handles_come_near_their_targets_and_static_ones_stay(name):
     result = paper(task, vertices=MESHES[name].n // 4, samplings=2)
     gap = np.linalg.norm(result.vertices[task.handles.index] - task.handles.target, axis=1)
     assert gap.max() <= 0.02 * task.mesh.diagonal
-    assert result.extra["degenerate_frames"] == 0
+    assert result.facts.degenerate_frames == 0
 
 
 def test_progress_is_that_of_each_proxy(body_task):

@@ -61,10 +61,10 @@ OF_PAIR = of_all((ends(BODY), 0), (ends(shifted(BODY, 9)), BODY.n))
 @pytest.mark.parametrize("method", [paper, fast, fine])
 def test_a_component_beside_an_unconstrained_one_is_as_alone(method):
     task = DeformationTask("body", BODY, ends(BODY))
-    assert "components" not in method(task, vertices=60, seed=3).extra
+    assert method(task, vertices=60, seed=3).facts.components == 1
     both = deformed(PAIR, ends(BODY), method, carry_unconstrained=True)
     alone = method(task, vertices=6000)
-    assert np.array_equal(both.vertices[: BODY.n], alone.vertices) and both.extra["unconstrained"] == 1
+    assert np.array_equal(both.vertices[: BODY.n], alone.vertices) and both.facts.unconstrained == 1
 
 
 @pytest.mark.parametrize(("asked", "shares"), [(150, (40, 40)), (50, (20, 30))])
@@ -91,8 +91,8 @@ def test_two_spheres_are_each_as_alone(asked, shares):
     ):
         alone = METHOD(DeformationTask("alone", mesh, own), vertices=share, seed=1)
         assert np.array_equal(part, alone.vertices)
-    assert result.extra["components"] == 2
-    assert result.extra["samples"] == result.extra["proxy_vertices"] == sum(shares)
+    assert result.facts.components == 2
+    assert result.facts.samples == result.facts.proxy_vertices == sum(shares)
     assert set(result.seconds) >= {"remesh", "bind", "solve", "carry"}
 
 
@@ -109,7 +109,7 @@ def test_what_a_ground_plane_cannot_use_goes_to_the_figure():
     result = deformed(beside(figure, many), of_all((own, 0), (stays, figure.n)), METHOD, vertices=150)
     assert np.array_equal(result.vertices[: figure.n], alone.vertices)
     assert np.array_equal(result.vertices[figure.n :], many.V)
-    assert (result.extra["components"], result.extra["rigid"], result.extra["samples"]) == (2, 1, 150)
+    assert (result.facts.components, result.facts.rigid, result.facts.samples) == (2, 1, 150)
 
 
 @pytest.mark.parametrize("method", [METHOD, fast])
@@ -121,7 +121,7 @@ def test_components_whose_handles_move_rigidly_move_with_them(method):
     result = deformed(beside(BODY, BODY), of_all((turned, 0), (one, BODY.n)), method)
     expected = np.concatenate([BODY.V @ R.T + [9, 0, 1], BODY.V + [9, 1, 0]])
     assert np.abs(result.vertices - expected).max() < 1e-12
-    assert result.extra["rigid"] == 2 and result.extra["samples"] == 0 and result.extra["options"]
+    assert result.facts.rigid == 2 and result.facts.samples == 0 and result.facts.options
 
 
 def test_soft_handles_and_prescribed_rotations_are_left_to_the_solver():
@@ -133,7 +133,7 @@ def test_soft_handles_and_prescribed_rotations_are_left_to_the_solver():
         (replace(still, weight=np.repeat([3.0, np.inf], 16)), 0),
         (replace(still, rotation=turn), 0),
     ):
-        assert deformed(PAIR, handles, METHOD, vertices=80).extra["rigid"] == rigid
+        assert deformed(PAIR, handles, METHOD, vertices=80).facts.rigid == rigid
 
 
 def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
@@ -149,7 +149,7 @@ def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
     own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
     result = in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
     assert shares == [(162, 16, 40), (162, 16, 40)]
-    assert np.allclose(result.vertices[-3:], triangle.V + 1, atol=1e-12) and result.extra["rigid"] == 1
+    assert np.allclose(result.vertices[-3:], triangle.V + 1, atol=1e-12) and result.facts.rigid == 1
     shares.clear()
     in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=50), progress=silent)
     assert shares == [(162, 16, 30), (162, 16, 20)]
@@ -185,7 +185,7 @@ def test_sheets_that_meet_at_an_edge_stretch_little_more_than_in_one_solve(angle
     for method in (fast, fine):
         result = deformed(mesh, own, method)
         assert stretch(mesh, result.vertices).max() < 1.2 * reference.max()
-        assert result.extra["gap"] == 0 and result.extra["copies"] == 17
+        assert result.facts.gap == 0 and result.facts.copies == 17
         assert np.array_equal(result.vertices[own.index], own.target)
 
 
@@ -208,7 +208,7 @@ def test_junctions_are_placed_with_many_small_components_and_with_one_that_has_h
     for handles in (F[0], np.arange(50)):
         own = Handles(handles, mesh.V[handles] @ R.T + [1, 2, 3])
         result = deformed(mesh, own, fast)
-        assert np.abs(result.vertices - mesh.V @ R.T - [1, 2, 3]).max() < 1e-3 and result.extra["gap"] < 1e-6
+        assert np.abs(result.vertices - mesh.V @ R.T - [1, 2, 3]).max() < 1e-3 and result.facts.gap < 1e-6
 
 
 def test_soft_handles_on_a_seam_leave_no_gap():
@@ -218,7 +218,7 @@ def test_soft_handles_on_a_seam_leave_no_gap():
     target = mesh.V[index] + np.outer([0, 0, 1, 1, 1, 1, 0], [0, 1, 2])
     own = Handles(index, target, weight=[np.inf, np.inf, 2, 2, 2, 2, np.inf])
     for method in (fast, fine):
-        assert deformed(mesh, own, method).extra["gap"] < 1e-6
+        assert deformed(mesh, own, method).facts.gap < 1e-6
 
 
 def test_rigid_handles_move_what_was_cut_rigidly():
@@ -230,7 +230,7 @@ def test_rigid_handles_move_what_was_cut_rigidly():
         own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
         result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
         assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
-        assert result.extra["gap"] < close
+        assert result.facts.gap < close
 
 
 def bowtie() -> Mesh:
@@ -265,7 +265,7 @@ def test_copies_within_a_component_are_fixed_at_one_place(weight):
     assert np.array_equal(place, 1.1 * mesh.V[0]) == np.isinf(weight)
     assert (task.guess is None) if np.isinf(weight) else np.allclose(task.guess[[0, mesh.n]], place)
     assert np.allclose(result.vertices[0], place + np.isinf(weight) * np.array([0.05, 0, 0]), atol=1e-12)
-    assert result.extra["copies"] == 1 and result.converged is None and result.iterations == 3
+    assert result.facts.copies == 1 and result.converged is None and result.iterations == 3
 
 
 def rolled(length: int = 48, width: int = 8) -> Mesh:
@@ -285,7 +285,7 @@ def test_a_vertex_in_which_a_sheet_touches_itself_leaves_no_spike(method):
     still, pulled = np.flatnonzero(np.abs(mesh.V[:, 0] + 1) < 0.05), np.array([8, 17, 26])
     target = np.concatenate([mesh.V[still], mesh.V[pulled] + [0.6, 0.5, 0]])
     result = deformed(mesh, Handles(np.concatenate([still, pulled]), target), method)
-    assert result.extra["components"] == result.extra["copies"] == 1
+    assert result.facts.components == result.facts.copies == 1
     assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 if only the vertex moves to the mean
 
 
@@ -293,7 +293,7 @@ def test_sides_in_different_minima_meet_from_their_mean():
     mesh = moebius()
     result, (_, again) = with_copies(mesh, [lambda i: 2.0 * (i >= mesh.n), lambda i: 0.0 * i])
     assert np.allclose(again.guess, np.tile(mesh.V, (2, 1)) + [1, 0, 0])
-    assert np.array_equal(result.vertices, mesh.V) and result.extra["side_gap"] == 0
+    assert np.array_equal(result.vertices, mesh.V) and result.facts.side_gap == 0
 
 
 @pytest.mark.parametrize("method", [fast, fine, partial(fine, detail=0.75), paper])
@@ -303,9 +303,9 @@ def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
     with caplog.at_level(logging.WARNING):
         result = deformed(mesh, own, method)
     assert stretch(mesh, result.vertices).max() < 1.7  # 2.9 to 15 if the surface is cut
-    assert result.extra["one_sided"] == mesh.n and result.extra["copies"] == result.extra["turned"] == 0
+    assert result.facts.one_sided == mesh.n and result.facts.copies == result.facts.turned == 0
     # More attachment on the proxy draws the sides of the bottle into different minima.
-    assert 0 < result.extra["side_gap"] < (0.1 if method is fine else 0.03) and result.extra["gap"] == 0
+    assert 0 < result.facts.side_gap < (0.1 if method is fine else 0.03) and result.facts.gap == 0
     expected = ["the volume constraint is off: one-sided"] if method is not paper else []
     assert caplog.messages == expected
 
@@ -322,10 +322,10 @@ def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
     rigid = mesh.V @ R.T + [1, 0, 2]
     hard = Handles(np.arange(0, mesh.n, 9), rigid[::9])
     result = deformed(mesh, hard, method)
-    assert np.abs(result.vertices - rigid).max() < 1e-12 and result.extra["one_sided"] == 0
+    assert np.abs(result.vertices - rigid).max() < 1e-12 and result.facts.one_sided == 0
     soft = replace(hard, weight=np.full(len(hard), 5.0))
     result = deformed(mesh, soft, method, start="rigid")
-    assert result.extra["rigid"] == 0 and np.abs(result.vertices - rigid).max() < 1e-3
+    assert result.facts.rigid == 0 and np.abs(result.vertices - rigid).max() < 1e-3
 
 
 def test_soft_handles_pull_a_one_sided_surface_as_strongly_as_its_elastic_energy_resists():
@@ -365,7 +365,7 @@ def test_a_component_without_handles_is_refused_by_its_size_and_place():
 def test_or_it_follows_the_nearest_component_rigidly():
     mesh, own = three()
     result = deformed(mesh, own, METHOD, vertices=80, carry_unconstrained=True)
-    assert result.extra["unconstrained"] == 1 and result.extra["components"] == 2
+    assert result.facts.unconstrained == 1 and result.facts.components == 2
     rest, moved = mesh.V[2 * BODY.n :], result.vertices[2 * BODY.n :]
     assert np.allclose(pdist(moved), pdist(rest), atol=1e-12)
     # The ball follows the end around it, whose handles move by (0.3, 0, 0.2). The second body stays.
@@ -379,7 +379,7 @@ def test_an_unconstrained_component_that_was_cut_stays_together():
     fin = Mesh(0.02 * fin.V + BODY.V[np.argmax(BODY.V[:, 2])], fin.F)
     result = deformed(beside(mesh, fin), ends(mesh), METHOD, vertices=60, carry_unconstrained=True)
     rest, moved = fin.V, result.vertices[mesh.n :]
-    assert np.allclose(pdist(moved), pdist(rest), atol=1e-12) and result.extra["unconstrained"] == 1
+    assert np.allclose(pdist(moved), pdist(rest), atol=1e-12) and result.facts.unconstrained == 1
 
 
 def test_a_proxy_without_room_for_the_handles_of_all_is_refused():
@@ -402,7 +402,7 @@ def test_a_face_that_is_there_twice_changes_nothing(turned):
     twice = Mesh(BODY.V, np.concatenate([BODY.F[:50], copies, BODY.F[50:]]))
     one, other = (deformed(mesh, ends(mesh), METHOD, vertices=60) for mesh in (BODY, twice))
     assert np.array_equal(one.vertices, other.vertices)
-    assert other.extra["duplicates"] == 3 and other.extra["copies"] == 0 and "duplicates" not in one.extra
+    assert other.facts.duplicates == 3 and other.facts.copies == 0 and one.facts.duplicates == 0
 
 
 def test_an_array_as_frame_function_is_cut_like_the_mesh():
@@ -428,7 +428,7 @@ def test_components_share_the_seconds_of_a_polish(monkeypatch):
 
     monkeypatch.setattr("sshade.method.polish.Polish.solve", polished)
     result = deformed(PAIR, OF_PAIR, fine, polish_seconds=10.0)
-    assert given == pytest.approx([5.0, 6.0]) and result.extra["options"]["polish_seconds"] == 10.0
+    assert given == pytest.approx([5.0, 6.0]) and result.facts.options["polish_seconds"] == 10.0
 
 
 @pytest.mark.parametrize("method", [METHOD, fast])

@@ -51,17 +51,17 @@ def test_components_share_by_area_what_they_can_use(asked, area, shares):
 @pytest.mark.parametrize("method", [paper, fast, fine])
 def test_every_method_samples_a_quarter_and_says_so(method):
     by_default, asked, fewer = (method(TASK, **more) for more in ({}, {"vertices": 160}, {"vertices": 100}))
-    assert by_default.extra["samples"] == asked.extra["samples"] == BODY.n // 4 == 160
+    assert by_default.facts.samples == asked.facts.samples == BODY.n // 4 == 160
     assert np.array_equal(by_default.vertices, asked.vertices)
-    assert fewer.extra["samples"] == 100 and 100 <= fewer.extra["proxy_vertices"] < 110
+    assert fewer.facts.samples == 100 and 100 <= fewer.facts.proxy_vertices < 110
 
 
 def test_what_is_bound_or_transferred_has_the_same_samples():
     index = TASK.handles.index
     dragged = Deformer(BODY, index, method="paper")(TASK.handles.target)
-    assert dragged.extra["samples"] == 160
+    assert dragged.facts.samples == 160
     assert np.array_equal(dragged.vertices, paper(TASK, samplings=1).vertices)
-    assert transfer_pose(BODY, BODY.V, samplings=1).extra["samples"] == 160
+    assert transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
     assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
 
 
@@ -69,6 +69,6 @@ def test_many_handles_have_a_proxy_that_holds_them():
     index = np.arange(0, BODY.n, 3)
     task = DeformationTask("many", BODY, Handles(index, BODY.V[index] + [1, 2, 3]))
     result = fast(task)
-    assert result.extra["samples"] == len(index) + 4 > BODY.n // 4
+    assert result.facts.samples == len(index) + 4 > BODY.n // 4
     assert np.abs(result.vertices - BODY.V - [1, 2, 3]).max() < 1e-9
     assert deformation_graph(TASK).extra["nodes"] == 160

@@ -122,8 +122,8 @@ def test_the_facts_of_the_first_solve_stay_when_the_volume_takes_more(task):
     grown = DeformationTask("grown", task.mesh, Handles(index, target))
     once, extra = (fast(grown, vertices=VERTICES, attachment=0.1, volume=v) for v in (100.0, np.inf))
     assert extra.iterations > once.iterations
-    assert extra.extra["proxy_initialisation"] in ("guide", "handles")
-    assert "proxy_coarser_iterations" in extra.extra
+    assert extra.facts.initialisation in ("guide", "handles")
+    assert extra.facts.coarser_iterations is not None
 
 
 def cylinder_bent_by_its_ends(vertices: int, **options) -> tuple[float, float]:

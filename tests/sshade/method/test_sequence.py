@@ -50,7 +50,7 @@ def test_poses_far_from_the_pose_before_have_the_bits_of_single_runs(method, mor
     options = {"method": method, "vertices": 150, **more}
     for pose, result in zip(poses, deform_sequence(task, poses, **options), strict=True):
         single = deform(replace(task, handles=task.handles.at(pose)), **options)
-        assert not result.extra["followed"]
+        assert not result.facts.followed
         np.testing.assert_array_equal(result.vertices, single.vertices)
 
 
@@ -60,7 +60,7 @@ def test_near_poses_follow_the_pose_before_and_the_mesh_is_bound_once(monkeypatc
     bound = count_samplings(monkeypatch)
     results = list(deform_sequence(task, poses, vertices=300))
     assert bound == [0]
-    assert [result.extra["followed"] for result in results] == [False, True, True, True, True]
+    assert [result.facts.followed for result in results] == [False, True, True, True, True]
     single = deform(replace(task, handles=task.handles.at(poses[-1])), vertices=300)
     assert np.abs(results[-1].vertices - single.vertices).max() < 2e-3 * task.mesh.diagonal
     for pose, result in zip(poses, results, strict=True):
@@ -72,7 +72,7 @@ def test_the_step_at_which_a_pose_starts_anew_is_a_tenth_of_the_diagonal():
     rest, up = task.mesh.V[task.handles.index], task.handles.dynamic[:, None] * np.array([0.0, 0, 1])
     step = NEAR_POSE * task.mesh.diagonal
     poses = [rest, rest + 0.99 * step * up, rest - 0.02 * step * up]
-    followed = [r.extra["followed"] for r in deform_sequence(task, poses, vertices=150)]
+    followed = [r.facts.followed for r in deform_sequence(task, poses, vertices=150)]
     assert followed == [False, True, False]
 
 
@@ -95,7 +95,7 @@ def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(o
     poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
     first, last = deform_sequence(task, poses, **options)
     again = Sequence(task, **options)(poses[1], after=(poses[0], first.vertices))
-    assert again.extra["followed"]
+    assert again.facts.followed
     np.testing.assert_array_equal(again.vertices, last.vertices)
 
 
@@ -139,7 +139,7 @@ def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
     bound = count_samplings(monkeypatch)
     poses = [rest + s * up * (1 + 0.1 * rest[:, :1]) for s in (1.0, 1.2, 1.4)]
     results = list(deform_sequence(task, poses, vertices=300))
-    assert len(bound) == 2 and results[-1].extra["components"] == 2
+    assert len(bound) == 2 and results[-1].facts.components == 2
     single = deform(replace(task, handles=handles.at(poses[-1])), vertices=300)
     assert np.abs(results[-1].vertices - single.vertices).max() < 5e-3 * mesh.diagonal
     first = deform(replace(task, handles=handles.at(poses[0])), vertices=300)
@@ -160,7 +160,7 @@ def test_regions_soft_handles_and_rotations_follow():
             poses.append(handles.at(pose, R if rotated else None))
         last = list(deform_sequence(task, poses, vertices=300))[-1]
         single = deform(replace(task, handles=poses[-1]), vertices=300)
-        assert last.extra["followed"]
+        assert last.facts.followed
         assert np.abs(last.vertices - single.vertices).max() < 3e-3 * mesh.diagonal
 
 

@@ -103,7 +103,7 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
 
 def test_fast_begins_with_it(task, always):
     result = fast(task, vertices=task.mesh.n // 2, start="rest")
-    assert result.extra["proxy_coarser_iterations"] > 0
+    assert result.facts.coarser_iterations > 0
 
 
 @pytest.mark.parametrize("levels", [1, 2])
