@@ -148,7 +148,7 @@ class ThreadTeam:
         """
         others = min(self.workers, count) - 1
         if others <= 0:
-            return [chunk(i) for i in range(count)]
+            return list(map(chunk, range(count)))
 
         results: list[Result | None] = [None] * count
         errors: dict[int, BaseException] = {}

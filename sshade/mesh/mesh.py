@@ -13,8 +13,7 @@ from sshade.core.kernels import kernel
 from sshade.core.shown import Shown
 from sshade.mesh.areas import face_areas, vertex_areas
 from sshade.mesh.connectivity import Connectivity, connectivity
-from sshade.mesh.ids import flagged
-from sshade.mesh.sides import EdgeSides, sides_by_edge
+from sshade.mesh.sides import EdgeSides, flagged, sides_by_edge
 
 #: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
 LARGEST = 1e60
@@ -202,6 +201,10 @@ class Mesh(Shown):
     def component(self) -> np.ndarray:
         """(n,) int32 connected component of each vertex."""
         return self.connectivity.component
+
+    def components_without(self, index: np.ndarray) -> np.ndarray:
+        """Return the components (u,) without any of the vertices `index` (k,)."""
+        return np.setdiff1d(np.arange(self.topology.components), self.component[index])
 
     @property
     def is_manifold(self) -> bool:

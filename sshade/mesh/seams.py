@@ -7,9 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.core.kernels import kernel
-from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh, repeats_vertex, unit_rows
-from sshade.mesh.sides import sides_by_edge
+from sshade.mesh.sides import flagged, sides_by_edge
 
 #: Largest width of a group of near positions, as a multiple of the tolerance. A wider chain of positions is
 #: no vertex, but an edge with vertices closer together than the tolerance.

@@ -1,7 +1,8 @@
-"""Sort the sides of faces by edge and the faces by vertex, in linear time and memory.
+"""Arrays of ids: the sides of faces by edge, the faces by vertex, and positions by id or by label.
 
-Counting sort makes every table, however many faces meet at one vertex. A list of lists is stored as two
-arrays: the entries of row i stand from ``start[i]`` to ``start[i + 1]`` in the second array.
+Counting sort makes every table of sides and faces in linear time and memory, however many faces meet at one
+vertex. A list of lists is stored as two arrays: the entries of row i stand from ``start[i]`` to
+``start[i + 1]`` in the second array.
 """
 
 from __future__ import annotations
@@ -91,6 +92,26 @@ def group_rows(rows: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     group = np.empty(len(rows), dtype=np.int64)
     group[order] = np.repeat(np.arange(len(start) - 1), np.diff(start))
     return order[start[:-1]], group
+
+
+def flagged(ids: np.ndarray, n: int) -> np.ndarray:
+    """Return (n,) bool: the numbers in [0, n) that are in `ids`, an array of any shape."""
+    flags = np.zeros(n, dtype=bool)
+    flags[ids] = True
+    return flags
+
+
+def numbered(ids: np.ndarray, n: int) -> np.ndarray:
+    """Return (n,) int64: for each number in [0, n) its position in `ids` (k,), or -1 if it is not there."""
+    position = np.full(n, -1)
+    position[ids] = np.arange(len(ids))
+    return position
+
+
+def members(labels: np.ndarray, count: int) -> list[np.ndarray]:
+    """For each label in [0, count), return the positions (p,) int64 that have it, in ascending order."""
+    order = np.argsort(labels, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(labels, minlength=count)))[:count]
 
 
 @kernel

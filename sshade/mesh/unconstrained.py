@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.mesh.ids import members
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.seams import same_places
+from sshade.mesh.sides import members
 from sshade.mesh.weld import NEAR
 
 log = logging.getLogger(__name__)
@@ -75,11 +75,6 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray, *, distance: float = TOUCHIN
     size = np.diff(start, append=mesh.n)
     vertex, first = vertex[np.repeat(touching, size)], np.repeat(vertex[start[touching]], size[touching])
     return Contacts(len(np.unique(mesh.component[vertex[free[vertex]]])), vertex, first)
-
-
-def without_handles(mesh: Mesh, index: np.ndarray) -> np.ndarray:
-    """Return the components (u,) without any of the handle vertices `index` (k,)."""
-    return np.setdiff1d(np.arange(mesh.topology.components), mesh.component[index])
 
 
 def how_to_constrain(mesh: Mesh, unconstrained: np.ndarray) -> str:

@@ -11,9 +11,9 @@ from scipy.sparse import csr_array
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
 from sshade.mesh.cutting import Cut
-from sshade.mesh.ids import flagged, members, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
+from sshade.mesh.sides import flagged, members, numbered
 from sshade.method.junctions import deform_joined
 from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.options import Options

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
+from sshade.mesh.unconstrained import contacts, move_rigidly
 from sshade.method.interpolation import fit_splines, interpolate, neighbours
 from sshade.method.regions import edge_vertices
 from sshade.problem.facts import Facts
@@ -74,7 +74,7 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     V[handles.index] = handles.target
     facts = Facts(residual=0.0, hard_handle_error=0.0)
     if task.carry_unconstrained:
-        unconstrained = without_handles(mesh, handles.index)
+        unconstrained = mesh.components_without(handles.index)
         move_rigidly(mesh, V, unconstrained)
         contact = contacts(mesh, unconstrained)
         contact.warn()

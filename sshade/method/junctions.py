@@ -15,10 +15,10 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.adjacency import edge_graph
-from sshade.mesh.ids import numbered
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import numbered
 from sshade.method.regions import EDGE_RATIO, edge_vertices
-from sshade.method.solvers import OnceSolver
+from sshade.method.start import OnceSolver
 from sshade.problem.options import Options
 from sshade.problem.task import Handles
 from sshade.proxy.bind import sample_components

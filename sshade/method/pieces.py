@@ -26,7 +26,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.mesh.surface import without_duplicates
-from sshade.mesh.unconstrained import contacts, move_rigidly, without_handles
+from sshade.mesh.unconstrained import contacts, move_rigidly
 from sshade.method.component_set import ComponentSet, at_means
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
@@ -106,7 +106,7 @@ class Pieces:
         if whole.topology.components == 1 and whole.is_manifold and whole.is_oriented:
             return
         mesh = without_duplicates(whole)
-        self._mesh, self._unconstrained = mesh, without_handles(mesh, task.handles.index)
+        self._mesh, self._unconstrained = mesh, mesh.components_without(task.handles.index)
         self._contact = contacts(mesh, self._unconstrained)
         self._contact.warn()
         cut = cut_to_manifold(mesh)

@@ -19,7 +19,7 @@ from sshade.method.regions import HandleRegions, has_regions
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
-from sshade.solver.local_global import LocalGlobal, bind_task
+from sshade.solver.local_global import LocalGlobal, prepare
 from sshade.solver.run import Solution
 
 #: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
@@ -47,10 +47,10 @@ class Polish:
         self._begin = perf_counter()
 
     def __enter__(self) -> Polish:
-        bind = partial(bind_task, factorised=False, exact_steps=0)
+        set_up = partial(prepare, factorised=False, exact_steps=0)
         give_back()  # frees memory of earlier work before the stage that needs most
         self._pool = ThreadPoolExecutor(max_workers=1)
-        self._ready = self._pool.submit(bind, self._task, self._options)
+        self._ready = self._pool.submit(set_up, self._task, self._options)
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -16,9 +16,11 @@ from sshade.core.progress import Progress, renamed, silent
 from sshade.core.threads import ThreadTeam, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.placement import NearestPlacement, Sampler, sample_with_handles
+from sshade.method.following_solver import FollowingSolver
+from sshade.method.nearest_placement import NearestPlacement
+from sshade.method.placement import Sampler, sample_with_handles
 from sshade.method.regions import HandleRegions
-from sshade.method.solvers import FollowingSolver, OnceSolver, ProxySolver
+from sshade.method.start import OnceSolver, ProxySolver
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, Handles

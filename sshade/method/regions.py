@@ -24,8 +24,8 @@ from sshade.core.kernels import kernel
 from sshade.core.threads import in_ranges
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
-from sshade.mesh.ids import flagged, numbered
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import flagged, numbered
 from sshade.method.normal_shift import shifted
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles

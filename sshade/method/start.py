@@ -1,4 +1,4 @@
-"""Initialise the proxy solve on a coarser proxy, and choose its local minimum by a guide energy.
+"""Solve a proxy for one deformation: from a coarser proxy, and from a local minimum of a guide energy.
 
 Large motions need many local/global iterations but little detail. A proxy with a sixth of the vertices
 finds them in a sixth of the time, at a tenth of the accuracy; the solve on the full proxy then starts near
@@ -23,17 +23,18 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.core.progress import Progress
-from sshade.core.threads import SMALL, Pending, available_cpus, beside
+from sshade.core.progress import Progress, silent
+from sshade.core.threads import SMALL, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.mesh import Mesh
 from sshade.method.placement import sample_with_handles
 from sshade.method.regions import HandleRegions
 from sshade.problem.options import ENERGY, Options
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.kinds import frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
-from sshade.solver.local_global import Bound, bind_task, solve_bound
+from sshade.solver.local_global import prepare, solve_task
 from sshade.solver.run import initial_guess
 
 log = logging.getLogger(__name__)
@@ -77,35 +78,72 @@ class Start(NamedTuple):
     facts: dict[str, Any]
 
 
+class ProxySolver(Protocol):
+    """Solves a proxy for handles on it: ``solver(handles, volume_goal=, tolerance=, max_iterations=)``.
+
+    The goal is the volume of N', as a multiple of the volume of N. Each solve starts from the result of the
+    last one. To try another method on the proxy, pass it as the option `coarse`. To try another solver, make
+    it in :class:`sshade.method.proxy.Proxy` in place of :class:`OnceSolver`.
+    """
+
+    def __call__(
+        self, handles: Handles, *, volume_goal: float, tolerance: float, max_iterations: int
+    ) -> DeformationResult: ...
+
+
+class OnceSolver:
+    """Solve a proxy for one deformation, by our solver or by the user's method ``options.coarse``.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N.
+    options : Options
+    name : str
+        Of the task.
+    guess : (k, 3) float64, optional
+        Shape in which the first solve starts; by default as the options say.
+    progress, coarser_progress : Progress
+    """
+
+    def __init__(
+        self,
+        proxy: Mesh,
+        options: Options,
+        *,
+        name: str = "proxy",
+        guess: np.ndarray | None = None,
+        progress: Progress = silent,
+        coarser_progress: Progress = silent,
+    ) -> None:
+        self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
+        self._progress, self._coarser_progress = progress, coarser_progress
+
+    def __call__(self, handles: Handles, *, volume_goal: float = 1.0, **stop: Any) -> DeformationResult:
+        task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
+        if (method := self._options.coarse) is not None:
+            return method(task, seed=self._options.seed, progress=self._progress)
+        options = replace(self._options, **stop)
+        workers = solver_threads(options, self._proxy.n)
+        with beside(partial(prepare, task, options), size=self._proxy.n) as prepared:
+            solve: Solve = partial(
+                solve_task, prepared=prepared, options=options, volume_goal=volume_goal, workers=workers
+            )
+            if self._guess is None and options.coarser_start:
+                reports = {"progress": self._progress, "coarser_progress": self._coarser_progress}
+                result = solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
+            else:
+                result = solve(task, tolerance=options.tolerance, progress=self._progress)
+        self._guess = result.vertices
+        return result
+
+
 def solver_threads(options: Options, n: int) -> int:
     """Return the number of threads that share an iteration on a proxy of n vertices.
 
     One thread iterates if samplings share the CPUs, or the proxy is small.
     """
     return (options.workers or available_cpus()) if options.samplings == 1 and n >= SMALL else 1
-
-
-def solve_once(
-    task: DeformationTask,
-    *,
-    bound: Pending[Bound],
-    options: Options,
-    volume_goal: float,
-    tolerance: float,
-    progress: Progress,
-    softened: bool = False,
-) -> DeformationResult:
-    """Solve a task with the solver that `bound` gets for its mesh and handles; see :class:`Solve`."""
-    return solve_bound(
-        bound.result(),
-        task,
-        replace(options, tolerance=tolerance),
-        accelerate=options.accelerate,
-        volume_goal=volume_goal,
-        workers=solver_threads(options, task.mesh.n),
-        softened=softened,
-        progress=progress,
-    )
 
 
 def solve_from_start(
@@ -162,9 +200,12 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
         frames, tolerance = frame_maker("blended", mesh), ROUGH * options.tolerance
         with (
             beside(partial(bind_proxy, mesh, sampling, frames=frames), size=mesh.n) as binding,
-            beside(partial(bind_task, coarser, options), size=coarser.mesh.n) as bound,
+            beside(partial(prepare, coarser, options), size=coarser.mesh.n) as prepared,
         ):
-            solve = partial(solve_once, bound=bound, options=options, volume_goal=1.0)
+            workers = solver_threads(options, coarser.mesh.n)
+            solve: Solve = partial(
+                solve_task, prepared=prepared, options=options, volume_goal=1.0, workers=workers
+            )
             goal = {"volume_goal": 1.0, "tolerance": tolerance}
             rough = lowest(coarser, options, solve, **goal, progress=progress)
             V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
@@ -200,9 +241,9 @@ def lowest(
     report = partial(_report_unless, failed, progress)
     with beside(partial(solve, task, tolerance=tolerance, progress=report), size=n) as started:
         try:
-            bound = bind_task(task, guide)
-            at_guide = bound.solver.solve(
-                bound.targets,
+            prepared = prepare(task, guide)
+            at_guide = prepared.solver.solve(
+                prepared.targets,
                 start=initial_guess(task, guide.start),
                 prescribed=handles.prescribed_rotations,
                 volume_goal=volume_goal,

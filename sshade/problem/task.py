@@ -13,7 +13,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.shown import Shown
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.mesh.unconstrained import how_to_constrain, without_handles
+from sshade.mesh.unconstrained import how_to_constrain
 from sshade.problem.facts import Facts, Joint
 from sshade.problem.handles import Handles
 
@@ -60,7 +60,7 @@ class DeformationTask(Shown):
             raise TypeError(f"DeformationTask takes Handles, not a {type(self.handles).__name__}")
         index, everywhere = self.handles.index, not self.carry_unconstrained
         self.mesh.require_handles(index, everywhere=False)
-        if everywhere and len(free := without_handles(self.mesh, index)):
+        if everywhere and len(free := self.mesh.components_without(index)):
             self.mesh.require_handles(index, advice=how_to_constrain(self.mesh, free))
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         for name in ("truth", "guess"):

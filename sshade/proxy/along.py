@@ -22,7 +22,7 @@ from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh, bounds, require_mesh
 from sshade.problem.task import DeformationResult
 from sshade.proxy.blended import nearest_rotations
-from sshade.proxy.coarse import sample_farthest
+from sshade.proxy.sample import sample_farthest
 from sshade.proxy.vertex_maps import VertexMaps
 
 #: Number of samples of the mesh, and of the nearest ones that move a point.

@@ -8,8 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from sshade.mesh.adjacency import VertexGraph
-from sshade.mesh.ids import members
 from sshade.mesh.mesh import Mesh, require_mesh
+from sshade.mesh.sides import members
 from sshade.problem.options import Options, checked
 from sshade.proxy.binding import Binding, bind_proxy
 from sshade.proxy.frames import FrameMaker

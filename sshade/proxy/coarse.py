@@ -34,11 +34,9 @@ from sshade.mesh.sides import sort_by_id
 from sshade.proxy import advance
 from sshade.proxy.fronts import Fronts, band, farthest_point_sampling
 
-#: Fraction of the samples chosen on the coarse graph, and number of net vertices for each of them.
-FRACTION, NET = 0.5, 16
-#: Least number of vertices of a mesh that is sampled from coarse to fine, and least number of vertices for
-#: each vertex of the net. Below, plain farthest point sampling is faster.
-LARGE, FINER = 300_000, 8
+#: Fraction of the samples chosen on the coarse graph, number of net vertices for each of them, and least
+#: number of vertices of the mesh for each of those. Below, plain farthest point sampling is faster.
+FRACTION, NET, FINER = 0.5, 16, 8
 #: Number of slabs: more than most machines have cores, and few enough that borders stay short.
 SLABS = 32
 #: Expected area for each vertex of a net, over its squared radius.
@@ -49,32 +47,12 @@ _ENOUGH = 0.25
 _ROUNDING = 1 + 1e-9
 
 
-def sample_farthest(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
-    """Sample vertices by farthest points, beginning with `first`; large meshes from coarse to fine.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Its positions and area determine slabs and radii, but no distance.
-    graph : VertexGraph
-        Edges of the mesh; lengths may differ from the Euclidean ones.
-    count : int
-        Number of samples.
-    first : (h,) int
-
-    Raises
-    ------
-    InputError
-        As :func:`sshade.proxy.fronts.farthest_point_sampling`.
-    """
-    if graph.n < max(LARGE, FINER * NET * _coarse_count(count, first)):
-        return farthest_point_sampling(graph, count, first=first)
-    return sample_coarsely(mesh, graph, count, first=first)
-
-
 def sample_coarsely(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
-    """Sample like :func:`sample_farthest`, from coarse to fine for any size; `count` must be at least h."""
-    coarse_count = _coarse_count(count, first)
+    """Sample like :func:`sshade.proxy.sample.sample_farthest`, but from coarse to fine for any size.
+
+    `count` must be at least h.
+    """
+    coarse_count = coarse_samples(count, first)
     slabs = _Slabs(mesh.V)
     with ThreadTeam(available_cpus()) as team:
         net, state = _net(graph, slabs, team, first, area=mesh.area, count=NET * coarse_count)
@@ -96,9 +74,14 @@ def sample_coarsely(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.nda
     return fronts
 
 
-def _coarse_count(count: int, first: np.ndarray) -> int:
+def coarse_samples(count: int, first: np.ndarray) -> int:
     """Return the number of samples chosen on the coarse graph."""
     return max(len(first), round(FRACTION * count))
+
+
+def has_room(n: int, count: int, first: np.ndarray) -> bool:
+    """Whether a mesh of n vertices is large enough for a net that chooses `count` samples."""
+    return n >= FINER * NET * coarse_samples(count, first)
 
 
 class _Slabs:

@@ -21,13 +21,16 @@ from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.sides import group_rows
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import Options
+from sshade.proxy import coarse
 from sshade.proxy.closed_ball import faces_of_three, refinements
-from sshade.proxy.coarse import sample_farthest
+from sshade.proxy.fronts import Fronts, farthest_point_sampling
 
 #: Smallest number of proxy vertices besides the handles.
 SPARE = 4
 #: Number of handles that always find room on a proxy; more handles are thinned.
 HANDLES = 1500
+#: Least number of vertices of a mesh that is sampled from coarse to fine (:mod:`sshade.proxy.coarse`).
+LARGE = 300_000
 
 
 def least_vertices(handles: int) -> int:
@@ -194,6 +197,29 @@ def sample_proxy(
     )
     _check_topology(mesh, result)
     return result
+
+
+def sample_farthest(mesh: Mesh, graph: VertexGraph, count: int, *, first: np.ndarray) -> Fronts:
+    """Sample vertices by farthest points, beginning with `first`; large meshes from coarse to fine.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its positions and area determine slabs and radii, but no distance.
+    graph : VertexGraph
+        Edges of the mesh; lengths may differ from the Euclidean ones.
+    count : int
+        Number of samples.
+    first : (h,) int
+
+    Raises
+    ------
+    InputError
+        As :func:`sshade.proxy.fronts.farthest_point_sampling`.
+    """
+    if graph.n >= LARGE and coarse.has_room(graph.n, count, first):
+        return coarse.sample_coarsely(mesh, graph, count, first=first)
+    return farthest_point_sampling(graph, count, first=first)
 
 
 def proxy_mesh(mesh: Mesh, sampling: Sampling) -> Mesh:

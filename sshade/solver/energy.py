@@ -87,14 +87,19 @@ class Energy:
         """
 
         def fit(number: int) -> float:
-            energy = sum(term.local(number, u, self.R) for term in self._terms)
+            energy = 0.0
+            for term in self._terms:
+                energy += term.local(number, u, self.R)
             energy -= 2.0 * self._rotate(number)
             for term in self._terms:
                 term.turn(number, self.R)
             return energy
 
         def force(number: int) -> float:
-            return sum(term.forces(number, u, self.R, self.forces) for term in self._terms)
+            energy = 0.0
+            for term in self._terms:
+                energy += term.forces(number, u, self.R, self.forces)
+            return energy
 
         # The sum of the fits is the quadratic energy without a constant, the rest energy. With strain weights
         # the energy is known only after the forces.

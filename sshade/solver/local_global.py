@@ -11,6 +11,7 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import ThreadTeam
+from sshade.core.threads import Later, Pending, ThreadTeam
 from sshade.problem.handle_checks import checked_target
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -203,7 +204,7 @@ class LocalGlobal(System):
         return positions
 
 
-class Bound(NamedTuple):
+class Prepared(NamedTuple):
     """A solver bound to a task, targets of its handles and attached vertices, and the time that it took."""
 
     solver: LocalGlobal
@@ -211,15 +212,15 @@ class Bound(NamedTuple):
     seconds: float
 
 
-def bind_task(
+def prepare(
     task: DeformationTask,
     options: Options,
     *,
     energy: Energy = "spokes_and_rims",
     factorised: bool | None = None,
     exact_steps: int = EXACT_STEPS,
-) -> Bound:
-    """Bind a solver to the mesh and the handles of a task.
+) -> Prepared:
+    """Set up a solver for the mesh and the handles of a task.
 
     Parameters
     ----------
@@ -246,7 +247,7 @@ def bind_task(
         bending=options.bending,
         thickness=options.thickness,
     )
-    return Bound(solver, targets, perf_counter() - begin)
+    return Prepared(solver, targets, perf_counter() - begin)
 
 
 def local_global(
@@ -255,7 +256,7 @@ def local_global(
     energy: Energy = "spokes_and_rims",
     accelerate: bool = True,
     factorised: bool | None = None,
-    bound: Bound | None = None,
+    prepared: Prepared | None = None,
     volume_goal: float = 1.0,
     workers: int = 1,
     softened: bool = False,
@@ -277,8 +278,8 @@ def local_global(
         Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
         need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
         default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
-    bound : Bound, optional
-        Result of :func:`bind_task` for the same mesh, handles and options; bound here if missing.
+    prepared : Prepared, optional
+        Result of :func:`prepare` for the same mesh, handles and options; by default it is made here.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
@@ -308,43 +309,46 @@ def local_global(
     if not 0 < volume_goal < inf:
         raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     solver_options = complete(options)
-    bound = bound or bind_task(task, solver_options, energy=energy, factorised=factorised)
-    return solve_bound(
-        bound,
+    ready = prepared or prepare(task, solver_options, energy=energy, factorised=factorised)
+    return solve_task(
         task,
-        solver_options,
-        accelerate=accelerate,
+        prepared=Later(lambda: ready),
+        options=replace(solver_options, accelerate=accelerate),
         volume_goal=volume_goal,
         workers=workers,
+        tolerance=solver_options.tolerance,
         softened=softened,
         progress=progress,
     )
 
 
-def solve_bound(
-    bound: Bound,
+def solve_task(
     task: DeformationTask,
-    options: Options,
     *,
-    accelerate: bool = True,
-    volume_goal: float = 1.0,
-    workers: int = 1,
+    prepared: Pending[Prepared],
+    options: Options,
+    volume_goal: float,
+    workers: int,
+    tolerance: float,
     softened: bool = False,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Solve a task with a solver that is bound to it; parameters and result as of :func:`local_global`."""
-    begin = perf_counter()
-    solution = bound.solver.solve(
-        bound.targets,
+    """Solve a task from its guess or its start, with the solver that :func:`prepare` has set up for it.
+
+    Parameters and result as of :func:`local_global`; the tolerance goes before that of the options.
+    """
+    ready, begin = prepared.result(), perf_counter()
+    solution = ready.solver.solve(
+        ready.targets,
         start=initial_guess(task, options.start),
         prescribed=task.handles.prescribed_rotations,
-        accelerate=accelerate,
+        accelerate=options.accelerate,
         volume_goal=volume_goal,
         workers=workers,
         softened=softened,
         progress=progress,
-        tolerance=options.tolerance,
+        tolerance=tolerance,
         max_iterations=options.max_iterations,
         **options.subset(ENERGY),
     )
-    return solution.result({"precompute": bound.seconds, "solve": perf_counter() - begin})
+    return solution.result({"precompute": ready.seconds, "solve": perf_counter() - begin})

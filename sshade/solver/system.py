@@ -19,13 +19,14 @@ from scipy.sparse import csr_array
 from sshade.core.errors import InputError
 from sshade.core.memory import give_back
 from sshade.core.threads import ThreadTeam
-from sshade.mesh.ids import flagged
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import flagged
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import Energy
 from sshade.solver.constraints import ConstrainedSurface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
-from sshade.solver.linear import ConjugateGradients, Factorised, Linear, VCycle, not_positive_definite
+from sshade.solver.cycles import ConjugateGradients, VCycle
+from sshade.solver.linear import Factorised, Linear, not_positive_definite
 from sshade.solver.multigrid import SMOOTHER, Multigrid
 from sshade.solver.order import (
     band_order,

@@ -29,7 +29,7 @@ from sshade.proxy.coarse import sample_coarsely
 from sshade.proxy.projection import _closest_in_triangle
 from sshade.proxy.sample import sample_proxy
 from sshade.solver import factorisation
-from sshade.solver.linear import ConjugateGradients
+from sshade.solver.cycles import ConjugateGradients
 from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
 from tests.robustness.inputs import BODY, pose

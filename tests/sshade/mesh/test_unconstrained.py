@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.mesh.unconstrained import contacts, how_to_constrain, move_rigidly, without_handles
+from sshade.mesh.unconstrained import contacts, how_to_constrain, move_rigidly
 from tests.shapes import beside, bumpy, jittered, rotation, shifted, unjoined
 
 BODY = bumpy(2)
@@ -46,7 +46,7 @@ def test_an_opening_is_the_distance_between_vertices_that_touched():
 )
 def test_the_advice_fits_the_mesh(noise, advice):
     mesh = jittered(unjoined(BODY), noise * BODY.diagonal)
-    assert advice in how_to_constrain(mesh, without_handles(mesh, np.array([0, 1])))
+    assert advice in how_to_constrain(mesh, mesh.components_without(np.array([0, 1])))
     with pytest.raises(InputError) as refused:
         DeformationTask("m", mesh, Handles([0], mesh.V[:1]))
     assert "319 of the mesh's 320 components have no handle" in str(refused.value)

@@ -14,9 +14,9 @@ from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.files.handles_on_mesh import read_handles
 from sshade.mesh.rigid import rigid_motion
 from sshade.method import start
-from sshade.method.solvers import OnceSolver
+from sshade.method.start import OnceSolver
 from sshade.problem.options import resolve
-from sshade.solver.local_global import LocalGlobal, local_global, solve_bound
+from sshade.solver.local_global import LocalGlobal, local_global, solve_task
 from tests.shapes import block, bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.method.calls import METHODS
 from tests.sshade.naive import Naive
@@ -178,11 +178,11 @@ def test_levels_take_rotations_along(monkeypatch):
     task = sheet(64, degrees=45)
     seen = []
 
-    def spy(bound, given, *arguments, **options):
+    def spy(given, **options):
         seen.append((given.mesh.n, given.handles.prescribed_rotations))
-        return solve_bound(bound, given, *arguments, **options)
+        return solve_task(given, **options)
 
-    monkeypatch.setattr(start, "solve_bound", spy)
+    monkeypatch.setattr(start, "solve_task", spy)
     OnceSolver(task.mesh, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}))(task.handles)
     assert len(seen) == 2 and seen[0][0] < seen[1][0]
     for _, prescribed in seen:

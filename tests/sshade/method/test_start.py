@@ -12,10 +12,9 @@ import pytest
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
 from sshade.method import start
-from sshade.method.solvers import OnceSolver
-from sshade.method.start import RATIO, ROOM, lowest
+from sshade.method.start import RATIO, ROOM, OnceSolver, lowest
 from sshade.problem.options import Options
-from sshade.solver.local_global import local_global, solve_bound
+from sshade.solver.local_global import local_global, solve_task
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
 
@@ -74,11 +73,11 @@ def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatc
 def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, guide_attachment, goal):
     goals = []
 
-    def spy(bound, given, solver, **options):
+    def spy(given, **options):
         goals.append((given.mesh.n == task.mesh.n, options["volume_goal"]))
-        return solve_bound(bound, given, solver, **options)
+        return solve_task(given, **options)
 
-    monkeypatch.setattr(start, "solve_bound", spy)
+    monkeypatch.setattr(start, "solve_task", spy)
     found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
     assert goals == [(False, 1.0)] * (2 if guide_attachment else 1) + [(True, goal)]
@@ -88,12 +87,12 @@ def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, gui
 def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
     task, always, monkeypatch, caplog
 ):
-    def solver(bound, given, *arguments, **options):
+    def solver(given, **options):
         if given.mesh.n < task.mesh.n:
             raise InputError("1 triangles of the rest mesh have no area")
-        return solve_bound(bound, given, *arguments, **options)
+        return solve_task(given, **options)
 
-    monkeypatch.setattr(start, "solve_bound", solver)
+    monkeypatch.setattr(start, "solve_task", solver)
     caplog.set_level("INFO")
     found = solve(task)
     assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
@@ -118,14 +117,14 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
         at = SimpleNamespace(positions=task.mesh.V + far)
         return SimpleNamespace(targets=None, solver=SimpleNamespace(solve=lambda *_, **__: at))
 
-    def solver(bound, task, options, **_):
+    def solver(task, **_):
         own = task.guess is None
         V = task.mesh.V if own else task.guess
         begun.append((task.mesh.n, own))
         return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
 
-    monkeypatch.setattr(start, "bind_task", guide)
-    monkeypatch.setattr(start, "solve_bound", solver)
+    monkeypatch.setattr(start, "prepare", guide)
+    monkeypatch.setattr(start, "solve_task", solver)
     found = solve(task, guide_attachment=3.0)
     own_wins = ratio < 0.9
     assert found.extra["initialisation"] == ("handles" if own_wins else "guide")
@@ -152,7 +151,7 @@ def test_an_interrupt_of_one_start_ends_the_other(task, monkeypatch):
         begun.wait()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(start, "bind_task", interrupted)
+    monkeypatch.setattr(start, "prepare", interrupted)
     with pytest.raises(KeyboardInterrupt):
         guided = replace(OPTIONS, guide_attachment=3.0)
         lowest(task, guided, endless, volume_goal=1.0, tolerance=1e-5, progress=silent)

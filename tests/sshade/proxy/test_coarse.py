@@ -5,7 +5,7 @@ import pytest
 
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.proxy import coarse
+from sshade.proxy import coarse, sample
 from sshade.proxy.fronts import Fronts, farthest_point_sampling
 from sshade.proxy.sample import sample_proxy
 from tests.shapes import bumpy, double_torus, icosphere, strip, torus, tube
@@ -83,7 +83,7 @@ def test_lengths_need_not_be_euclidean():
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_proxies_of_large_meshes_keep_the_topology(name, monkeypatch):
-    monkeypatch.setattr(coarse, "LARGE", 0)
+    monkeypatch.setattr(sample, "LARGE", 0)
     monkeypatch.setattr(coarse, "FINER", 0)
     mesh = SURFACES[name]
     for count in (5, 60, 300):

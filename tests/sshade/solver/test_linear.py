@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, Mesh
 from sshade.core.threads import ThreadTeam
-from sshade.solver.linear import ConjugateGradients, VCycle
+from sshade.solver.cycles import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal, local_global
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.run import Solution

@@ -1,8 +1,4 @@
-"""Solvers of a proxy: for one deformation, for targets that follow each other, and methods of the user.
-
-``solver(handles, volume_goal=, tolerance=, max_iterations=)`` solves the proxy for handles on it. The goal is
-the volume of N', as a multiple of the volume of N. Each solve starts from the result of the last one.
-"""
+"""The solver of a proxy that is kept for targets that follow each other."""
 
 from __future__ import annotations
 
@@ -10,84 +6,19 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import beside
 from sshade.mesh.mesh import Mesh
-from sshade.method.start import solve_from_start, solve_once, solver_threads
+from sshade.method.start import solve_from_start, solver_threads
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
-from sshade.solver.local_global import LocalGlobal, bind_task, solve_bound
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import initial_guess
-
-
-class ProxySolver(Protocol):
-    """Solves a proxy for handles on it, from the result of the last solve.
-
-    To try another method on the proxy, pass it as the option `coarse`. To try another solver, make it in
-    :class:`sshade.method.proxy.Proxy` in place of the two below.
-    """
-
-    def __call__(
-        self, handles: Handles, *, volume_goal: float, tolerance: float, max_iterations: int
-    ) -> DeformationResult: ...
-
-
-class OnceSolver:
-    """Solve a proxy for one deformation, by our solver or by the user's method ``options.coarse``.
-
-    Parameters
-    ----------
-    proxy : Mesh
-        N.
-    options : Options
-    name : str
-        Of the task.
-    guess : (k, 3) float64, optional
-        Shape in which the first solve starts; by default as the options say.
-    progress, coarser_progress : Progress
-    """
-
-    def __init__(
-        self,
-        proxy: Mesh,
-        options: Options,
-        *,
-        name: str = "proxy",
-        guess: np.ndarray | None = None,
-        progress: Progress = silent,
-        coarser_progress: Progress = silent,
-    ) -> None:
-        self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
-        self._progress, self._coarser_progress = progress, coarser_progress
-
-    def __call__(self, handles: Handles, *, volume_goal: float = 1.0, **stop: Any) -> DeformationResult:
-        task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
-        if (method := self._options.coarse) is not None:
-            return method(task, seed=self._options.seed, progress=self._progress)
-        options = replace(self._options, **stop)
-        with beside(partial(bind_task, task, options), size=self._proxy.n) as bound:
-            if self._guess is None and options.coarser_start:
-                solve = partial(solve_once, bound=bound, options=options, volume_goal=volume_goal)
-                reports = {"progress": self._progress, "coarser_progress": self._coarser_progress}
-                result = solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
-            else:
-                result = solve_bound(
-                    bound.result(),
-                    task,
-                    options,
-                    accelerate=options.accelerate,
-                    volume_goal=volume_goal,
-                    workers=solver_threads(options, self._proxy.n),
-                    progress=self._progress,
-                )
-        self._guess = result.vertices
-        return result
 
 
 class FollowingSolver:
