@@ -25,9 +25,8 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.deform import deform_task
-from sshade.method.placement import Placement, sample_with_handles
 from sshade.method.proxies import Proxies
-from sshade.method.regions import HandleRegions
+from sshade.method.regions import HandleRegions, Placement, sample_with_handles
 from sshade.problem.options import PRESETS, accepted, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.projection import Projection, project_to_fans
@@ -192,7 +191,7 @@ def sample_nearest_to_handles(
     Parameters
     ----------
     mesh, regions, seed
-        See :func:`sshade.method.placement.sample_with_handles`.
+        See :func:`sshade.method.regions.sample_with_handles`.
     """
     sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
 

@@ -8,13 +8,84 @@ exact volume.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+from math import inf
 from typing import Any
 
+from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
+from sshade.core.threads import Later
 from sshade.method.pieces import Pieces, both
-from sshade.problem.options import SOLVER, Energy, Options, takes_options
+from sshade.problem.options import SOLVER, Energy, Options, complete, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.local_global import local_global
+from sshade.solver.local_global import prepare, solve_task
+
+
+def local_global(
+    task: DeformationTask,
+    *,
+    energy: Energy = "spokes_and_rims",
+    accelerate: bool = True,
+    factorised: bool | None = None,
+    volume_goal: float = 1.0,
+    workers: int = 1,
+    softened: bool = False,
+    seed: int = 0,
+    progress: Progress = silent,
+    **options: Any,
+) -> DeformationResult:
+    """Minimise an as-rigid-as-possible energy with our accelerated local/global solver.
+
+    Parameters
+    ----------
+    task : DeformationTask
+        Constraints on volume or area need a connected mesh.
+    energy : {"spokes", "spokes_and_rims"}
+        See :class:`sshade.solver.system.System`.
+    accelerate : bool
+        Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
+    factorised : bool, optional
+        See :func:`sshade.solver.local_global.prepare`.
+    volume_goal : float
+        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
+    workers : int
+        Threads that share each iteration; no influence on the result.
+    softened : bool
+        See :meth:`sshade.solver.local_global.LocalGlobal.solve`.
+    seed : int
+        Unused: the method is deterministic.
+    progress : Progress
+    **options
+        Of the energy and its iteration: :data:`sshade.problem.options.SOLVER`. The defaults are the
+        published energy.
+
+    Returns
+    -------
+    DeformationResult
+        ``extra`` holds ``rotations``, ``residual``, the energies, ``rejected``, and the errors and states of
+        volume and area, as of :class:`sshade.solver.run.Solution`.
+
+    Raises
+    ------
+    InputError
+        On an unknown option or energy, or a value out of its range.
+    FloatingPointError
+        When an iterate is not finite.
+    """
+    if not 0 < volume_goal < inf:
+        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
+    solver_options = complete(options)
+    return solve_task(
+        task,
+        prepared=Later(partial(prepare, task, solver_options, energy=energy, factorised=factorised)),
+        options=replace(solver_options, accelerate=accelerate),
+        volume_goal=volume_goal,
+        workers=workers,
+        tolerance=solver_options.tolerance,
+        softened=softened,
+        progress=progress,
+    )
 
 
 @takes_options(SOLVER)
@@ -27,7 +98,7 @@ def accelerated_arap(
     progress: Progress = silent,
     **options: Any,
 ) -> DeformationResult:
-    """Minimise the spokes energy; see :func:`sshade.solver.local_global.local_global`.
+    """Minimise the spokes energy; see :func:`local_global`.
 
     If volume or area is constrained, or components without handles are carried, components of the mesh are
     deformed separately.

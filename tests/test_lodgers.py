@@ -10,8 +10,8 @@ import sshade
 
 ROOT = Path(__file__).parents[1]
 SOURCES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "sshade").rglob("*.py")}
-#: Readers of files, and the solver as a method, alone and on the pieces of a mesh, which other programs call.
-FOR_OTHERS = {"read_handles", "read_mesh", "read_arrays", "read_task", "local_global"}
+#: Readers of files, which other programs call.
+FOR_OTHERS = {"read_handles", "read_mesh", "read_arrays", "read_task"}
 #: Names that Blender and the program of sub-commands look up.
 LOOKED_UP = {"add_arguments", "command", "register", "unregister"}
 

@@ -9,7 +9,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import numbered
-from sshade.method.placement import Placement
+from sshade.method.regions import Placement
 from sshade.problem.handles import Handles
 from sshade.problem.snapping import snap_to_vertices
 from sshade.proxy.neighbours import sums_by_index

@@ -18,8 +18,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.following_solver import FollowingSolver
 from sshade.method.nearest_placement import NearestPlacement
-from sshade.method.placement import Sampler, sample_with_handles
-from sshade.method.regions import HandleRegions
+from sshade.method.regions import HandleRegions, Sampler, sample_with_handles
 from sshade.method.start import OnceSolver, ProxySolver
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options

@@ -5,36 +5,32 @@ this kind, the sampling counts a third of each distance between handle vertices.
 keeps one sample for every nine outside. The samples inside determine the motion, rotation and volume of the
 region. Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
 
-In the end every hard handle vertex goes to its target. The surface beside an edge turns with its region,
-because it would crease where it is clamped. Handles without an inside, such as single vertices or lines, have
-no rotation: their distances to the targets are spread over the surface beside them.
+In the end every hard handle vertex goes to its target, and the surface beside it follows
+(:mod:`sshade.method.region_edges`). The volume of M' is corrected.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, reduce
-from operator import matmul
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
-from sshade.core.kernels import kernel
+from sshade.core.errors import InputError
 from sshade.core.threads import in_ranges
 from sshade.mesh.adjacency import VertexGraph
-from sshade.mesh.harmonic import harmonic
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import flagged, numbered
 from sshade.method.normal_shift import shifted
+from sshade.method.region_edges import RegionEdges
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.proxy.blended import nearest_rotations
-from sshade.proxy.fronts import Fronts, thinned
-from sshade.proxy.sample import proxy_vertices
-from sshade.proxy.vertex_maps import VertexMaps
+from sshade.proxy.fronts import thinned
+from sshade.proxy.sample import Sampling, proxy_vertices, sample_proxy
 from sshade.solver.constraints import ROUNDING, volume_and_area
 
 #: Length of an edge between handle vertices in the sampling, as a fraction of its length.
@@ -43,17 +39,6 @@ INSIDE = 1 / 3
 EDGE_RATIO, EDGE_SAMPLES = 4, 100
 #: Largest move of a vertex by the volume correction, in distances between samples.
 SHIFT = 0.1
-#: Least fraction of a region's handles that are surrounded by handles, for the region to have a rotation.
-#: Among single vertices some triples happen to be faces, whose rotation means nothing.
-SURROUNDED = 0.1
-#: Angles of a region against the surface beside it, in radians. Up to the first the angle is a crease and is
-#: removed; from the second on it is a bend and stays, because removing it would stretch the surface.
-CREASE, BEND = 0.3, 0.9
-#: Number of rings of neighbours along a region's edge over which the angle is averaged.
-RINGS = 4
-#: Width of the surface beside an edge that turns with its region, as a multiple of the distance between
-#: samples plus the distance between vertices.
-WIDTH = 3.0
 
 
 class HandleRegions:
@@ -106,14 +91,13 @@ class HandleRegions:
         index, self._hard = handles.index, handles.hard
         self.number = numbered(index, mesh.n)
         handle = self.number >= 0
-        # Hard handle vertices: `_hard_index` has all ids, `fixed` (n,) marks them, and `_edge` has the ids
-        # on the edges of regions.
         self._hard_index = index[self._hard]
         self.fixed = flagged(self._hard_index, mesh.n)
         self.covered = bool(handles.hard.sum() == mesh.n)
         edge = edge_vertices(mesh, index)
         self.regional = _are_regions(len(edge), len(index), vertices)
         self.metric, self.first = graph, index
+        #: Hard handle vertices on the edges of regions.
         self._edge = edge if self._hard.all() else edge_vertices(mesh, self._hard_index)
         if self.regional and not self.covered:
             owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
@@ -134,6 +118,13 @@ class HandleRegions:
             found.append(handles.index[kind][first[missing]])
         return np.union1d(*found)
 
+    @cached_property
+    def _edges(self) -> RegionEdges:
+        soft = self._handles.index[~self._hard]
+        return RegionEdges(
+            self._mesh, self.graph, vertices=self.vertices, edge=self._edge, fixed=self.fixed, soft=soft
+        )
+
     def on_targets(self, V: np.ndarray, handles: Handles) -> np.ndarray:
         """Move every hard handle vertex to its target, and turn the surface beside regions with them.
 
@@ -143,65 +134,18 @@ class HandleRegions:
             M', prolonged from the proxy.
         handles : Handles
             At their targets, with their rotations.
-
-        Returns
-        -------
-        (n, 3) float64
-            ``(1 - phi) v' + phi (t_e + R_e (v - v_e))``. v_e is the nearest edge vertex, t_e its target, and
-            R_e the rotation of its region: prescribed, or fitted to the faces between handles. phi falls
-            from 1 at the edge, with slope 0, to 0, and is smaller where the surface bends beside the region.
-            Beside handles without a rotation, v' moves by the harmonic function that is ``t_e - v_e'`` at the
-            handles and 0 where phi ends. Soft handles there follow.
         """
         if not self.regional or len(self._hard_index) == 0:
             return V
         moved = V.copy()
         moved[self._hard_index] = handles.target[self._hard]
-        (vertex, nearest, phi), edge = self._margin, self._edge
-        R, prescribed = self._rotations(moved, handles)
-        rotated, (arm, arms) = np.isfinite(R[:, 0, 0]), self._arms
-        offset, offsets = np.zeros_like(arm), np.zeros(len(edge))
-        _add_offsets(vertex, nearest, arm, edge, R, moved, V, offset, offsets)
-        weight = self._crease_weights(offsets, np.where(rotated, arms, 0.0))
-        weight[prescribed] = 1.0
-        moved[vertex] += (phi * weight[nearest])[:, None] * offset
-        movable, free = vertex[~rotated[nearest]], edge[~rotated]
-        missed = moved[free] - V[free]
-        if len(movable) and missed.any():
-            known = np.zeros_like(V)
-            known[free] = missed
-            moved[movable] += harmonic(self.graph, movable, known)
+        self._edges.move_beside(moved, V, handles)
         return moved
-
-    def _crease_weights(self, offsets: np.ndarray, arms: np.ndarray) -> np.ndarray:
-        """(k,) weights at edge vertices: from 1 up to an angle of :data:`CREASE` to 0 from :data:`BEND` on.
-
-        `offsets` and `arms` (k,) have sums of lengths over the vertices nearest to each edge vertex. The
-        angle is the ratio of their sums over an edge vertex and its neighbours along the edge.
-        """
-        offsets, arms = (self._along @ np.column_stack([offsets, arms])).T
-        angle = offsets / np.where(arms > 0, arms, 1.0)
-        return _smooth_fall(np.maximum(angle - CREASE, 0.0) / (BEND - CREASE))
-
-    @cached_property
-    def _along(self) -> csr_array:
-        """(k, k) numbers of walks of :data:`RINGS` steps between edge vertices; a step may stay in place."""
-        along = self.graph.matrix[self._edge][:, self._edge]
-        along.data[:] = 1.0
-        step = along + eye_array(len(self._edge), format="csr")
-        return reduce(matmul, [step] * RINGS)
-
-    @cached_property
-    def _arms(self) -> tuple[np.ndarray, np.ndarray]:
-        """(b, 3) margin vertices at rest minus their edge vertices, and (k,) sums of the lengths."""
-        vertex, nearest, _ = self._margin
-        arm = self._mesh.V[vertex] - self._mesh.V[self._edge[nearest]]
-        return arm, np.bincount(nearest, np.linalg.norm(arm, axis=1), len(self._edge))
 
     def prepare(self) -> None:
         """Compute the rest-shape data of :meth:`on_targets`, in a thread that has time."""
         if self.regional and len(self._hard_index):
-            self._arms, self._maps, self._along  # noqa: B018 - cached
+            self._edges.prepare()
 
     @property
     def volume(self) -> float:
@@ -238,7 +182,7 @@ class HandleRegions:
     @cached_property
     def _movable(self) -> np.ndarray:
         """(n,) weights of moves: 0 at hard handles, 1 away from the edges of regions."""
-        weight, (vertex, _, phi) = np.ones(self._mesh.n), self._margin
+        weight, (vertex, _, phi) = np.ones(self._mesh.n), self._edges.margin
         weight[vertex] *= 1 - phi
         weight[self.fixed] = 0.0
         return weight
@@ -248,80 +192,58 @@ class HandleRegions:
         """(m, 3) uint32: the faces of M."""
         return self._mesh.F.astype(np.uint32)
 
-    def _rotations(self, moved: np.ndarray, handles: Handles) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rotations of the regions at the k vertices of their edges.
 
-        Returns
-        -------
-        (k, 3, 3) float64
-            NaN where none is known.
-        (k,) bool
-            Where a rotation is prescribed.
+class Placement:
+    """Places handles of M on a proxy N, by a function of the handles."""
+
+    def __init__(self, place: Callable[[Handles], Handles]) -> None:
+        self._place = place
+
+    def __call__(self, handles: Handles) -> Handles:
+        """Return handles of N.
+
+        Raises
+        ------
+        InputError
+            Where the handles cannot be placed on N.
         """
-        R, prescribed = np.full((len(self._edge), 3, 3), np.nan), np.zeros(len(self._edge), dtype=bool)
-        if self._maps:
-            vertex, of_edge, maps = self._maps
-            A = maps(moved[vertex])[0]
-            R[of_edge >= 0] = nearest_rotations(A[of_edge[of_edge >= 0]])
-        if handles.prescribed_rotations:
-            rotated, rotations = handles.prescribed_rotations
-            number = numbered(rotated, self._mesh.n)[self._edge]
-            prescribed = number >= 0
-            R[prescribed] = rotations[number[prescribed]]
-        return R, prescribed
+        placed = self._place(handles)
+        if handles.prescribed_rotations and not placed.prescribed_rotations:
+            raise InputError("no handle with a rotation is a vertex of the proxy; raise the option vertices")
+        return placed
 
-    @cached_property
-    def _region(self) -> np.ndarray:
-        """(n,) int32: number of the connected region of each hard handle vertex; 0 elsewhere."""
-        handles = np.flatnonzero(self.fixed)
-        region = np.zeros(self._mesh.n, dtype=np.int32)
-        region[handles] = connected_components(self.graph.matrix[handles][:, handles], directed=False)[1]
-        return region
+    def learn(self, handles: Handles, V: np.ndarray) -> float:
+        """Correct later placements for where M' (n, 3) missed the targets; return the largest distance."""
+        return 0.0
 
-    @cached_property
-    def _maps(self) -> tuple[np.ndarray, np.ndarray, VertexMaps] | None:
-        """Vertices of faces between handles at the edges of regions, and the affine maps around them.
+    def forget(self) -> None:
+        """End the corrections."""
 
-        Between them stands the number of the vertex, -1 if none, for each of the k vertices of edges. None if
-        no region has enough surrounded handles for a rotation.
-        """
-        at_edge, region = flagged(self._edge, self._mesh.n), self._region
-        size, edge = (
-            np.bincount(region[i], minlength=region.max() + 1) for i in (self._hard_index, self._edge)
-        )
-        F = self._mesh.F[at_edge[self._mesh.F].any(axis=1)]
-        F = F[self.fixed[F].all(axis=1)]
-        F = F[(size - edge >= SURROUNDED * size)[region[F[:, 0]]]]
-        if len(F) == 0:
-            return None
-        vertex, F = np.unique(F, return_inverse=True)
-        number = numbered(vertex, self._mesh.n)[self._edge]
-        return vertex, number, VertexMaps.at_rest(Mesh(self._mesh.V[vertex], F.reshape(-1, 3)))
 
-    @cached_property
-    def _margin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Movable vertices beside the edges, the number of the nearest edge vertex for each, and phi.
+#: Samples a mesh: ``sample(mesh, regions, seed)``.
+Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Placement]]
 
-        phi is 0 half-way between two regions, where the nearest edge changes, and at soft handles, which the
-        solver has placed.
-        """
-        graph = self.graph
-        if len(self._edge) == 0:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
-        fronts = Fronts(graph, self._edge)
-        distance, nearest = fronts.distance, self._edge[fronts.cell]
-        width = WIDTH * np.sqrt(self._mesh.area) * (self.vertices**-0.5 + graph.n**-0.5)
-        vertex = np.flatnonzero((distance < width) & ~self.fixed)
-        phi = _smooth_fall(distance[vertex] / width)
-        nearest_region = self._region[nearest]
-        owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-        between = np.unique(owner[nearest_region[owner] != nearest_region[graph.indices]])
-        between = np.union1d(between, self._handles.index[~self._hard])
-        if len(between):
-            near, other = distance[vertex], Fronts(graph, between).distance[vertex]
-            other = np.minimum(other, np.finfo(float).max)  # infinite on a component without a between
-            phi = phi * (1 - _smooth_fall(other / np.maximum(near, other)))
-        return vertex, fronts.cell[vertex], phi
+
+def sample_with_handles(
+    mesh: Mesh, regions: HandleRegions, seed: tuple[int, int]
+) -> tuple[Sampling, Placement]:
+    """Sample M with its handle vertices first, so that they are vertices and handles of N.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    regions : HandleRegions
+    seed : (int, int)
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.proxy.sample.sample_proxy`.
+    """
+    sampling = sample_proxy(mesh, regions.vertices, first=regions.first, seed=seed, graph=regions.metric)
+    number = regions.number[sampling.samples]
+    on = np.flatnonzero(number >= 0)
+    return sampling, Placement(lambda handles: handles.sampled(number[on], on, mesh.V))
 
 
 def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
@@ -350,34 +272,9 @@ def _are_regions(edge: int, handles: int, vertices: int) -> bool:
     return 2 * edge < handles or 2 * handles > vertices
 
 
-def _smooth_fall(x: np.ndarray) -> np.ndarray:
-    """Fall from 1 at 0 to 0 from 1 on, with slope 0 at both ends."""
-    x = np.minimum(x, 1.0)
-    return 1 - x * x * (3 - 2 * x)
-
-
 def all_on_targets(task: DeformationTask) -> DeformationResult:
     """Return the result of a task in which every vertex is a hard handle."""
     V = task.mesh.V.copy()
     V[task.handles.index] = task.handles.target
     facts = Facts(residual=0.0, faces_without_area=int(task.mesh.without_area.sum()))
     return DeformationResult(V, 0, True, facts=facts)
-
-
-@kernel
-def _add_offsets(vertex, nearest, arm, edge, R, moved, V, offset, offsets):
-    """Write the offsets (b, 3) of margin vertices, and add their lengths to the sums (k,) of edge vertices.
-
-    Where the rotation is NaN, both stay.
-    """
-    for i in range(len(vertex)):
-        v, e = vertex[i], nearest[i]
-        if np.isnan(R[e, 0, 0]):
-            continue
-        square = 0.0
-        for r in range(3):
-            turned = R[e, r, 0] * arm[i, 0] + R[e, r, 1] * arm[i, 1] + R[e, r, 2] * arm[i, 2]
-            x = turned + moved[edge[e], r] - V[v, r]
-            offset[i, r] = x
-            square += x * x
-        offsets[e] += np.sqrt(square)

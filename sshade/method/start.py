@@ -27,8 +27,7 @@ from sshade.core.progress import Progress, silent
 from sshade.core.threads import SMALL, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.placement import sample_with_handles
-from sshade.method.regions import HandleRegions
+from sshade.method.regions import HandleRegions, sample_with_handles
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy

@@ -195,7 +195,7 @@ PROXIES = GROUPS["Proxy"]
 TRANSFER_SAMPLINGS = 10
 #: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
-#: Options of the solver, :func:`sshade.solver.local_global.local_global`.
+#: Options of the solver (:mod:`sshade.solver.local_global`).
 SOLVER = (*ENERGY, "attachment", "bending", "thickness", *ITERATION)
 
 _FAST = Options(

@@ -11,16 +11,14 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import Later, Pending, ThreadTeam
+from sshade.core.threads import Pending, ThreadTeam
 from sshade.problem.handle_checks import checked_target
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -30,10 +28,10 @@ from sshade.solver.energy import Prescribed
 from sshade.solver.run import Run, Solution, Stop, initial_guess, run
 from sshade.solver.system import System
 
-#: Largest number of vertices for which :func:`local_global` factorises by default. V-cycles take as long at
+#: Largest number of vertices for which a task is factorised by default. V-cycles take as long at
 #: 170,000 vertices, in a sixth of the memory, and half as long at 680,000.
 FACTORISED = 100_000
-#: Nearly exact steps of :func:`local_global` without a factorisation. They decide which minimum is found:
+#: Nearly exact steps of a solve without a factorisation. They decide which minimum is found:
 #: with 5, some bodies with handles moved far ended in higher minima.
 EXACT_STEPS = 20
 #: Tolerance of a solve with a softened Laplacian, as a multiple of the tolerance asked for. Such solves ended
@@ -224,8 +222,15 @@ def prepare(
 
     Parameters
     ----------
-    task, options, energy, factorised
-        As of :func:`local_global`.
+    task : DeformationTask
+        Constraints on volume or area need a connected mesh.
+    options : Options
+    energy : {"spokes", "spokes_and_rims"}
+        See :class:`sshade.solver.system.System`.
+    factorised : bool, optional
+        Factorise the Laplacian; otherwise use V-cycles after `exact_steps` nearly exact steps. V-cycles need
+        memory in proportion to the mesh, and reach the same minimum up to the tolerance. The default
+        factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
     exact_steps : int
         See :class:`sshade.solver.system.System`.
     """
@@ -250,78 +255,6 @@ def prepare(
     return Prepared(solver, targets, perf_counter() - begin)
 
 
-def local_global(
-    task: DeformationTask,
-    *,
-    energy: Energy = "spokes_and_rims",
-    accelerate: bool = True,
-    factorised: bool | None = None,
-    prepared: Prepared | None = None,
-    volume_goal: float = 1.0,
-    workers: int = 1,
-    softened: bool = False,
-    seed: int = 0,
-    progress: Progress = silent,
-    **options: Any,
-) -> DeformationResult:
-    """Minimise an as-rigid-as-possible energy with our accelerated local/global solver.
-
-    Parameters
-    ----------
-    task : DeformationTask
-        Constraints on volume or area need a connected mesh.
-    energy : {"spokes", "spokes_and_rims"}
-        See :class:`sshade.solver.system.System`.
-    accelerate : bool
-        Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
-    factorised : bool, optional
-        Factorise the Laplacian; otherwise use V-cycles after :data:`EXACT_STEPS` nearly exact steps. V-cycles
-        need memory in proportion to the mesh, and reach the same minimum up to the tolerance. The
-        default factorises meshes of up to :data:`FACTORISED` vertices, and all meshes with bending.
-    prepared : Prepared, optional
-        Result of :func:`prepare` for the same mesh, handles and options; by default it is made here.
-    volume_goal : float
-        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
-    workers : int
-        Threads that share each iteration; no influence on the result.
-    softened : bool
-        See :meth:`LocalGlobal.solve`.
-    seed : int
-        Unused: the method is deterministic.
-    progress : Progress
-    **options
-        Of the energy and its iteration: :data:`sshade.problem.options.SOLVER`. The defaults are the
-        published energy.
-
-    Returns
-    -------
-    DeformationResult
-        ``extra`` holds ``rotations``, ``residual``, the energies, ``rejected``, and the errors and states of
-        volume and area, as of :class:`Solution`.
-
-    Raises
-    ------
-    InputError
-        On an unknown option or energy, or a value out of its range.
-    FloatingPointError
-        When an iterate is not finite.
-    """
-    if not 0 < volume_goal < inf:
-        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
-    solver_options = complete(options)
-    ready = prepared or prepare(task, solver_options, energy=energy, factorised=factorised)
-    return solve_task(
-        task,
-        prepared=Later(lambda: ready),
-        options=replace(solver_options, accelerate=accelerate),
-        volume_goal=volume_goal,
-        workers=workers,
-        tolerance=solver_options.tolerance,
-        softened=softened,
-        progress=progress,
-    )
-
-
 def solve_task(
     task: DeformationTask,
     *,
@@ -333,9 +266,34 @@ def solve_task(
     softened: bool = False,
     progress: Progress = silent,
 ) -> DeformationResult:
-    """Solve a task from its guess or its start, with the solver that :func:`prepare` has set up for it.
+    """Solve a task from its guess or its start, with the solver that was set up for it.
 
-    Parameters and result as of :func:`local_global`; the tolerance goes before that of the options.
+    Parameters
+    ----------
+    task : DeformationTask
+    prepared : Pending of Prepared
+        Result of :func:`prepare` for the same mesh, handles and options, now or later.
+    options : Options
+        Of the energy and its iteration, but for the tolerance.
+    volume_goal : float
+        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
+    workers : int
+        Threads that share each iteration; no influence on the result.
+    tolerance : float
+    softened : bool
+        See :meth:`LocalGlobal.solve`.
+    progress : Progress
+
+    Returns
+    -------
+    DeformationResult
+        ``extra`` holds ``rotations``, ``residual``, the energies, ``rejected``, and the errors and states of
+        volume and area, as of :class:`sshade.solver.run.Solution`.
+
+    Raises
+    ------
+    FloatingPointError
+        When an iterate is not finite.
     """
     ready, begin = prepared.result(), perf_counter()
     solution = ready.solver.solve(

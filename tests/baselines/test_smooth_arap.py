@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from baselines.smooth_arap import smooth_arap
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, held_ends
 from tests.sshade.naive import vertex_areas
 

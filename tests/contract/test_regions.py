@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from eval.metrics.deformation import edge
 from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Mesh
-from sshade.solver.local_global import local_global
 from tests.full import few
 from tests.methods import LEARNED, configured, methods
 from tests.shapes import beside, block, bumpy, jittered, moved_parts, shifted

@@ -16,7 +16,7 @@ import pytest
 from numba.core.registry import CPUDispatcher
 from scipy.sparse import csr_array
 
-from baselines.accelerated import accelerated_arap
+from baselines.accelerated import accelerated_arap, local_global
 from baselines.arap import arap
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
@@ -30,7 +30,6 @@ from sshade.proxy.projection import _closest_in_triangle
 from sshade.proxy.sample import sample_proxy
 from sshade.solver import factorisation
 from sshade.solver.cycles import ConjugateGradients
-from sshade.solver.local_global import local_global
 from sshade.solver.multigrid import Multigrid
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import bent, double_torus, icosphere, jittered, torus

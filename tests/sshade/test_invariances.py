@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.proxy import sample as proxy_module
-from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, double_torus, rotation, strip, torus, tube
 
 #: Largest difference of results over the bounding-box diagonal: rounding, amplified by the iterations. The

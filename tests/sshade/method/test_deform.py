@@ -8,8 +8,8 @@ import pyvista
 import trimesh
 
 import sshade
+from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
-from sshade.solver.local_global import local_global
 from tests.shapes import as_obj, beside, bumpy, end_handles, rotation, shifted, torn
 from tests.sshade.mesh.test_cutting import t_fin
 from tests.sshade.method.calls import METHODS, fast

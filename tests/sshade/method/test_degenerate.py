@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
 from sshade.solver.cotangents import SLACK, half_cotangents
-from sshade.solver.local_global import local_global
 from tests.shapes import QUARTER, bumpy, end_handles, rotation
 from tests.sshade.method.calls import fast, fine, paper
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.method.regions import edge_vertices
 from sshade.problem.options import PRESETS, SOLVER
-from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, end_handles
 from tests.sshade.method.calls import fast, fine
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.optimize import minimize
 
 import sshade
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Deformer, InputError, Mesh
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
-from sshade.solver.local_global import local_global
 from tests.shapes import beside, bumpy, end_handles, icosphere, shifted, tube
 
 BODY = bumpy(3)

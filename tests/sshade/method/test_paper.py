@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
 from sshade.core.progress import silent
 from sshade.proxy.sample import sample_proxy
-from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, family, moved_parts
 from tests.sshade.method.calls import paper
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from baselines.arap import arap
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.files.handles_on_mesh import read_handles
@@ -16,7 +17,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.method import start
 from sshade.method.start import OnceSolver
 from sshade.problem.options import resolve
-from sshade.solver.local_global import LocalGlobal, local_global, solve_task
+from sshade.solver.local_global import LocalGlobal, solve_task
 from tests.shapes import block, bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.method.calls import METHODS
 from tests.sshade.naive import Naive

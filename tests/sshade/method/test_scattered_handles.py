@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from eval.metrics.deformation import angle, edge, flips
 from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Handles
@@ -10,7 +11,6 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.harmonic import SHORT
 from sshade.method.regions import HandleRegions, has_regions
 from sshade.problem.options import Options
-from sshade.solver.local_global import local_global
 from tests.shapes import bent, bumpy, moved_parts, rotation
 from tests.sshade.method.calls import fast, fine
 

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, deform
 from sshade.files.handles_on_mesh import read_handles, write_handles
-from sshade.solver.local_global import local_global
 from tests.shapes import beside, bumpy, shifted
 from tests.sshade.method.calls import METHODS
 

@@ -9,12 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
 from sshade.method import start
 from sshade.method.start import RATIO, ROOM, OnceSolver, lowest
 from sshade.problem.options import Options
-from sshade.solver.local_global import local_global, solve_task
+from sshade.solver.local_global import solve_task
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
 

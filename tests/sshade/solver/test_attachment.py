@@ -7,11 +7,11 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.solver.attachment import LINK, RADIUS, REACH, Attachment
-from sshade.solver.local_global import local_global
 from tests.shapes import moved_parts, rotation, subdivided, tube
 from tests.sshade.naive import vertex_areas
 

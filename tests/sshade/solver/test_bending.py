@@ -5,8 +5,9 @@ import pytest
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Mesh
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import Multigrid
 from tests.shapes import bumpy, held_ends, jittered, moved_parts, strip
 from tests.sshade.method.test_degenerate import split

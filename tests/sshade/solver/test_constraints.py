@@ -10,6 +10,7 @@ import trimesh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.problem.options import Options
@@ -24,7 +25,7 @@ from sshade.solver.constraints import (
     Constraints,
 )
 from sshade.solver.descent import Descent
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Solution, Stop, run
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus

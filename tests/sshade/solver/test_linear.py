@@ -3,10 +3,11 @@ import pytest
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.solver.cycles import ConjugateGradients, VCycle
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import Multigrid
 from sshade.solver.run import Solution
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.mesh.rotations import fit_rotations
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import initial_guess, largest_move
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
-from sshade.solver.local_global import local_global
 from tests.shapes import bumpy, moved_parts, rotation, strip
 from tests.sshade.naive import Naive, vertex_areas
 

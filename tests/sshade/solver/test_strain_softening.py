@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from baselines.accelerated import local_global
 from sshade import DeformationTask, InputError, Mesh
 from sshade.solver.cotangents import half_cotangents
-from sshade.solver.local_global import LocalGlobal, local_global
+from sshade.solver.local_global import LocalGlobal
 from tests.sshade.naive import TASKS
 
 SOFT = {"stiffness": 0.2, "strain": 0.03}

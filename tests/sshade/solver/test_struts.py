@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import sshade
+from baselines.accelerated import local_global
 from sshade import DeformationTask, Deformer, Handles, Mesh
-from sshade.solver.local_global import local_global
 from sshade.solver.terms.struts import opposite_vertices
 from tests.shapes import beside, icosphere, moved_parts, of_all, rotation, shifted, strip, tube
 
