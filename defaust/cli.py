@@ -8,8 +8,8 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from sshade.core.console import CommandParser, progress_bar, run_command
-from sshade.core.programs import add_completion, version_of
+from sshade.core.completion import add_completion
+from sshade.core.console import CommandParser, progress_bar, run_command, version_of
 
 EPILOG = """examples:
   defaust example DIR                                              a body with handles, to try sshade deform

@@ -1,6 +1,6 @@
 """The command ``sshade-eval``: a program with a sub-command for each step of an evaluation.
 
-See :mod:`sshade.core.programs`. The sub-command ``run`` is a Hydra program and reads its arguments itself.
+See :mod:`sshade.core.console`. The sub-command ``run`` is a Hydra program and reads its arguments itself.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 
 from eval.installation import EXTRAS
-from sshade.core.programs import Program
+from sshade.core.console import Program
 
 # Runs ask git for the state of the checkout. This variable keeps git from locking and writing its index.
 os.environ.setdefault("GIT_OPTIONAL_LOCKS", "0")

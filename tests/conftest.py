@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 from numba.core import event
 
-from sshade.core.kernels import Store, describe
+from sshade.core.kernel_store import Store, describe
 from sshade.mesh.mesh import Mesh
 from tests.browser import browser as browser
 from tests.robustness.inputs import write_sound

@@ -9,8 +9,9 @@ import time
 
 import pytest
 
-from sshade.core import kernels
-from sshade.core.kernels import describe, kernel, portable_target
+from sshade.core import kernel_store
+from sshade.core.kernel_store import describe, portable_target
+from sshade.core.kernels import kernel
 from tools.compile_kernels import LIST, parse
 
 OURS = "from sshade.core.kernels import kernel\n\n\n@kernel\ndef total(x):\n    return x.sum()\n"
@@ -92,7 +93,7 @@ def test_a_store_that_cannot_be_written_costs_a_warning(folder, monkeypatch, cod
     def fails(path, content):
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr(kernels, "_replace", fails)
+    monkeypatch.setattr(kernel_store, "_replace", fails)
     with pytest.warns(UserWarning, match=f"compiles again.*{os.strerror(code)}"):
         assert kernel(lambda x: x + 2)(1.0) == 3.0
 
@@ -107,7 +108,7 @@ def test_an_interrupt_lets_a_kernel_load_to_the_end(folder, monkeypatch):
             time.sleep(0.1)
         told.append("end")
 
-    monkeypatch.setattr(kernels.Store, "load_overload", interrupted)
+    monkeypatch.setattr(kernel_store.Store, "load_overload", interrupted)
     found = kernel(lambda x: x + 3)
     # A program in the background of a shell ignores the signal.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -123,27 +124,27 @@ def test_an_interrupt_lets_a_kernel_load_to_the_end(folder, monkeypatch):
 def test_a_user_without_a_folder_for_caches_gets_none_in_the_current_folder(folder, monkeypatch):
     monkeypatch.delenv("SSHADE_KERNELS")
     monkeypatch.setenv("XDG_CACHE_HOME", "")
-    kernels._user_folders.cache_clear()
-    assert kernels.folders() == [kernels.SHIPPED]
-    kernels._user_folders.cache_clear()
+    kernel_store._user_folders.cache_clear()
+    assert kernel_store.folders() == [kernel_store.SHIPPED]
+    kernel_store._user_folders.cache_clear()
 
 
 def test_processors_without_the_level_compile_for_themselves(monkeypatch):
-    monkeypatch.setattr(kernels.llvm, "get_host_cpu_features", dict)
+    monkeypatch.setattr(kernel_store.llvm, "get_host_cpu_features", dict)
     assert portable_target.__wrapped__() is None
 
 
 def test_the_reason_for_a_compilation_names_what_the_package_came_with(folder):
-    assert kernels.why_compiled() == "it came without compiled kernels"
+    assert kernel_store.why_compiled() == "it came without compiled kernels"
     (folder / "store").mkdir()
-    (folder / "store" / kernels.MADE_FOR).write_text("cpython-310, numba 0.1 and x86-64-v3 processors")
+    (folder / "store" / kernel_store.MADE_FOR).write_text("cpython-310, numba 0.1 and x86-64-v3 processors")
     told = f"for cpython-310, numba 0.1 and x86-64-v3 processors, this is {sys.implementation.cache_tag}"
-    assert told in kernels.why_compiled()
+    assert told in kernel_store.why_compiled()
 
 
 def test_the_list_of_signatures_is_read_as_it_is_written():
     for line in LIST.read_text("utf-8").splitlines():
         module, function, *words = line.split()
-        imported = kernels.sys.modules.get(module) or __import__(module, fromlist=["_"])
-        assert isinstance(vars(imported)[function]._cache, kernels.Store)
+        imported = kernel_store.sys.modules.get(module) or __import__(module, fromlist=["_"])
+        assert isinstance(vars(imported)[function]._cache, kernel_store.Store)
         assert describe(tuple(parse(iter(words), imported))) == " ".join(words)

@@ -25,7 +25,15 @@ from typing import Any
 
 from numba.core import types
 
-from sshade.core.kernels import HASH, MADE_FOR, SHIPPED, _hash_of_file, folders, made_for, portable_target
+from sshade.core.kernel_store import (
+    HASH,
+    MADE_FOR,
+    SHIPPED,
+    _hash_of_file,
+    folders,
+    made_for,
+    portable_target,
+)
 
 #: Signatures that are compiled ahead, one a line: the module, the function and its types of arguments.
 LIST = Path(__file__).parent / "kernels.txt"
@@ -86,7 +94,7 @@ def compile_module(name: str, signatures: list[tuple[str, list[str]]]) -> list[P
 
 
 def parse(words: Iterator[str], module: ModuleType) -> list[Any]:
-    """Return the types in words of :func:`sshade.core.kernels.describe`, up to a closing parenthesis."""
+    """Return the types in words of :func:`sshade.core.kernel_store.describe`, up to a closing parenthesis."""
     found: list[Any] = []
     for word in words:
         if word == ")":

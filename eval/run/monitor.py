@@ -10,7 +10,7 @@ from threading import Event, Lock, Thread
 from typing import Any
 
 from eval.run.record import SweepRecord, counts, run_line
-from sshade.core.console import stage_bars, stage_progress
+from sshade.core.bars import stage_bars, stage_progress
 from sshade.core.progress import Progress, silent
 
 #: Seconds between two readings of the record, for runs of other processes.

@@ -14,7 +14,7 @@ arguments or the files, reported in one sentence; 130 after Ctrl-C, and 143 afte
 
 from __future__ import annotations
 
-from sshade.core.programs import Program
+from sshade.core.console import Program
 
 COMMANDS = {
     "deform": ("sshade.cli.deform", "deform a mesh so that its handles reach their targets"),

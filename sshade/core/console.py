@@ -1,4 +1,9 @@
-"""Helpers for all commands: arguments, progress bars, and exit codes on bad input."""
+"""Programs with sub-commands: what they print, their arguments, and how they end.
+
+The module of a sub-command is imported only when the sub-command is called. Such a module has a docstring,
+which is the help text, and functions ``add_arguments(parser)`` and ``command(options)``, which returns the
+exit code.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +14,17 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from functools import partial
+from importlib import import_module
+from typing import NamedTuple, NoReturn
 
 from sshade.core.errors import InputError, reason
 from sshade.core.progress import Progress, silent
 
-if TYPE_CHECKING:
-    from rich.progress import Progress as Bars
-
-
 #: Extra that brings a library of this package, by the module that is imported.
 EXTRAS = {"igl": "bench", **dict.fromkeys(("pyvista", "vtkmodules", "PIL"), "figures")}
-
-#: Number of stages that are shown after their end, so that a screen has room for the stages that run.
-ENDED = 5
 
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300
@@ -46,61 +46,14 @@ def say(text: str) -> None:
 
 @contextmanager
 def progress_bar(*, remaining: str = "") -> Iterator[Progress]:
-    """Draw progress on standard error if it is a terminal; see :func:`stage_bars`."""
+    """Draw progress on standard error if it is a terminal; see :func:`sshade.core.bars.stage_bars`."""
     if not sys.stderr.isatty():
         yield silent
         return
+    from sshade.core.bars import stage_bars, stage_progress
+
     with stage_bars(remaining=remaining) as bars:
         yield stage_progress(bars)
-
-
-def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
-    """Return progress bars of rich for standard error. They vanish at the end of a ``with`` block.
-
-    Parameters
-    ----------
-    remaining : str
-        Stage whose bar shows the estimated remaining time. Other stages have no estimate, because an
-        iteration may converge at any time.
-    **options
-        Options of ``rich.progress.Progress``.
-    """
-    from rich import progress as rich
-    from rich.console import Console
-    from rich.text import Text
-
-    class Remaining(rich.TimeRemainingColumn):
-        def render(self, task: rich.Task) -> Text:
-            return Text("left ") + super().render(task) if task.description == remaining else Text()
-
-    columns = (
-        *(rich.TextColumn("{task.description:<26}"), rich.BarColumn(), rich.MofNCompleteColumn()),
-        *(rich.TimeElapsedColumn(), Remaining(), rich.TextColumn("{task.fields[note]}")),
-    )
-    # Print above the bars if standard output is the same terminal.
-    redirect = sys.stdout.isatty()
-    console = Console(stderr=True)
-    return rich.Progress(*columns, console=console, redirect_stdout=redirect, transient=True, **options)
-
-
-def stage_progress(bars: Bars) -> Progress:
-    """Return a callback that draws one bar for each stage, and hides stages that ended long ago."""
-    tasks: dict[str, Any] = {}
-    ended: list[str] = []
-
-    def progress(stage: str, done: int, total: int, note: str = "") -> None:
-        if stage not in tasks:
-            tasks[stage] = bars.add_task(stage, total=total, note=note)
-        if stage in ended and done < total:  # another pass, such as a correction of the volume
-            ended.remove(stage)
-            bars.reset(tasks[stage], completed=done, total=total, note=note)
-        bars.update(tasks[stage], completed=done, total=total, note=note, visible=True)
-        if done >= total and stage not in ended:
-            ended.append(stage)
-            for earlier in ended[:-ENDED]:
-                bars.update(tasks[earlier], visible=False)
-
-    return progress
 
 
 @contextmanager
@@ -108,7 +61,7 @@ def announced_compilation() -> Iterator[None]:
     """Report on standard error when kernels are compiled, at their first use, and how long it took."""
     from numba.core import event
 
-    from sshade.core.kernels import why_compiled
+    from sshade.core.kernel_store import why_compiled
 
     class CompilationTimer(event.TimingListener):
         """Measure the time of compilations in all threads; nested compilations count once."""
@@ -242,3 +195,109 @@ def _drop_output() -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def version_of(program: str) -> str:
+    """Return the text of ``--version``; all programs have the version of the package."""
+    from importlib.metadata import version
+
+    return f"{program} {version('sshade')}"
+
+
+class Program(NamedTuple):
+    """A program with sub-commands.
+
+    Attributes
+    ----------
+    name : str
+    commands : mapping
+        Module and one-line summary of each sub-command.
+    text : str
+        Help text, with ``{commands}`` for the list of sub-commands.
+    extras : mapping
+        Extras that bring libraries of the program; see :func:`missing_library`.
+    """
+
+    name: str
+    commands: Mapping[str, tuple[str, str]]
+    text: str
+    extras: Mapping[str, str] = {}
+
+    def main(self, argv: Sequence[str] | None = None) -> int:
+        """Run the command line; return the exit code."""
+        name, *arguments = (sys.argv[1:] if argv is None else argv) or [""]
+        try:
+            if name in ("-h", "--help", "--version"):
+                return run_command(lambda: self.tell(name))
+            if name == "--print-completion":
+                return run_command(lambda: self.complete(arguments), extras=self.extras)
+            return run_command(partial(self.call, name, arguments), extras=self.extras)
+        except KeyboardInterrupt:  # while libraries are imported
+            print("interrupted", file=sys.stderr)  # noqa: T201
+            return 130
+
+    @property
+    def help(self) -> str:
+        """Text of ``--help``."""
+        width = max(map(len, self.commands))
+        lines = (f"  {name:<{width}} {summary}" for name, (_, summary) in self.commands.items())
+        return self.text.format(commands="\n".join(lines))
+
+    def tell(self, name: str) -> int:
+        """Print the version or the help text."""
+        print(f"{version_of(self.name)}\n" if name == "--version" else self.help, end="")  # noqa: T201
+        return 0
+
+    def complete(self, arguments: Sequence[str]) -> int:
+        """Print the script of ``--print-completion SHELL``. This imports the modules of all sub-commands."""
+        self.parser().parse_args(["--print-completion", *arguments])
+        return 0
+
+    def parser(self) -> argparse.ArgumentParser:
+        """Return a parser of all sub-commands. This imports the modules of all sub-commands."""
+        from sshade.core.completion import add_completion
+
+        parser = CommandParser(prog=self.name)
+        add_completion(parser)
+        commands = parser.add_subparsers()
+        for name, (module_name, summary) in self.commands.items():
+            command, module = commands.add_parser(name, help=summary), import_module(module_name)
+            if hasattr(module, "add_arguments"):
+                module.add_arguments(command)
+        return parser
+
+    def call(self, name: str, arguments: Sequence[str]) -> int:
+        """Run a sub-command.
+
+        Parameters
+        ----------
+        name : str
+        arguments : sequence of str
+
+        Returns
+        -------
+        int
+            Exit code.
+
+        Raises
+        ------
+        InputError
+            On a mistake in the arguments or in a named file.
+        """
+        if name not in self.commands:
+            found = f"{name!r} is no command" if name else "a command is missing"
+            raise InputError(f"{found}; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`")
+        module = import_module(self.commands[name][0])
+        if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
+            sys.argv[:] = [f"{self.name} {name}", *arguments]
+            return module.main()
+        parser = CommandParser(
+            prog=f"{self.name} {name}",
+            description=module.__doc__,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(parser)
+        options = parser.parse_args(arguments)
+        if "with_file" in options:  # a file may give values that the arguments leave out
+            options = options.with_file(parser, options, arguments)
+        return module.command(options)

@@ -66,7 +66,7 @@ def in_threads(chunk: Callable[[int], Result], count: int, *, workers: int | Non
 
 def in_turn(chunk: Callable[[int], Result], count: int) -> list[Result]:
     """Return ``[chunk(0), ..., chunk(count - 1)]`` by the calling thread, as a team of one does."""
-    return [chunk(i) for i in range(count)]
+    return list(map(chunk, range(count)))
 
 
 def in_ranges(work: Callable[..., Result], n: int, *arguments: Any) -> list[Result]:

@@ -11,8 +11,7 @@ import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
 from eval.installation import EXTRAS as OF_EVAL
-from sshade.core.console import EXTRAS, run_command
-from sshade.core.programs import version_of
+from sshade.core.console import EXTRAS, run_command, version_of
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
