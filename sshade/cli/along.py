@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sshade.cli.arguments import read
+from sshade.cli.arguments import input_paths, read
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
@@ -27,15 +27,8 @@ class Companion(NamedTuple):
     output: Path
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare --with."""
-    text = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
-    text += "with -o posed.ply, shirt.obj becomes posed_shirt.obj"
-    parser.add_argument("--with", dest="along", nargs="+", type=Path, default=[], metavar="FILE", help=text)
-
-
-def outputs(options: argparse.Namespace, output: Path) -> list[Path]:
-    """Return the names of the outputs of --with beside `output`, after a check that they can be written.
+def outputs(options: argparse.Namespace) -> list[Path]:
+    """Return the names of the outputs of --with beside OUT, after a check that they can be written.
 
     Raises
     ------
@@ -43,7 +36,8 @@ def outputs(options: argparse.Namespace, output: Path) -> list[Path]:
         When a file is missing or of another format, or an output is an input or another output.
     """
     names: list[Path] = []
-    inputs = [*(getattr(options, name) for name in options.inputs), *options.along]
+    output = options.output
+    inputs = [*input_paths(options), *options.along]
     for source in options.along:
         check_input(source, SUFFIXES)
         path = output.with_name(f"{output.stem}_{source.name}")
@@ -83,8 +77,6 @@ def write_files(companions: Sequence[Companion], mesh: Mesh, V: np.ndarray) -> N
     from sshade.files.meshes import write_file
     from sshade.proxy.along import move_along
 
-    if not companions:
-        return
     moved = move_along(mesh, V, np.concatenate([one.file.V for one in companions]))
     ends = np.cumsum([len(one.file.V) for one in companions])
     for (source, file, path), positions in zip(companions, np.split(moved, ends[:-1]), strict=True):

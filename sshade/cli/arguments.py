@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sshade.cli.option_file import as_number, read_values
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.handwritten import read_option_file, require_known
 from sshade.files.mesh_file import SUFFIXES, MeshFile, listed
 from sshade.mesh.weld import NEAR, check_weld
-from sshade.problem.options import described, help_text, require_method
+from sshade.problem.options import described, help_text
 
 if TYPE_CHECKING:
     from sshade.files.door import OpenShape
+    from sshade.files.handle_files import HandleFile
+    from sshade.problem.handles import Handles
+    from sshade.problem.task import DeformationTask
 
-#: Least share of edges that shapes with the same order of vertices have in common, of the shape with fewer;
-#: and about how many vertices it is tried on.
-ALIKE, TRIED = 0.5, 10_000
+#: Place of the number in the name of numbered files.
+NUMBER = re.compile(r"%(0\d+)?d")
 #: Formats of meshes, for `--help`.
 FORMATS = ", ".join(SUFFIXES)
-
-
 #: Descriptions of arguments that several commands take.
 REST, HANDLES = f"rest shape ({FORMATS})", "handle file (.json, .yaml)"
 CARRY = "move components without handles rigidly with the nearest component that has handles, such as eyes "
@@ -69,10 +70,24 @@ def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> N
 
     Outputs that are None are skipped. With --overwrite an output may be an input.
     """
-    inputs = [getattr(options, name) for name in options.inputs]
+    inputs = input_paths(options)
     for name, known in suffixes.items():
         if (path := getattr(options, name)) is not None:
             check_output(path, known, inputs=inputs, overwrite=options.overwrite)
+
+
+def input_paths(options: argparse.Namespace) -> list[Path | None]:
+    """Return the paths of all inputs; None stands for an input that is left out."""
+    given = (getattr(options, name) for name in options.inputs)
+    return [path for one in given for path in (one if isinstance(one, list) else [one])]
+
+
+def has_number(path: Path) -> bool:
+    """Whether a name has a place for a number, and raise InputError on two places, or one such as ``%4d``."""
+    places = re.findall(r"%\d*d", path.name)
+    if places and (len(places) > 1 or not NUMBER.fullmatch(places[0])):
+        raise InputError(f"{path}: a pattern has one place for the number, such as out_%04d.ply")
+    return bool(places)
 
 
 def add_flags(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
@@ -147,55 +162,20 @@ def with_option_file(
     Raises
     ------
     InputError
-        When the file cannot be read, a name is unknown to the command, or a value is out of its range.
+        See :func:`sshade.cli.option_file.read_values`.
     """
     path = options.options
     if path is None:
         return options
-    given = read_option_file(path, options.names_in_file)
-    with naming(path):
-        require_known(given, options.names_in_file)
-        known = {name: given[name] for name in options.names_in_file if given.get(name) is not None}
-        values = {name: _checked(name, value) for name, value in known.items()}
+    values = read_values(path, options.names_in_file)
     parser.set_defaults(**values, from_file=values)
     return parser.parse_args(arguments)
 
 
-def _checked(name: str, value: Any) -> Any:
-    """Return a valid value of a file of options, and raise InputError on any other."""
-    option = described().get(name)
-    if name == "method" or (option is not None and option.choices):
-        if not isinstance(value, str):
-            raise InputError(f"{name} must be a name, not {value!r}")
-        return option.checked(name, value) if option else require_method(value)
-    # YAML takes 1e-5 and inf for words.
-    if isinstance(value, str | int) and not isinstance(value, bool):
-        with suppress(ValueError):
-            value = _number(str(value))
-    if option is not None:
-        return option.checked(name, value)
-    if name not in ("weight", "weld"):
-        valid, values = isinstance(value, bool), "true or false"
-    else:
-        valid, values = isinstance(value, int | float) and not isinstance(value, bool), "a number"
-        if valid and name == "weld":
-            check_weld(value)
-        elif name == "weight":
-            valid, values = valid and value > 0, "a number above 0"
-    if not valid:
-        raise InputError(f"{name} must be {values}, not {value!r}")
-    return value
-
-
-def _number(text: str) -> float:
-    """Convert a text to a number, and keep whole numbers that a float can hold as int for later checks."""
-    return int(text) if text.lstrip("-").isdigit() and len(text) < 300 else float(text)
-
-
 def _argument(text: str) -> float:
-    """Convert an argument to a number; see :func:`_number`."""
+    """Convert an argument to a number."""
     try:
-        return _number(text)
+        return as_number(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is no number") from error
 
@@ -221,62 +201,46 @@ def open_mesh(options: argparse.Namespace, output: Path | None = None) -> tuple[
         return file, open_shape(file, weld=options.weld, repair=options.repair)
 
 
-def require_same_order(shape: MeshFile, path: Path, F: np.ndarray, other: str) -> None:
-    """Raise InputError if a shape has few edges of the faces F (m, 3) of another, as after a new order.
+class OpenTask(NamedTuple):
+    """The files of ``sshade deform`` that were read.
 
-    Shapes with other triangles between the same vertices pass, and shapes that lack faces.
-    """
-    if np.array_equal(shape.F, F) or not (len(shape.F) and len(F)):
-        return
-    mine, theirs = (_some_edges(faces, len(shape.V)) for faces in (shape.F, F))
-    if len(np.intersect1d(mine, theirs)) < ALIKE * min(len(mine), len(theirs)):
-        raise InputError(
-            f"{path} has other edges than {other}: its vertices seem to be in another order; export it "
-            "without merging or sorting vertices"
-        )
-
-
-def _some_edges(F: np.ndarray, n: int) -> np.ndarray:
-    """Return numbers of the edges of faces F (m, 3) whose first of n vertices is one of :data:`TRIED`."""
-    tried = np.zeros(n, dtype=bool)
-    tried[:: max(1, n // TRIED)] = True
-    found = []
-    for k in range(3):
-        one, other = F[:, k], F[:, k - 1]
-        first = np.minimum(one, other)
-        here = tried[first]
-        found.append(first[here].astype(np.int64) * n + np.maximum(one[here], other[here]))
-    return np.unique(np.concatenate(found))
-
-
-def corresponding(other: MeshFile, path: Path, shape: OpenShape, mesh: Path) -> np.ndarray:
-    """Return the positions (k, 3) of the surface's vertices in another shape of a mesh.
-
-    Parameters
+    Attributes
     ----------
-    other, path : MeshFile and path
-        The other shape.
-    shape, mesh : OpenShape and path
-        The mesh.
+    file, shape : MeshFile and OpenShape
+        MESH.
+    given : sequence of HandleFile
+        HANDLES: one file, or a file for each pose of a sequence.
+    poses : list of Handles
+        The handles of each file on the surface of the shape.
+    task : DeformationTask
+        With the handles of the first pose.
+    """
+
+    file: MeshFile
+    shape: OpenShape
+    given: Sequence[HandleFile]
+    poses: list[Handles]
+    task: DeformationTask
+
+
+def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenTask:
+    """Open MESH as :func:`open_mesh`, and place the handles of files on it, which --weight makes soft.
 
     Raises
     ------
     InputError
-        When the numbers of vertices differ, or a position is not finite.
+        When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    if len(other.V) != len(shape.V):
-        raise InputError(
-            f"{path} has {len(other.V)} vertices and {mesh} has {len(shape.V)}; they must correspond"
-        )
-    require_same_order(other, path, shape.F, str(mesh))
-    V = shape.surface.picked(other.V)
-    require_finite(V, path, shape.surface.original)
-    return V
+    from sshade.files.handles_on_mesh import on_shape  # imports large libraries
 
-
-def require_finite(V: np.ndarray, path: Path, number: np.ndarray | None = None) -> None:
-    """Raise InputError if a position V (k, 3) of a file is not finite; `number` (k,) are the ids there."""
-    if not (finite := np.isfinite(V).all(axis=1)).all():
-        bad = int(np.argmin(finite))
-        vertex = bad if number is None else number[bad]
-        raise InputError(f"{path}: vertex {vertex} has a NaN or infinite coordinate; write the file again")
+    file, shape = open_mesh(options, options.output)
+    poses: list[Handles] = []
+    for path, one in zip(options.handles, given, strict=True):
+        with naming(path):
+            poses.append(on_shape(one, shape))
+            poses[-1].require_same(poses[0])
+    if options.weight is not None:
+        soft = options.weight
+        poses = [replace(pose, weight=np.where(pose.hard, soft, pose.weight)) for pose in poses]
+    task = shape.task(options.mesh.stem, poses[0], carry_unconstrained=options.carry_unconstrained)
+    return OpenTask(file, shape, given, poses, task)

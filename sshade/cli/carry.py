@@ -16,9 +16,8 @@ from sshade.cli.arguments import (
     check_outputs,
     open_mesh,
     read,
-    require_finite,
-    require_same_order,
 )
+from sshade.cli.correspondence import require_finite, require_same_order
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
 from sshade.files.mesh_file import SUFFIXES, check_input

@@ -64,19 +64,14 @@ from sshade.cli.arguments import (
     add_options,
     add_repair,
     check_outputs,
-    open_mesh,
+    has_number,
+    open_task,
 )
-from sshade.cli.sequence import (
-    add_fps,
-    deform_poses,
-    is_sequence,
-    require_no_fps,
-    softened,
-)
+from sshade.cli.sequence import FPS, check_sequence, deform_poses
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
-from sshade.files.handle_files import HandleFile, read_handle_file
+from sshade.files.handle_files import read_handle_file
 from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
@@ -103,21 +98,74 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
     raw += "corrected by the snap, rotated with its group"
     add_flags(parser, {"--raw": raw, "--carry-unconstrained": CARRY})
-    add_fps(parser)
-    along.add_arguments(parser)
+    fps = f"poses per second of several handle files in a .glb or .gltf (default: {FPS:g})"
+    parser.add_argument("--fps", type=float, metavar="F", help=fps)
+    others = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
+    others += "with -o posed.ply, shirt.obj becomes posed_shirt.obj"
+    parser.add_argument("--with", dest="along", nargs="+", type=Path, default=[], metavar="FILE", help=others)
     add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    sequence = is_sequence(options)
-    if not sequence:
-        require_no_fps(options)
-        (options.handles,) = options.handles
-        check_outputs(options, output=SUFFIXES)
-    elif options.along:
+    sequence = len(options.handles) > 1 or has_number(options.output)
+    if sequence and options.along:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
-    companions = along.outputs(options, options.output)
+    if not sequence:
+        if options.fps is not None:
+            raise InputError("--fps applies to sequences, and these arguments give one pose")
+        check_outputs(options, output=SUFFIXES)
+    names = along.outputs(options) if options.along else []
+    values, resolved = _given_options(options)
+    check_input(options.mesh, SUFFIXES)
+    if sequence:
+        check_sequence(options)
+    given = [read_handle_file(path, raw=options.raw) for path in options.handles]
+    with announced_compilation():
+        from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
+        from sshade.files.meshes import write_file
+        from sshade.method.deform import deform_task
+
+        opened = open_task(options, given)
+        if sequence:
+            deform_poses(options, opened, values, resolved)
+            return 0
+        file, shape, _, (handles,), task = opened
+        others = along.read_files(options.along, names, shape.mesh) if names else []
+        begin = perf_counter()
+        with progress_bar() as progress, announced_warnings():
+            result = deform_task(task, method=options.method, progress=progress, **values)
+        seconds = perf_counter() - begin
+        placed = shape.placed(result.vertices)
+        write_file(options.output, file, placed)
+        if others:
+            along.write_files(others, shape.mesh, result.vertices)
+        stored = stored_positions(options.output, file, placed)
+        rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
+        reach, error = reached(stored, shape.surface, handles)
+        samplings, size = result.facts.samplings, result.facts.proxy_vertices
+        proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
+        proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
+        say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
+        tell(options, opened, result.facts, asked=resolved.vertices, error=error, rounding=rounding)
+    if _stays_at_rest(task, resolved):
+        say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
+    if result.converged is False:
+        say(
+            f"note: the iterations did not converge: they stopped after {result.iterations:.0f} on average, "
+            f"with a residual of {result.facts.residual:.1e}"
+        )
+    return 0
+
+
+def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options]:
+    """Return the options that were given, with their values, and all options of the method.
+
+    Raises
+    ------
+    InputError
+        When an option does not apply to the method, or a value is out of its range.
+    """
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) == "paper":
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
@@ -128,85 +176,13 @@ def command(options: argparse.Namespace) -> int:
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
-    check_input(options.mesh, SUFFIXES)
-    if sequence:
-        return deform_poses(options, values, resolved)
-    given = read_handle_file(options.handles, raw=options.raw)
-    return _deform(options, values, resolved, given, companions)
+    return values, resolved
 
 
-@announced_compilation()
-def _deform(
-    options: argparse.Namespace,
-    values: dict[str, Any],
-    resolved: Options,
-    given: HandleFile,
-    companions: list[Path],
-) -> int:
-    """Read the mesh, deform it, and write the output."""
-    from sshade.cli.notes import (
-        announced_warnings,
-        notes,
-        reached,
-        rounding_notes,
-        stored_positions,
-        unused_options,
-        warnings_of,
-    )
-    from sshade.files.handles_on_mesh import handle_notes, on_shape
-    from sshade.files.meshes import write_file
-    from sshade.method.deform import deform_task
-    from sshade.method.dense_handles import are_dense
-
-    file, shape = open_mesh(options, options.output)
-    mesh = shape.mesh
-    with naming(options.handles):
-        handles = on_shape(given, shape)
-    if options.weight is not None:
-        handles = softened(handles, options.weight)
-    task = shape.task(options.mesh.stem, handles, carry_unconstrained=options.carry_unconstrained)
-    others = along.read_files(options.along, companions, mesh)
-    begin = perf_counter()
-    with progress_bar() as progress, announced_warnings():
-        result = deform_task(task, method=options.method, progress=progress, **values)
-    seconds = perf_counter() - begin
-    placed = shape.placed(result.vertices)
-    write_file(options.output, file, placed)
-    along.write_files(others, mesh, result.vertices)
-    stored = stored_positions(options.output, file, placed)
-    rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
-    reach, error = reached(stored, shape.surface, handles)
-    samplings, size = result.facts.samplings, result.facts.proxy_vertices
-    proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
-    proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
-    say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
-    exact = options.method != "paper"
-    for warning in warnings_of(error, rounding=rounding / mesh.diagonal, exact=exact):
-        say(f"warning: {warning}")
-    rounded = rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=mesh.diagonal)
-    snap = float(handles.snap_distance.max())
-    dense = options.method != "interpolate" and are_dense(task)
-    for note in [
-        *rounded,
-        *unused_options(options, options.handles, given),
-        *handle_notes(given, handles, mesh),
-        *_at_rest(task, resolved),
-        *notes(result.facts, shape.surface, asked=resolved.vertices, snap=snap, dense=dense),
-    ]:
-        say(f"note: {note}")
-    if result.converged is False:
-        say(
-            f"note: the iterations did not converge: they stopped after {result.iterations:.0f} on average, "
-            f"with a residual of {result.facts.residual:.1e}"
-        )
-    return 0
-
-
-def _at_rest(task: DeformationTask, resolved: Options) -> list[str]:
-    """Return a note if no handle moves and nothing else changes the mesh."""
+def _stays_at_rest(task: DeformationTask, resolved: Options) -> bool:
+    """Whether no handle moves and nothing else changes the mesh."""
     handles, mesh = task.handles, task.mesh
     if handles.has_rotation.any() or resolved.volume_goal:
-        return []
-    if np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max() > AT_REST * mesh.diagonal:
-        return []
-    return ['no handle moves: give a group a "target", a "translation" or a "rotation"']
+        return False
+    moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max()
+    return bool(moved <= AT_REST * mesh.diagonal)

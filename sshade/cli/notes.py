@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from sshade.cli.arguments import OpenTask
 from sshade.core.console import say
 from sshade.core.errors import counted
 from sshade.files.handle_files import HandleFile
+from sshade.files.handles_on_mesh import handle_notes
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single, is_single, single_steps
+from sshade.method.dense_handles import are_dense
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import SPARE
@@ -47,8 +50,47 @@ def announced_warnings() -> Iterator[None]:
         logger.removeHandler(announcement)
 
 
-def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: bool) -> list[str]:
-    """Return a sentence for each unusual fact.
+def tell(
+    options: argparse.Namespace,
+    opened: OpenTask,
+    facts: Facts,
+    *,
+    asked: int,
+    error: float,
+    rounding: float,
+) -> None:
+    """Print the warnings and notes of a deformation, or of all poses of a sequence together.
+
+    Parameters
+    ----------
+    options : Namespace
+    opened : OpenTask
+    facts : Facts
+        Of the result. Of a sequence those of the first pose, with the largest gaps of all poses.
+    asked : int
+        Wanted number of samples.
+    error : float
+        Largest distance of a hard handle from its target, as a fraction of the diagonal.
+    rounding : float
+        Largest distance of a stored position from the computed one.
+    """
+    file, shape, given, poses, task = opened
+    diagonal = shape.mesh.diagonal
+    for warning in warnings_of(error, rounding=rounding / diagonal, exact=options.method != "paper"):
+        say(f"warning: {warning}")
+    snap = max(float(handles.snap_distance.max()) for handles in poses)
+    dense = options.method != "interpolate" and are_dense(task)
+    for note in [
+        *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=diagonal),
+        *unused_options(options, options.handles[0], given[0]),
+        *handle_notes(given[0], poses[0], shape.mesh),
+        *notes(facts, shape.surface, asked=asked, snap=snap, dense=dense),
+    ]:
+        say(f"note: {note}")
+
+
+def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: bool) -> Iterator[str]:
+    """Yield a sentence for each unusual fact.
 
     Parameters
     ----------
@@ -62,41 +104,64 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
     dense : bool
         Whether the handles are dense, and the method does not interpolate them.
     """
-    doubled, near, unused = surface.facts.doubled, surface.facts.near, surface.facts.unused
-    dropped = facts.duplicates + surface.facts.duplicates + surface.facts.collapsed
-    flat, turned, copies, one_sided = facts.faces_without_area, facts.turned, facts.copies, facts.one_sided
-    rigid, unconstrained = facts.rigid, facts.unconstrained
-    bent = facts.components - rigid
-    gap, side_gap, opening = map(_percent, (facts.gap, facts.side_gap, facts.opening))
-    found = {
-        f"{doubled} vertices share their place with another vertex, and move with it": doubled,
-        f"{near} vertices lie near another vertex, and move with it (at most "
-        f"{surface.facts.tolerance:.2g} of the diagonal from their common place)": near,
-        f"handles given by position were snapped by at most {snap:.3g}, "
-        f"{_percent(snap / surface.mesh.diagonal)}": snap > 0,
-        "the handles are dense: --method interpolate follows them without an elastic surface in between": (
-            dense
-        ),
-        **(_on_samples(facts, asked, components=bent) if facts.options else {}),
-        f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged": flat,
-        f"{counted(dropped, 'face that repeats', 'faces that repeat')} a vertex or another face "
-        f"{'was' if dropped == 1 else 'were'} ignored": dropped,
-        f"{counted(unused, 'vertex without a face stays', 'vertices without a face stay')} in place": unused,
-        "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
-        "energy is clearly lower, and not from the guide energy": facts.initialisation == "handles",
-        f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours": turned,
-        f"the surface was cut where it is not manifold: {copies} vertices were duplicated, and joined again "
-        f"over gaps of at most {gap}": copies,
-        f"{one_sided} vertices lie on one-sided surfaces: both sides were deformed, and the result is their "
-        f"mean, at most {side_gap} from either side": one_sided,
-        f"{bent} components were deformed separately and divide the proxy vertices": bent > 1,
-        f"{counted(rigid, 'component moves', 'components move')} rigidly with the handles, without a "
-        "proxy": rigid,
-        f"{counted(unconstrained, 'component without handles follows', 'components without handles follow')} "
-        "the nearest component rigidly": unconstrained,
-        f"components that touched came apart by {opening}": facts.opening > APART,
-    }
-    return [note for note, holds in found.items() if holds]
+    rest = surface.facts
+    if rest.doubled:
+        yield f"{rest.doubled} vertices share their place with another vertex, and move with it"
+    if rest.near:
+        yield (
+            f"{rest.near} vertices lie near another vertex, and move with it (at most "
+            f"{rest.tolerance:.2g} of the diagonal from their common place)"
+        )
+    if snap > 0:
+        share = _percent(snap / surface.mesh.diagonal)
+        yield f"handles given by position were snapped by at most {snap:.3g}, {share}"
+    if dense:
+        yield "the handles are dense: --method interpolate follows them without an elastic surface in between"
+    if facts.options:
+        yield from _on_samples(facts, asked)
+    if flat := facts.faces_without_area:
+        yield f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged"
+    if dropped := facts.duplicates + rest.duplicates + rest.collapsed:
+        repeat = counted(dropped, "face that repeats", "faces that repeat")
+        yield f"{repeat} a vertex or another face {'was' if dropped == 1 else 'were'} ignored"
+    if unused := rest.unused:
+        yield f"{counted(unused, 'vertex without a face stays', 'vertices without a face stay')} in place"
+    yield from _on_pieces(facts)
+
+
+def _on_pieces(facts: Facts) -> Iterator[str]:
+    """Yield sentences on the parts of the mesh that were deformed."""
+    if facts.initialisation == "handles":
+        yield (
+            "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
+            "energy is clearly lower, and not from the guide energy"
+        )
+    if turned := facts.turned:
+        yield f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours"
+    if copies := facts.copies:
+        yield (
+            f"the surface was cut where it is not manifold: {copies} vertices were duplicated, and joined "
+            f"again over gaps of at most {_percent(facts.gap)}"
+        )
+    if one_sided := facts.one_sided:
+        yield (
+            f"{one_sided} vertices lie on one-sided surfaces: both sides were deformed, and the result is "
+            f"their mean, at most {_percent(facts.side_gap)} from either side"
+        )
+    if (bent := facts.components - facts.rigid) > 1:
+        yield f"{bent} components were deformed separately and divide the proxy vertices"
+    if rigid := facts.rigid:
+        yield (
+            f"{counted(rigid, 'component moves', 'components move')} rigidly with the handles, without a "
+            "proxy"
+        )
+    if unconstrained := facts.unconstrained:
+        follow = counted(
+            unconstrained, "component without handles follows", "components without handles follow"
+        )
+        yield f"{follow} the nearest component rigidly"
+    if facts.opening > APART:
+        yield f"components that touched came apart by {_percent(facts.opening)}"
 
 
 def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -> list[str]:
@@ -111,19 +176,19 @@ def _percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} % of the diagonal"
 
 
-def _on_samples(facts: Facts, asked: int, *, components: int) -> dict[str, bool]:
-    """Sentences on a number of samples that differs from the number asked for by more than rounding."""
+def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
+    """Yield a sentence if the number of samples differs from the number asked for by more than rounding."""
     samples, coarser = facts.samples, facts.options["coarser"]
+    rounded = (facts.components - facts.rigid) / 2
     differs = f"the proxy has {samples} samples instead of {asked}: "
-    each = f"{coarser} vertices" if coarser > 1 else "vertex"
-    of = "a component" + (", where both sides of a surface count" if facts.one_sided else "")
-    return {
-        "no proxy was made: the handles alone determine the result": samples == 0,
-        f"{differs}at most one for every {each} of {of}, or one for each handle and {SPARE} more": 0
-        < samples
-        < asked - components / 2,
-        f"{differs}each component has one for each handle and {SPARE} more": samples > asked + components / 2,
-    }
+    if samples == 0:
+        yield "no proxy was made: the handles alone determine the result"
+    elif samples < asked - rounded:
+        each = f"{coarser} vertices" if coarser > 1 else "vertex"
+        of = "a component" + (", where both sides of a surface count" if facts.one_sided else "")
+        yield f"{differs}at most one for every {each} of {of}, or one for each handle and {SPARE} more"
+    elif samples > asked + rounded:
+        yield f"{differs}each component has one for each handle and {SPARE} more"
 
 
 def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:

@@ -15,25 +15,22 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sshade.cli.arguments import (
     add_mesh_and_handles,
     add_repair,
     check_outputs,
-    corresponding,
     open_mesh,
     read,
 )
+from sshade.cli.correspondence import corresponding
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.handle_files import read_handle_file
 from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.plotting.pictures import TOWARDS, UP, draw
-
-if TYPE_CHECKING:
-    pass
 
 #: Suffixes of pictures.
 PICTURES = (".png", ".jpg", ".jpeg")

@@ -21,10 +21,10 @@ from sshade.cli.arguments import (
     add_options,
     add_repair,
     check_outputs,
-    corresponding,
     open_mesh,
     read,
 )
+from sshade.cli.correspondence import corresponding
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import counted
 from sshade.files.mesh_file import SUFFIXES, check_input

@@ -1,4 +1,4 @@
-"""Files that people write by hand, JSON and YAML: their keys, their lists of numbers, and files of options.
+"""Files that people write by hand, JSON and YAML: their keys and their lists of numbers.
 
 A long list of numbers may have a compact form:
 
@@ -11,25 +11,20 @@ from __future__ import annotations
 import binascii
 import json
 from base64 import b64decode, b64encode
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from difflib import get_close_matches
 from itertools import chain
 from math import prod
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming
-from sshade.files.mesh_file import check_input
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"
 #: Greatest length of a key in a message.
 LONGEST = 40
-#: Suffixes of files of options.
-OPTION_FORMATS = (".yaml", ".yml", ".json")
 #: Greatest number of vertices of a group that is written as a list.
 LISTED = 50
 #: Types of the numbers of an array.
@@ -111,32 +106,6 @@ def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(key for key in keys if keys.count(key) > 1)
         raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
     return found
-
-
-def read_option_file(path: Path, names: Collection[str]) -> dict[Any, Any]:
-    """Return the names and values in a file, unchecked.
-
-    A handle file has them under its key ``made``, which the editor writes for ``sshade deform``: options
-    outside of `names` are left out there.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, of another format, no mapping, or a handle file without options.
-    """
-    check_input(path, OPTION_FORMATS)
-    content = path.read_bytes()
-    with naming(path):
-        data = parsed_json(content) if path.suffix.lower() == ".json" else parsed_yaml(content)
-        if isinstance(data, dict) and "handles" in data:
-            if not isinstance(data.get("made"), dict):
-                raise InputError(
-                    'it has handles and no options; the editor saves options under the key "made"'
-                )
-            return {name: value for name, value in data["made"].items() if name in names}
-        if not isinstance(data, dict):
-            raise InputError("expected names and values of options, such as `volume: 0`")
-        return data
 
 
 def as_ids(values: Any, name: str) -> np.ndarray:

@@ -42,7 +42,7 @@ def test_facts_in_words(given, words):
     of_surface = {name: given.pop(name) for name in ("near", "tolerance") if name in given}
     of_command = {"asked": 100, "snap": given.pop("snap", 0.0), "dense": given.pop("dense", False)}
     whole = WHOLE._replace(facts=SurfaceFacts(**of_surface))
-    found = notes(replace(PLAIN, **given), whole, **of_command)
+    found = list(notes(replace(PLAIN, **given), whole, **of_command))
     assert len(found) == bool(words) and all(word in found[0] for word in words)
 
 
