@@ -21,8 +21,8 @@ from baselines.program import Finished, ProgramFailed, last_line, run_program
 from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import read_file, write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sshade.edit.from_python import edit_handles as edit_handles
     from sshade.files.arrays import read as read
     from sshade.files.arrays import write as write
-    from sshade.files.handles_on_mesh import read_handles as read_handles
+    from sshade.files.task_files import read_handles as read_handles
     from sshade.mesh.mesh import Mesh as Mesh
     from sshade.method.call import deform as deform
     from sshade.method.deformer import Deformer as Deformer
@@ -38,7 +38,7 @@ _MODULES = {
     "core.errors": ["InputError"],
     "edit.from_python": ["edit_handles"],
     "files.arrays": ["read", "write"],
-    "files.handles_on_mesh": ["read_handles"],
+    "files.task_files": ["read_handles"],
     "mesh.mesh": ["Mesh"],
     "method.call": ["deform"],
     "method.deformer": ["Deformer"],

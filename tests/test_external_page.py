@@ -12,7 +12,7 @@ import pytest
 from eval.configure.compose import read_choice, resolved
 from eval.main import main
 from eval.rows.store import read_row, run_folders
-from sshade.files.handles_on_mesh import read_handles
+from sshade.files.task_files import read_handles
 from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]

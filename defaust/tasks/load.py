@@ -14,8 +14,8 @@ from defaust.sources.generated.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
 from defaust.tasks.handle_kinds import Kind, of_kind
 from sshade import DeformationTask, InputError, Mesh, TransferTask
-from sshade.files.handles_on_mesh import read_handles
 from sshade.files.meshes import read_mesh
+from sshade.files.task_files import read_handles
 
 RESOLUTIONS = ("high", "low")
 #: Reason for a missing ground truth.

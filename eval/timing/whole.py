@@ -18,8 +18,8 @@ from eval.timing.timed_cases import TimedCase
 from eval.timing.turns import Job, take_turns
 from sshade.core.console import say
 from sshade.core.errors import InputError
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 
 #: ``python -m sshade``, followed by the status of the process, which holds the peak of its memory.
 PROGRAM = """

@@ -20,9 +20,10 @@ from sshade.files.atomic import check_output, is_same_file, naming
 from sshade.files.door import OpenShape, open_shape
 from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
-from sshade.files.handles_on_mesh import on_shape, write_handles
+from sshade.files.handles_on_mesh import on_shape
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SUFFIXES, read_file, write_file, write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
@@ -144,7 +145,7 @@ class Document:
         Raises
         ------
         InputError
-            See :func:`sshade.files.handles_on_mesh.read_handles`.
+            See :func:`sshade.files.task_files.read_handles`.
         """
         file = read_handle_file(path)
         with naming(path):

@@ -117,7 +117,7 @@ class Session(Grouping):
         Raises
         ------
         InputError
-            See :func:`sshade.files.handles_on_mesh.read_handles`.
+            See :func:`sshade.files.task_files.read_handles`.
         """
         with self._lock:
             self._take(self.document.received_groups(content, name, first=self._number))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.triangles import strip_triangles
+from sshade.files.mesh_file import strip_triangles
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import binascii
 import json
-from base64 import b64decode, b64encode
+from base64 import b64decode
 from collections.abc import Iterable
 from difflib import get_close_matches
 from itertools import chain
@@ -25,8 +25,6 @@ from sshade.core.errors import InputError
 OWN = "_"
 #: Greatest length of a key in a message.
 LONGEST = 40
-#: Greatest number of vertices of a group that is written as a list.
-LISTED = 50
 #: Types of the numbers of an array.
 DTYPES = ("<i4", "<i8", "<f4", "<f8")
 #: Greatest number of ids that runs may stand for.
@@ -179,21 +177,6 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     if not np.isfinite(array).all():
         raise InputError(f"{name} has a NaN or infinite position")
     return array
-
-
-def packed(values: np.ndarray) -> Any:
-    """Return vertex ids (k,) int64 or points (k, 3) float64 for JSON, bit by bit; long ones are compact."""
-    if len(values) <= LISTED:
-        return values.tolist()
-    integers = values.dtype.kind == "i"
-    if integers:
-        begin = np.flatnonzero(np.diff(values, prepend=values[0] - 2) != 1)
-        count = np.diff(begin, append=len(values))
-        runs = {"runs": np.column_stack([values[begin], count]).tolist()}
-    dtype = "<f8" if not integers else "<i4" if values.max() < 2**31 else "<i8"
-    text = b64encode(values.astype(dtype).tobytes()).decode("ascii")
-    array = {"base64": text, "dtype": dtype, "shape": list(values.shape)}
-    return runs if integers and len(json.dumps(runs)) < len(json.dumps(array)) else array
 
 
 def unpacked(values: Any, name: str) -> Any:

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.mesh_file import MeshFile, present
+from sshade.files.mesh_file import MeshFile, fanned, present
 from sshade.files.normals import turned, vertex_turns
-from sshade.files.triangles import fanned
 from sshade.files.words import Text, edited, without_comments
 
 #: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n

@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files.mesh_file import MeshFile, moved_reference, present, unchanged
+from sshade.files.mesh_file import MeshFile, fanned, moved_reference, present, strip_triangles, unchanged
 from sshade.files.normals import turned, turns, vertex_turns
 from sshade.files.ply_elements import Element, copy_rows, declared_words, read_header, take
-from sshade.files.triangles import fanned, strip_triangles
 from sshade.files.words import Numbers, Text, edited
 from sshade.mesh.surface import as_single, single_steps
 

@@ -13,7 +13,7 @@ from sshade.files.words import BOM, Text
 
 _OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
 _NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]
-_TYPES = {name: np.dtype(new) for old, new in zip(_OLD_NAMES, _NEW_NAMES, strict=True) for name in (old, new)}
+_TYPES = dict(zip(_OLD_NAMES + _NEW_NAMES, map(np.dtype, 2 * _NEW_NAMES), strict=True))
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 

@@ -9,7 +9,7 @@ import pytest
 import sshade
 from defaust.example import POSES
 from sshade import DeformationTask, Mesh
-from sshade.files.handles_on_mesh import read_handles
+from sshade.files.task_files import read_handles
 from tests.robustness.case import assert_refused
 
 BENCHMARK = ["hydra", "igl", "omegaconf", "pandas", "pymeshlab", "trimesh"]

@@ -7,8 +7,8 @@ from report_runs import make_runs
 
 from eval.main import call
 from eval.run.warmup import tiny_task
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 
 
 @pytest.fixture(scope="session")

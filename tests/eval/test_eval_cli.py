@@ -10,8 +10,8 @@ from eval_program import run_eval
 from eval.rows.collect import collect, gather
 from eval.rows.frame import records
 from eval.run.record import Sweep, SweepRecord
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 from tests.files import contents
 
 

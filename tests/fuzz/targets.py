@@ -14,8 +14,8 @@ from defaust.sources.files import SourceShape, find_shapes
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
 from sshade import InputError, Mesh
-from sshade.files.handles_on_mesh import read_handles
 from sshade.files.meshes import SUFFIXES, read_mesh, write_mesh
+from sshade.files.task_files import read_handles
 from tests.files import scratch
 from tests.gltf import glb
 from tests.shapes import bumpy, icosphere

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sshade import Handles
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)

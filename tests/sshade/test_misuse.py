@@ -10,7 +10,7 @@ import sshade
 from baselines.accelerated import local_global
 from baselines.arap import arap
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
-from sshade.files.handles_on_mesh import write_handles
+from sshade.files.task_files import write_handles
 from sshade.proxy.binding_file import load_binding, save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal

@@ -5,8 +5,8 @@ import pytest
 from matplotlib import pyplot
 
 from sshade.cli.main import main
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh
 from sshade.plotting.pictures import View, _require_renderer, colour_range, edge_error, new_plotter, panel
 from sshade.problem.task import Handles

@@ -7,8 +7,8 @@ import pytest
 
 from sshade import Handles
 from sshade.cli.main import main
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.task_files import write_handles
 from tests.robustness.inputs import BODY, pose
 
 POSE = pose(BODY.V)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sshade.cli.main import main
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.task_files import write_handles
 from sshade.problem.task import Handles
 from tests.gltf import buffer_beside
 from tests.robustness.inputs import BODY, pose

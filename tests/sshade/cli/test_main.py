@@ -16,8 +16,8 @@ from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.main import PROGRAM, main
 from sshade.core.bars import ENDED, stage_bars, stage_progress
 from sshade.core.console import progress_bar, run_command
-from sshade.files.handles_on_mesh import read_handles, write_handles
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.task_files import read_handles, write_handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted

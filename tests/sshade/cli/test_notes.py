@@ -8,8 +8,8 @@ import pytest
 from sshade import Handles, Mesh
 from sshade.cli.main import main
 from sshade.cli.notes import notes
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.surface import SurfaceFacts, surface
 from sshade.problem.facts import Facts
 from tests.shapes import beside, bumpy, end_handles

@@ -8,8 +8,8 @@ import pytest
 from sshade import InputError, deform
 from sshade.cli.main import main
 from sshade.edit.session import Session
-from sshade.files.handles_on_mesh import read_task, write_handles
 from sshade.files.meshes import read_arrays, write_mesh
+from sshade.files.task_files import read_task, write_handles
 from sshade.problem.task import Handles
 from tests.shapes import beside, bumpy, shifted, torn, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from sshade.cli.main import main
 from sshade.files import atomic, gltf_morph
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.meshes import read_arrays, write_mesh
+from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import Handles
 from tests.gltf import arrays, taken_apart, with_arrays

@@ -159,7 +159,7 @@ def test_saved_handles_are_read_for_the_mesh_by_the_line_that_the_page_shows(use
 
     user(act)
     handles = sshade.edit_handles(BODY)
-    from sshade.files.handles_on_mesh import read_handles
+    from sshade.files.task_files import read_handles
 
     read = read_handles("mine.json", BODY)
     assert np.array_equal(read.index, handles.index) and np.array_equal(read.target, handles.target)

@@ -12,8 +12,8 @@ from sshade.edit.commands import Commands
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
-from sshade.files.handles_on_mesh import read_handles
 from sshade.files.meshes import read_arrays, write_mesh
+from sshade.files.task_files import read_handles
 from tests.shapes import as_obj, rotation, strip, torn
 from tests.sshade.edit.lent import unpacked
 from tests.sshade.edit.sessions import (

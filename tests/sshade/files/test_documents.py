@@ -9,9 +9,9 @@ import pytest
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
-from sshade.files.handles_on_mesh import write_handles
 from sshade.files.mesh_file import moved_reference
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
+from sshade.files.task_files import write_handles
 from tests.files import sample
 from tests.shapes import end_handles, icosphere
 from tests.sshade.files.test_formats import OFF, STL

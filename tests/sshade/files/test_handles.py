@@ -6,8 +6,9 @@ import pytest
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.files.handle_files import read_handle_file
-from sshade.files.handles_on_mesh import handle_notes, on_mesh, read_handles, read_task, write_handles
+from sshade.files.handles_on_mesh import handle_notes, on_mesh
 from sshade.files.meshes import write_mesh
+from sshade.files.task_files import read_handles, read_task, write_handles
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, shifted, tetrahedron, torn
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from baselines.arap import arap
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.files.handles_on_mesh import read_handles
+from sshade.files.task_files import read_handles
 from sshade.mesh.rigid import rigid_motion
 from sshade.method import start
 from sshade.method.start import OnceSolver

@@ -7,7 +7,7 @@ import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, deform
-from sshade.files.handles_on_mesh import read_handles, write_handles
+from sshade.files.task_files import read_handles, write_handles
 from tests.shapes import beside, bumpy, shifted
 from tests.sshade.method.calls import METHODS
 

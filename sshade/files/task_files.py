@@ -1,0 +1,181 @@
+"""Read handles and tasks from files, and write handles as a file."""
+
+from __future__ import annotations
+
+import json
+import os
+from base64 import b64encode
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sshade.core.errors import InputError
+from sshade.files.atomic import naming, replacing
+from sshade.files.door import open_shape
+from sshade.files.handle_files import FILE_RECORDS, read_handle_file
+from sshade.files.handles_on_mesh import on_mesh, on_shape
+from sshade.files.handwritten import require_known
+from sshade.files.meshes import read_file
+from sshade.mesh.mesh import Mesh
+from sshade.mesh.weld import NEAR
+from sshade.problem.handles import Handles
+from sshade.problem.task import DeformationTask
+
+#: Greatest number of vertices of a group that is written as a list.
+LISTED = 50
+
+
+def read_handles(
+    path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
+) -> Handles:
+    """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+        The rest shape that the handles are snapped to.
+    raw : bool
+        Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
+    vertex : (k,) int, optional
+        Needed if `mesh` is a repaired copy of the mesh that the vertex ids refer to: the vertex of `mesh`
+        for each id, or -1; see :class:`sshade.mesh.surface.Surface`.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, of another format, inconsistent, or does not fit the mesh.
+    """
+    file = read_handle_file(path, raw=raw)
+    with naming(path):
+        return on_mesh(file, mesh, vertex=vertex)
+
+
+def read_task(
+    mesh: str,
+    *,
+    handles: str,
+    raw: bool = False,
+    carry_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
+) -> DeformationTask:
+    """Read a mesh file and a handle file as a task, which is named after both.
+
+    The mesh of the task is the part of the file that can be deformed: see
+    :func:`sshade.mesh.surface.surface`.
+
+    Parameters
+    ----------
+    mesh, handles : path
+    raw : bool
+        Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
+    carry_unconstrained : bool
+        See :class:`sshade.DeformationTask`.
+    weld, repair
+        See :func:`sshade.mesh.surface.surface`.
+
+    Raises
+    ------
+    InputError
+        See :func:`sshade.files.meshes.read_file`, :func:`sshade.files.door.open_shape`,
+        :func:`read_handles` and :class:`sshade.DeformationTask`.
+    """
+    file = read_file(mesh)
+    with naming(mesh):
+        shape = open_shape(file, weld=weld, repair=repair)
+    given = read_handle_file(handles, raw=raw)
+    with naming(handles):
+        own = on_shape(given, shape)
+    name = f"{Path(mesh).stem}/{Path(handles).stem}"
+    return shape.task(name, own, carry_unconstrained=carry_unconstrained, meta={"raw": raw})
+
+
+def write_handles(
+    path: str | os.PathLike[str],
+    handles: Handles,
+    *,
+    names: Mapping[int, str] | None = None,
+    about: Mapping[str, Any] | None = None,
+    static_at_rest: bool = False,
+) -> None:
+    """Write handles as this project's JSON, by vertex ids.
+
+    Vertices, targets, kinds, weights and rotations are read back bit by bit, in the order of the groups.
+    Targets of static handles are read back with ``raw`` only; otherwise, static handles are read back at
+    rest. A group of the file has one kind, one weight and one rotation: hard handles of a group that differ
+    in them are read back as several groups. Groups are numbered anew, and snap distances are not in the file.
+
+    Parameters
+    ----------
+    path : path
+    handles : Handles
+    names : mapping, optional
+        Names of groups. Other groups are named by their number.
+    about : mapping, optional
+        Further keys of the file that readers of handles ignore. Keys of your own begin with ``_``.
+    static_at_rest : bool
+        The targets of static handles are their positions at rest, and are left out of the file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written or is no .json file, on another key, and when handles of a soft group
+        differ in what a group has once: several groups would pull more strongly.
+    """
+    if Path(path).suffix.lower() != ".json":
+        raise InputError(f"{path}: handles are written as .json")
+    require_known(about or (), FILE_RECORDS)
+    entries = []
+    rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
+    rows = np.column_stack([handles.dynamic, handles.weight, np.nan_to_num(rotation)])
+    order = np.argsort(handles.group, kind="stable")
+    groups, first = np.unique(handles.group[order], return_index=True)
+    for group, own in zip(groups.tolist(), np.split(order, first[1:]), strict=True):
+        kinds = np.unique(rows[own], axis=0)
+        if np.isfinite(kinds[:, 1]).sum() > 1:
+            raise InputError(
+                f"the soft handles of group {group} differ in their kinds, weights or rotations, which a "
+                "group of a file has once; give them groups of their own"
+            )
+        for row in kinds:
+            members, (dynamic, weight) = own[(rows[own] == row).all(axis=1)], row[:2]
+            entry: dict[str, Any] = {
+                "landmark": (names or {}).get(group, group),
+                "kind": "dynamic" if dynamic else "static",
+                "vertices": _packed(handles.index[members]),
+            }
+            if dynamic or not static_at_rest:
+                entry["target"] = _packed(handles.target[members])
+            if np.isfinite(weight):
+                entry["weight"] = weight
+            if row[2:].any():
+                entry["rotation"] = row[2:].reshape(3, 3).tolist()
+            entries.append(_lines({key: json.dumps(value) for key, value in entry.items()}, "  "))
+    texts = {key: json.dumps(value) for key, value in (about or {}).items()}
+    texts["handles"] = "[\n  " + ",\n  ".join(entries) + "\n ]"
+    with replacing(path) as temporary:
+        temporary.write_text(_lines(texts, "") + "\n", encoding="utf-8")
+
+
+def _lines(texts: Mapping[str, str], indent: str) -> str:
+    """Return the text of a JSON object with a line for each key."""
+    lines = ",\n".join(f"{indent} {json.dumps(key)}: {text}" for key, text in texts.items())
+    return f"{{\n{lines}\n{indent}}}"
+
+
+def _packed(values: np.ndarray) -> Any:
+    """Return vertex ids (k,) int64 or points (k, 3) float64 for JSON, bit by bit; long ones are compact."""
+    if len(values) <= LISTED:
+        return values.tolist()
+    integers = values.dtype.kind == "i"
+    if integers:
+        begin = np.flatnonzero(np.diff(values, prepend=values[0] - 2) != 1)
+        count = np.diff(begin, append=len(values))
+        runs = {"runs": np.column_stack([values[begin], count]).tolist()}
+    dtype = "<f8" if not integers else "<i4" if values.max() < 2**31 else "<i8"
+    text = b64encode(values.astype(dtype).tobytes()).decode("ascii")
+    array = {"base64": text, "dtype": dtype, "shape": list(values.shape)}
+    return runs if integers and len(json.dumps(runs)) < len(json.dumps(array)) else array
