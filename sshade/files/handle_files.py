@@ -26,7 +26,7 @@ skipped). Without a ``kind``, an entry with a motion is moved. A motion is given
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
-(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.handwritten`.
+(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.compact`.
 
 ``landmark``, ``static`` and ``dynamic`` are other words for ``name``, ``fixed`` and ``moved``. Unknown keys
 are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.

@@ -1,34 +1,22 @@
-"""Files that people write by hand, JSON and YAML: their keys and their lists of numbers.
-
-A long list of numbers may have a compact form:
-
-- ``{"runs": [[first, count], ...]}`` stands for ids: ``count`` consecutive ids from each ``first``.
-- ``{"base64": "...", "dtype": "<f8", "shape": [k, 3]}`` stands for an array of little-endian numbers.
-"""
+"""Files that people write by hand, JSON and YAML: their keys and their lists of numbers."""
 
 from __future__ import annotations
 
-import binascii
 import json
-from base64 import b64decode
 from collections.abc import Iterable
 from difflib import get_close_matches
 from itertools import chain
-from math import prod
 from typing import Any
 
 import numpy as np
 
 from sshade.core.errors import InputError
+from sshade.files.compact import unpacked
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"
 #: Greatest length of a key in a message.
 LONGEST = 40
-#: Types of the numbers of an array.
-DTYPES = ("<i4", "<i8", "<f4", "<f8")
-#: Greatest number of ids that runs may stand for.
-MOST = 100_000_000
 #: Names of types in JSON that are no numbers.
 ODD = {str: "a text", bool: "true or false", type(None): "null"}
 
@@ -114,8 +102,9 @@ def as_ids(values: Any, name: str) -> np.ndarray:
     InputError
         When it is no list of integers, or empty.
     """
-    values = unpacked(values, name)
-    if not isinstance(values, np.ndarray):
+    if isinstance(values, dict):
+        values = unpacked(values, name)
+    else:
         require_numbers(values, name, 1)
     try:
         ids = np.asarray(values)
@@ -162,8 +151,9 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     InputError
         When the numbers have another shape or are not finite.
     """
-    values = unpacked(values, name)
-    if not isinstance(values, np.ndarray):
+    if isinstance(values, dict):
+        values = unpacked(values, name)
+    else:
         require_numbers(values, name, len(shape))
     try:
         array = np.asarray(values, dtype=np.float64)
@@ -177,39 +167,6 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     if not np.isfinite(array).all():
         raise InputError(f"{name} has a NaN or infinite position")
     return array
-
-
-def unpacked(values: Any, name: str) -> Any:
-    """Return the array of a compact form; other values stay as they are. Messages call them `name`."""
-    if not isinstance(values, dict):
-        return values
-    if values.keys() == {"runs"}:
-        return _of_runs(values["runs"], name)
-    if values.keys() != {"base64", "dtype", "shape"}:
-        raise InputError(f'{name} is no list, and has not the keys "base64", "dtype" and "shape"')
-    dtype, shape = values["dtype"], values["shape"]
-    if dtype not in DTYPES:
-        raise InputError(f'the "dtype" of {name} must be one of {", ".join(DTYPES)}')
-    if not isinstance(shape, list) or not all(type(length) is int and length >= 0 for length in shape):
-        raise InputError(f'the "shape" of {name} must be a list of lengths')
-    try:
-        content = b64decode(values["base64"], validate=True)
-    except (TypeError, ValueError, binascii.Error) as error:
-        raise InputError(f'the "base64" of {name} is no base64 text') from error
-    if len(content) != prod(shape) * np.dtype(dtype).itemsize:
-        raise InputError(f'the "base64" of {name} has {len(content)} bytes, which do not fit its "shape"')
-    return np.frombuffer(content, dtype).reshape(shape)
-
-
-def _of_runs(runs: Any, name: str) -> np.ndarray:
-    """Return the ids (k,) of runs [first, count]."""
-    pairs = runs if isinstance(runs, list) else []
-    whole = all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in pairs)
-    if not pairs or not whole or not all(first >= 0 and count > 0 for first, count in pairs):
-        raise InputError(f'the "runs" of {name} must be a list of pairs [first id, count]')
-    if sum(count for _, count in pairs) > MOST or max(first for first, _ in pairs) >= 2**62:
-        raise InputError(f'the "runs" of {name} stand for more than {MOST:,} ids')
-    return np.concatenate([np.arange(first, first + count) for first, count in pairs])
 
 
 def require_numbers(values: Any, name: str, depth: int) -> None:

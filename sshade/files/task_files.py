@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from base64 import b64encode
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
+from sshade.files.compact import packed
 from sshade.files.door import open_shape
 from sshade.files.handle_files import FILE_RECORDS, read_handle_file
 from sshade.files.handles_on_mesh import on_mesh, on_shape
@@ -22,9 +22,6 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
-
-#: Greatest number of vertices of a group that is written as a list.
-LISTED = 50
 
 
 def read_handles(
@@ -145,10 +142,10 @@ def write_handles(
             entry: dict[str, Any] = {
                 "landmark": (names or {}).get(group, group),
                 "kind": "dynamic" if dynamic else "static",
-                "vertices": _packed(handles.index[members]),
+                "vertices": packed(handles.index[members]),
             }
             if dynamic or not static_at_rest:
-                entry["target"] = _packed(handles.target[members])
+                entry["target"] = packed(handles.target[members])
             if np.isfinite(weight):
                 entry["weight"] = weight
             if row[2:].any():
@@ -164,18 +161,3 @@ def _lines(texts: Mapping[str, str], indent: str) -> str:
     """Return the text of a JSON object with a line for each key."""
     lines = ",\n".join(f"{indent} {json.dumps(key)}: {text}" for key, text in texts.items())
     return f"{{\n{lines}\n{indent}}}"
-
-
-def _packed(values: np.ndarray) -> Any:
-    """Return vertex ids (k,) int64 or points (k, 3) float64 for JSON, bit by bit; long ones are compact."""
-    if len(values) <= LISTED:
-        return values.tolist()
-    integers = values.dtype.kind == "i"
-    if integers:
-        begin = np.flatnonzero(np.diff(values, prepend=values[0] - 2) != 1)
-        count = np.diff(begin, append=len(values))
-        runs = {"runs": np.column_stack([values[begin], count]).tolist()}
-    dtype = "<f8" if not integers else "<i4" if values.max() < 2**31 else "<i8"
-    text = b64encode(values.astype(dtype).tobytes()).decode("ascii")
-    array = {"base64": text, "dtype": dtype, "shape": list(values.shape)}
-    return runs if integers and len(json.dumps(runs)) < len(json.dumps(array)) else array
