@@ -36,7 +36,7 @@ from sshade.core.progress import Progress, silent
 from sshade.problem.options import Energy, Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.linear import Factorised
+from sshade.solver.factorisation import Factorised
 from sshade.solver.run import Stop, initial_guess, run
 from sshade.solver.terms.arap import Elements, Triangles
 

@@ -32,7 +32,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.linear import Factorised
+from sshade.solver.factorisation import Factorised
 from sshade.solver.run import Stop, initial_guess, run
 
 #: Number of differences that the acceleration keeps.

@@ -35,7 +35,7 @@ from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
 from sshade.proxy.sample import proxy_vertices
 from sshade.solver.cotangents import laplacian_matrix
-from sshade.solver.linear import Factorised
+from sshade.solver.factorisation import Factorised
 from sshade.solver.run import Stop, initial_guess, run
 
 

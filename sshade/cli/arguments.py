@@ -231,7 +231,7 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
     InputError
         When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    from sshade.files.handles_on_mesh import on_shape  # imports large libraries
+    from sshade.files.door import on_shape  # imports large libraries
 
     file, shape = open_mesh(options, options.output)
     poses: list[Handles] = []

@@ -13,8 +13,8 @@ import numpy as np
 from sshade.cli.arguments import OpenTask
 from sshade.core.console import say
 from sshade.core.errors import counted
+from sshade.files.door import handle_notes
 from sshade.files.handle_files import HandleFile
-from sshade.files.handles_on_mesh import handle_notes
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single, is_single, single_steps

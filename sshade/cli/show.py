@@ -61,7 +61,7 @@ def command(options: argparse.Namespace) -> int:
     if options.deformed is not None:
         check_input(options.deformed, SUFFIXES)
     given = None if options.handles is None else read_handle_file(options.handles)
-    from sshade.files.handles_on_mesh import on_shape
+    from sshade.files.door import on_shape
 
     _, shape = open_mesh(options)
     mesh = shape.mesh

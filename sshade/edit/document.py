@@ -17,10 +17,9 @@ from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn
 from sshade.edit.state import EditState
 from sshade.files.atomic import check_output, is_same_file, naming
-from sshade.files.door import OpenShape, open_shape
+from sshade.files.door import OpenShape, on_shape, open_shape
 from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
-from sshade.files.handles_on_mesh import on_shape
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SUFFIXES, read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles

@@ -129,7 +129,7 @@ class HandleGroup:
 
 @dataclass(frozen=True, eq=False)
 class HandleFile:
-    """A handle file that was read and checked. :func:`sshade.files.handles_on_mesh.on_mesh` places it.
+    """A handle file that was read and checked. :func:`sshade.files.door.on_mesh` places it.
 
     Attributes
     ----------

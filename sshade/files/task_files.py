@@ -13,9 +13,8 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.compact import packed
-from sshade.files.door import open_shape
+from sshade.files.door import on_mesh, on_shape, open_shape
 from sshade.files.handle_files import FILE_RECORDS, read_handle_file
-from sshade.files.handles_on_mesh import on_mesh, on_shape
 from sshade.files.handwritten import require_known
 from sshade.files.meshes import read_file
 from sshade.mesh.mesh import Mesh

@@ -2,13 +2,15 @@
 
 A piece is a connected, oriented manifold: a component of the mesh, or of the mesh cut where it is not
 manifold. Pieces with handles come first. A piece that is joined to earlier pieces has their common vertices
-fixed. A piece whose handles make one rigid move needs no proxy, and a component without handles follows the
-nearest one: see :mod:`sshade.method.pieces`.
+fixed. Two kinds of components are no pieces, and `Pieces.together` moves them: one whose handles share a
+rigid motion moves with them, and one without handles follows the vertices of the nearest component rigidly.
+See :mod:`sshade.method.pieces`.
 
 The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry
 its deformation back to the mesh (:mod:`sshade.method.proxy`), and average over samplings
-(:mod:`sshade.method.proxies`). The method `fine` then polishes the piece at full resolution. Where handles
-are regions, which are areas and not single points or landmarks, some options have other defaults.
+(:mod:`sshade.method.proxies`). The method `fine` then polishes the piece at full resolution. Handles are
+single vertices, landmarks (a few vertices that move together) or regions (areas). Each piece for itself takes
+the defaults for regions if most of its handles are inside of regions: :data:`sshade.problem.options.REGIONS`.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
@@ -80,7 +82,8 @@ def deform_task(
     for piece in pieces.in_order():
         with piece.named():
             result = deform_piece(piece, method, values, whole, make_proxies)
-            if (again := pieces.again(piece, result)) is not None:  # its two sides came apart
+            again = pieces.again(piece, result)  # of a one-sided surface whose sides came apart
+            if again is not None:
                 result = both(result, deform_piece(again, method, values, whole, make_proxies))
         pieces.put(piece, result)
     result = pieces.together()

@@ -28,7 +28,8 @@ from sshade.proxy.kinds import frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 
-#: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves.
+#: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves,
+#: whether for the volume or for handles.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
@@ -151,6 +152,7 @@ class Proxy:
         self._goal = self._first_goal = options.volume_goal or 1.0
         self._solver: ProxySolver
         self._following: FollowingSolver | None = None  # of a proxy that is kept
+        # Another solver of N goes here. A method of the user, options.coarse, is called by OnceSolver.
         if keep_for is None:
             self._solver = OnceSolver(
                 self.mesh,
@@ -280,13 +282,15 @@ class Proxy:
                 break  # the last shape was better
             found |= solved.extra
             best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
-            corrected = missing <= VOLUME_ERROR or not exact
-            if not corrected:
-                goal = self._goal + deficit / self.mesh.volume  # an exact constraint needs a volume
-                corrected = goal <= 0
-                self._goal = self._goal if corrected else goal
-            met = self._place.learn(handles, V) <= MET * self._shared.mesh.diagonal
-            if (corrected and met) or iterations >= max_iterations:
+            # Only an exact constraint can be given another goal; N then has a volume.
+            again = missing > VOLUME_ERROR and exact
+            if again:
+                goal = self._goal + deficit / self.mesh.volume
+                again = goal > 0
+                self._goal = goal if again else self._goal
+            missed = self._place.learn(handles, V)  # also corrects where the next solve puts the targets
+            again |= missed > MET * self._shared.mesh.diagonal
+            if not again or iterations >= max_iterations:
                 break
             if V is out:  # the next solve takes this array again
                 best = (V.copy(), *best[1:])

@@ -13,7 +13,7 @@ import numpy as np
 
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.conjugate_gradients import conjugate_gradients
-from sshade.solver.linear import Linear
+from sshade.solver.factorisation import Linear
 from sshade.solver.multigrid import Multigrid, multiply
 
 #: Error of a solve by conjugate gradients, as a fraction of the solution's energy norm.

@@ -8,7 +8,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.problem.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy, Prescribed
-from sshade.solver.linear import Factorised, Linear
+from sshade.solver.factorisation import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
 from sshade.solver.run import largest_move
 from sshade.solver.system import System

@@ -2,7 +2,7 @@
 
 A plain iteration from u ends in ``g = u - M G`` with the energy's gradient G at u, up to a factor. It is a
 descent step in the metric M^-1, which is the Laplacian L of the rest shape or close to it
-(:mod:`sshade.solver.linear`). L-BFGS corrects M by pairs (s, y): the last steps and the changes of the
+(:mod:`sshade.solver.factorisation`). L-BFGS corrects M by pairs (s, y): the last steps and the changes of the
 gradient along them. Under exact constraints, u and g both lie on the constraint surface, and the component
 of G tangential to it is that of the Lagrangian's gradient.
 

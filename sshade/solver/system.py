@@ -26,7 +26,7 @@ from sshade.problem.options import Energy
 from sshade.solver.constraints import ConstrainedSurface
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
 from sshade.solver.cycles import ConjugateGradients, VCycle
-from sshade.solver.linear import Factorised, Linear, not_positive_definite
+from sshade.solver.factorisation import Factorised, Linear, not_positive_definite
 from sshade.solver.multigrid import SMOOTHER, Multigrid
 from sshade.solver.order import (
     band_order,
@@ -70,7 +70,7 @@ class System:
     multigrid : bool
         Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
-        100,000 vertices. See :mod:`sshade.solver.linear`.
+        100,000 vertices. See :mod:`sshade.solver.factorisation`.
     exact_steps : int
         Number of nearly exact first steps with multigrid, for a start far from the minimum. The step that
         proves convergence is nearly exact as well.

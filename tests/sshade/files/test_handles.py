@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, Mesh, deform
+from sshade.files.door import handle_notes, on_mesh
 from sshade.files.handle_files import read_handle_file
-from sshade.files.handles_on_mesh import handle_notes, on_mesh
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_handles, read_task, write_handles
 from sshade.mesh.surface import surface
