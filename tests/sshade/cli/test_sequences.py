@@ -209,11 +209,6 @@ def other_groups() -> None:
     write_handles("pose_1.json", Handles(ENDS.index, ENDS.target, group=group))
 
 
-def animation() -> None:
-    data = json.loads(Path("pose_1.json").read_text())
-    Path("pose_1.json").write_text(json.dumps(data | {"frames": [{"time": 0.5}]}))
-
-
 OUT = ["-o", "out_%d.ply"]
 BAD = {
     "no number": (None, [*poses(), "-o", "out.ply"], "out.ply: one such file cannot hold a sequence; number"),
@@ -227,7 +222,6 @@ BAD = {
     "other mesh": (other_mesh, [*poses(), *OUT], "pose_1.json: "),
     "other groups": (other_groups, [*poses(), *OUT], "pose_1.json: its handles have other groups"),
     "missing pose": (None, ["pose_0.json", "pose_9.json", *OUT], "pose_9.json: no such file"),
-    "animation": (animation, [*poses(), *OUT], 'pose_1.json: animations ("frames") are no longer supported'),
 }
 
 

@@ -96,23 +96,10 @@ BAD: dict[str, tuple[str, bytes, str]] = {
     "an unknown format": (".fbx", sound(".ply"), ".fbx"),
 }
 
-FIXED = {"vertices": [0]}
-#: An entry of a handle file, and words of the refusal. :mod:`tests.sshade.files.test_handles` has others.
-HANDLES: dict[str, tuple[object, str]] = {
-    "a number for an entry": (1, "entry 0"),
-    "neither ids nor positions": ({"kind": "static"}, '"vertices"'),
-    "an id beyond the mesh": ({"vertices": [162]}, "0..161, not 162"),
-    "a weight of 0": ({"vertices": [1], "weight": 0}, '"weight"'),
-    "a target and a translation": (
-        {"vertices": [7], "target": V[8:9].tolist(), "translation": [1, 0, 0]},
-        '"translation"',
-    ),
-}
 
-
-def refuse(suffix: str, data: bytes, *words: str, entry: object = FIXED) -> str:
+def refuse(suffix: str, data: bytes, *words: str) -> str:
     Path(f"mesh{suffix}").write_bytes(data)
-    Path("pose.json").write_text(json.dumps({"handles": [entry]}))
+    Path("pose.json").write_text(json.dumps({"handles": [{"vertices": [0]}]}))
     before = contents()
     ended = run(f"sshade deform mesh{suffix} pose.json -o out.ply --method fast")
     check_refusal(ended, *words)
@@ -131,9 +118,3 @@ def test_damaged_files_are_refused(here, name, suffix):
 def test_the_reason_is_told(here, name):
     suffix, data, words = BAD[name]
     refuse(suffix, data, words)
-
-
-@pytest.mark.parametrize("name", HANDLES)
-def test_wrong_handles_are_refused(here, name):
-    entry, words = HANDLES[name]
-    refuse(".ply", sound(".ply"), words, entry=entry)

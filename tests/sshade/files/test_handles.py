@@ -32,9 +32,10 @@ def test_handles_by_position_are_snapped_as_positions_are(write, body):
     moved = hand @ rotation(1).T + [1, 0, 0]
     entries = [
         {"kind": "static", "source": foot.tolist(), "target": (foot + 1).tolist()},
-        {"kind": "dynamic", "source": hand.tolist(), "target": moved.tolist()},
+        {"kind": "dynamic", "source": hand.tolist(), "target": moved.tolist(), "weight": 3},
     ]
     handles = read_handles(write(entries), body)
+    assert handles.weight.tolist() == [np.inf, np.inf, 3, 3, 3]
     parts = [
         Handles.from_positions(body, foot, foot, dynamic=False),
         Handles.from_positions(body, hand, moved),
@@ -168,6 +169,11 @@ def test_handles_without_a_position_are_refused_with_what_to_use(write, body, mo
         ({"handles": [{"kind": "unused", "vertces": [1]}]}, 'no key "vertces"; did you mean "vertices"'),
         ({"handles": [{"vertices": [1]}], "handels": 3}, 'pose.json: .* "handels"; did you mean "handles"'),
         ({"handles": [{"vertices": [1], "k\n\ud800" + 999 * "k": 1}]}, r'no key "k\\n\\ud800k+";'),
+        ({"handles": [{"vertices": [1]}], "volumes": []}, "no longer supported; use the option volume_goal"),
+        (
+            {"handles": [{"vertices": [1]}], "frames": [{}]},
+            r'animations \("frames"\) are no longer supported',
+        ),
         ({"handles": [{"vertices": {"run": [[1, 2]]}}]}, '"vertices" is no list'),
         ({"handles": [{"vertices": {"runs": [[1, 0]]}}]}, '"runs" of "vertices" must be a list of pairs'),
         ({"handles": [{"vertices": {"runs": [[0, 10**12]]}}]}, "stand for more than 100,000,000 ids"),
@@ -213,9 +219,14 @@ def test_both_vocabularies_are_read(write, body):
         ({"kind": "dynamic", "vertices": [1]}, 'it is dynamic and has no "target" or "rotation"'),
         ({"kind": "free", "vertices": [1]}, "unknown kind 'free'; use fixed, moved or unused"),
         ({"kind": ["fixed"], "vertices": [1]}, "unknown kind .*; use fixed, moved or unused"),
+        (1, "entry 0"),
+        ({"kind": "static"}, '"vertices"'),
+        ({"vertices": [10**9]}, r"0\.\.\d+, not 1000000000"),
+        ({"vertices": [1], "weight": 0}, '"weight"'),
+        ({"vertices": [1], "target": [[0, 0, 0]], "translation": [1, 0, 0]}, '"translation"'),
     ],
 )
-def test_mistakes_in_names_and_kinds_are_refused_in_the_words_of_the_file(write, body, entry, message):
+def test_mistakes_in_entries_are_refused_in_the_words_of_the_file(write, body, entry, message):
     with pytest.raises(InputError, match=message):
         read_handles(write([entry]), body)
 
@@ -355,11 +366,12 @@ def test_written_handles_read_back_the_same(tmp_path, body):
     index, dynamic = rng.permutation(body.n)[:9], rng.random(9) < 0.5
     target = np.where(dynamic[:, None], rng.normal(size=(9, 3)), body.V[index])
     group = np.array([5, 2**60, 2**60 + 1])[rng.integers(0, 3, 9)]
-    handles = Handles(index, target, dynamic=dynamic, group=group)
+    weight = np.where(dynamic & (group == 5), 0.5, np.inf)
+    handles = Handles(index, target, dynamic=dynamic, group=group, weight=weight)
     write_handles(tmp_path / "a.json", handles)
     back = read_handles(tmp_path / "a.json", body)
     a, b = np.argsort(handles.index), np.argsort(back.index)
-    for name in ("index", "target", "dynamic"):
+    for name in ("index", "target", "dynamic", "weight"):
         assert np.array_equal(getattr(handles, name)[a], getattr(back, name)[b])
     # Groups are renumbered. A group with static and dynamic handles becomes two groups.
     pairs = set(zip(handles.group[a] * 2 + handles.dynamic[a], back.group[b], strict=True))

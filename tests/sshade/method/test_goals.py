@@ -1,6 +1,5 @@
 """Goals for the volume of a mesh."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +9,6 @@ from scipy.optimize import minimize
 import sshade
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Deformer, InputError, Mesh
-from sshade.cli.main import main
-from sshade.files.meshes import write_mesh
 from tests.shapes import beside, bumpy, end_handles, icosphere, shifted, tube
 
 BODY = bumpy(3)
@@ -120,12 +117,3 @@ def test_a_drag_of_a_mesh_without_a_volume_takes_no_goal(mesh):
     ):
         with pytest.raises(InputError, match="volume_goal needs a "):
             bind()
-
-
-def test_a_handle_file_with_goals_of_parts_is_refused_with_what_to_use(tmp_path, capsys):
-    content = {"handles": [{"vertices": [0, 1, 2]}], "volumes": [{"faces": [1], "goal": 1.2}]}
-    (tmp_path / "h.json").write_text(json.dumps(content))
-    write_mesh(tmp_path / "m.ply", BODY.V, BODY.F)
-    files = [str(tmp_path / name) for name in ("m.ply", "h.json", "out.ply")]
-    assert main(["deform", *files[:2], "-o", files[2]]) == 2
-    assert "no longer supported; use the option volume_goal" in capsys.readouterr().err

@@ -1,13 +1,10 @@
-"""Soft handles from end to end: methods, regions, components, the bound mesh, files, refusals."""
-
-import json
+"""Soft handles from end to end: methods, regions, components."""
 
 import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, deform
-from sshade.files.task_files import read_handles, write_handles
 from tests.shapes import beside, bumpy, shifted
 from tests.sshade.method.calls import METHODS
 
@@ -120,15 +117,3 @@ def test_components_share_a_group_and_keep_its_stiffness():
     joint = METHODS["fast"](DeformationTask("pair", both, pair), vertices=1200).vertices
     alone = METHODS["fast"](task_of(0.5), vertices=joint.shape[0] // 8).vertices
     assert followed(task_of(0.5), joint[: BODY.n]) == pytest.approx(followed(task_of(0.5), alone), abs=0.02)
-
-
-def test_weights_are_written_and_read(tmp_path):
-    path, own = tmp_path / "pose.json", task_of(0.5).handles
-    write_handles(path, own)
-    again = read_handles(path, BODY)
-    order = np.argsort(own.index), np.argsort(again.index)
-    for name in ("weight", "target"):
-        assert np.array_equal(getattr(own, name)[order[0]], getattr(again, name)[order[1]])
-    entry = {"source": BODY.V[HIGH].tolist(), "target": (BODY.V[HIGH] + 0.1).tolist(), "weight": 3}
-    path.write_text(json.dumps({"handles": [entry]}))
-    assert np.array_equal(read_handles(path, BODY).weight, np.full(20, 3.0))
