@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.mesh.unconstrained import contacts, how_to_constrain, move_rigidly
+from sshade import DeformationTask, Handles, InputError, deform
+from sshade.mesh.unconstrained import contacts, how_to_constrain
 from tests.shapes import beside, bumpy, jittered, rotation, shifted, unjoined
 
 BODY = bumpy(2)
@@ -74,11 +74,3 @@ def test_components_that_come_apart_are_named_before(caplog):
     two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
     result = deform(DeformationTask("m", mesh, two, carry_unconstrained=True))
     assert result.facts.opening > 0.01
-
-
-def test_a_component_follows_the_nearest_vertices():
-    mesh = beside(BODY, shifted(BODY, 9), Mesh(0.1 * BODY.V + BODY.V[4], BODY.F))
-    R, positions = rotation(3), mesh.V.copy()
-    positions[: BODY.n] = BODY.V @ R.T + 2
-    move_rigidly(mesh, positions, np.array([2]))
-    assert np.allclose(positions[2 * BODY.n :], mesh.V[2 * BODY.n :] @ R.T + 2)
