@@ -1,5 +1,5 @@
 # make tables       build a small DeFAUST dataset, run the main methods, write tables and pictures to out/
-# make test         lint, architecture rules, types, tests, and the small benchmark
+# make test         lint, architecture rules, types, tests, and methods compared with their golden values
 # make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
 # make scaling      the cost model of docs/scaling.md (a quarter of an hour)
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
@@ -19,7 +19,6 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
 QUICK  := data/defaust_20k
-CI     := data/defaust_5k
 VERIFY := data
 
 FULL   := data/defaust_170k
@@ -30,9 +29,24 @@ REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
 
-# Experiments of `make ablations`, from conf/experiment.
+# The ablations, and the settings of each.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
-TRANSFERS := isometric_quick pose_transfer_quick isometric pose_transfer
+ablation_samplings  := experiment=ablation method.samplings='range(1,11)' label='paper-$${method.samplings}'
+ablation_vertices   := experiment=ablation proxy.vertices=1000,1500,3000,5000 label='paper-$${proxy.vertices}'
+ablation_projection := experiment=ablation method=ablation/paper method.projection=fan,surface \
+  label='paper-$${method.projection}'
+ablation_touching   := dataset=hairpin dataset.gap=0.01,0.02,0.05,0.1 method=ablation/paper \
+  method.projection=fan,surface label='paper-$${method.projection}' proxy.vertices=500
+ablation_handles    := experiment=ablation method=ablation/paper method.handle_mode=samples,nearest \
+  label='paper-$${method.handle_mode}'
+ablation_function   := experiment=ablation method.frame_function=extent,best,x,y,z \
+  label='paper-$${method.frame_function}'
+ablation_frames     := experiment=ablation method.frames=triangle,affine,blended,blended_affine \
+  method.samplings=1,5 label='paper-$${method.frames}-$${method.samplings}'
+ablation_coarse     := experiment=ablation \
+  method@method.coarse=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr \
+  "label='paper-\$${hydra:\"runtime.choices[method@method.coarse]\"}'"
+TRANSFERS := isometric pose_transfer
 
 # Runs of small experiments, one on each CPU. Their tables print no times.
 AT_ONCE := hydra/launcher=joblib
@@ -68,8 +82,8 @@ test: $(READY)
 	$(BIN)/python -m pytest -n 3 --dist loadfile
 	$(MAKE) --no-print-directory ci-benchmark
 
-ci-benchmark: $(READY) $(CI)/dataset.json
-	$(BIN)/sshade-eval run -m experiment=ci dataset.root=$(CI) $(AT_ONCE)
+ci-benchmark: $(READY)
+	$(BIN)/sshade-eval check
 
 # Needs a quiet machine: `sshade-eval bench` ends without a result if other programs run.
 bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
@@ -86,7 +100,6 @@ bench: $(READY) $(FULL)/dataset.json $(BASES:%=%/dataset.json)
 	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods fast fine
 	$(BIN)/sshade-eval bench whole --name startup --methods paper fast
 	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods fast
-	$(BIN)/sshade-eval timings speed regions drag drag_regions drag_large scaling startup whole
 
 # LARGEST=--largest adds a mesh of 44 million vertices, which needs 16 GiB.
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
@@ -106,13 +119,13 @@ robustness: $(READY)
 	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2
 
 ablations: $(READY) $(QUICK)/dataset.json
-	for name in $(ABLATIONS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
+	$(foreach name,$(ABLATIONS),$(BIN)/sshade-eval run -m $($(name)) run.experiment=$(name) &&) true
 	$(BIN)/sshade-eval collect $(ABLATIONS)
 	$(BIN)/sshade-eval tables $(ABLATIONS)
 	$(BIN)/sshade-eval figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
 	  --towards 0 1 0 --up 0 0 1
 
-transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
+transfers: $(READY) $(FULL)/dataset.json
 	for name in $(TRANSFERS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
 	$(BIN)/sshade-eval collect $(TRANSFERS)
 	$(BIN)/sshade-eval tables $(TRANSFERS)
@@ -121,7 +134,8 @@ transfers: $(READY) $(QUICK)/dataset.json $(FULL)/dataset.json
 	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
 
 cover: $(READY) data/cover/dataset.json
-	$(BIN)/sshade-eval run -m experiment=cover dataset.root=data/cover
+	$(BIN)/sshade-eval run -m dataset.root=data/cover subject=6 pose=8 method=elastic,fast,fine \
+	  run.experiment=cover run.split=held_out
 	$(BIN)/sshade-eval collect cover
 	$(BIN)/sshade-eval figures cover
 
@@ -131,20 +145,21 @@ verify: $(READY)
 ifdef FAUST
 	$(BIN)/defaust build source=faust source.root="'$(FAUST)'" out=$(VERIFY)/faust $(BUILD)
 	$(call verify,faust,table1_lowres)
-	$(call verify,faust,paper)
+	$(call verify,faust,table1)
 endif
 ifdef TOSCA
 	$(BIN)/defaust build source=tosca source.root="'$(TOSCA)'" out=$(VERIFY)/tosca $(BUILD)
 	$(call verify,tosca,isometric)
 endif
-	$(BIN)/sshade-eval verify $(if $(FAUST),faust) $(if $(TOSCA),tosca)
+	$(BIN)/sshade-eval tables --paper $(if $(FAUST),faust) $(if $(TOSCA),tosca)
 
 # Runs of an experiment on a dataset. A failed run (exit code 1) has a row, and the next experiment begins.
-verify = { $(BIN)/sshade-eval run -m experiment=$(2) dataset=$(1) dataset.root=$(VERIFY)/$(1) $($(2)) $(RUN) \
+verify = { $(BIN)/sshade-eval run -m $($(2)) dataset.root=$(VERIFY)/$(1) run.experiment=$(2)_$(1) $(RUN) \
 	  || test $$? -eq 1; } && $(BIN)/sshade-eval collect $(2)_$(1)
 
-table1_lowres := dataset.resolution=low method=arap,elastic,arap_sr
-isometric     := pose=all method.frames=triangle method.samplings=10
+table1_lowres := experiment=table1 pose=all dataset.resolution=low method=arap,elastic,arap_sr
+table1 := experiment=table1 pose=all method=arap,elastic,arap_sr,implicit_arap_cpu,paper_plain
+isometric := experiment=isometric pose=all method.frames=triangle method.samplings=10
 
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'
@@ -180,9 +195,6 @@ data/cover/dataset.json: $(READY)
 
 $(QUICK)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000
-
-$(CI)/dataset.json: $(READY)
-	$(BIN)/defaust build source=synthetic out=$(CI) subjects=[0] target_vertices=5000
 
 # Without compilation by pip, installation takes half the time: imports compile the few modules that are used.
 $(READY): pyproject.toml constraints.txt | system

@@ -42,7 +42,6 @@ def external(
     task: DeformationTask,
     *,
     command: list[str],
-    files: list[str] | None = None,
     mesh_format: Literal["ply", "obj", "off"] = "ply",
     handles_format: Literal["json", "txt"] = "json",
     output_format: Literal["ply", "obj", "off", "npy", "txt"] = "ply",
@@ -58,9 +57,6 @@ def external(
         The program and its arguments; no shell reads them. ``{mesh}``, ``{handles}`` and ``{output}`` stand
         for the files, ``{seed}`` and ``{time_limit}`` for numbers. A command without placeholders gets the
         three files as its last arguments. Relative paths begin at the current folder.
-    files : list of str, optional
-        Further files, or folders with all of their files, that the result depends on. They become part of
-        the version of a row, as do the files that `command` names.
     mesh_format : {"ply", "obj", "off"}
         Format of the mesh. PLY is binary with positions as float64.
     handles_format : {"json", "txt"}

@@ -166,6 +166,20 @@ class Fin:
         return _moved(mesh, _Region(path[0], inside, profile), normals, self.height)
 
 
+#: Edits of bodies by name. Places are fractions of the bounding box, lengths are fractions of its diagonal.
+EDITS: dict[str, Edit] = {
+    "unedited": Unedited(),
+    "inflate": Inflate(at=(0.5, 0.62, 0.5), radius=0.12, amount=0.05),  # a belly
+    "stretch": Stretch(at=(1.0, 0.55, 0.9), radius=0.25, amount=0.1),  # a longer limb
+    "horns": Horns(  # two on the head, two on the shoulders
+        at=((0.45, 0.99, 0.35), (0.55, 0.99, 0.35), (0.35, 0.84, 0.3), (0.65, 0.84, 0.3)),
+        radius=0.02,
+        height=0.06,
+    ),
+    "fin": Fin(start=(0.5, 0.85, 0.0), end=(0.5, 0.55, 0.0), width=0.012, height=0.05),  # along the back
+}
+
+
 class _Region(NamedTuple):
     """Vertices near a seed, with weights that fall smoothly from 1 at the seed to 0."""
 

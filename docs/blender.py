@@ -23,10 +23,9 @@ import pandas as pd
 
 from defaust.tasks import load_task
 from docs.blocks import circumstances, fill, markdown
+from eval.bench.turns import read_machine, used_by_others
 from eval.metrics import METRICS, Deformed
-from eval.run.code import code_version
-from eval.run.provenance import environment
-from eval.timing.quiet import between, read_machine
+from eval.run.environment import environment
 from sshade import DeformationTask, Handles, Mesh
 from sshade.core.console import say
 from sshade.mesh.rigid import rigid_motion
@@ -101,7 +100,7 @@ def measured(python: str, folder: Path) -> Iterator[dict[str, Any]]:
                 row: dict[str, Any] = {"vertices": task.mesh.n, "pose": pose, "method": method}
                 machine, output = read_machine(), folder / "out.npz"
                 failure = failed.get(method) or run(python, method, case, output)
-                row["others"] = between(machine, read_machine()).others
+                row["others"] = used_by_others(machine, read_machine())
                 if not failure:
                     with np.load(output) as found:
                         failure = str(found["failure"]) if "failure" in found else ""
@@ -123,7 +122,7 @@ def measures(task: DeformationTask, U: np.ndarray) -> dict[str, float]:
 
 def measure(python: str) -> None:
     """Write blender.csv."""
-    facts = {"machine": environment(jobs=1)["machine"], "code": code_version(["sshade.deform"])}
+    facts = {name: environment(jobs=1)[name] for name in ("machine", "commit")}
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for row in measured(python, Path(folder)):

@@ -39,8 +39,8 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def circumstances(rows: pd.DataFrame) -> str:
-    """Return the machine and the version of the code of rows of times, and how busy the machine was."""
-    (machine,), (code,) = rows["machine"].unique(), rows["code"].unique()
+    """Return the machine and the commit of rows of times, and how busy the machine was."""
+    (machine,), (commit,) = rows["machine"].unique(), rows["commit"].unique()
     usual, most = rows["others"].median(), rows["others"].max()
-    note = f"Machine: {machine}. Code: version {code[:8]}. "
+    note = f"Machine: {machine}. Commit {commit[:8]}. "
     return note + f"Other processes used {usual:.0%} of the machine (median); the maximum was {most:.0%}."

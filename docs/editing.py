@@ -27,8 +27,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from defaust.tasks import load_task
 from docs.blocks import fill, markdown
-from eval.run.code import code_version
-from eval.run.provenance import environment
+from eval.run.environment import environment
 from sshade.core.console import say
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
@@ -166,8 +165,7 @@ def main() -> int:
     note = f"{DRAGS} drags of {SECONDS:.0f} s each: median, minimum and maximum. "
     facts = environment(jobs=1)
     note += f"Machine: {facts['machine']}; Chromium {version}, which draws by the processor. "
-    code = code_version(["sshade.edit.session.Session"])
-    note += f"Code: version {code[:8]}, commit {facts['commit'][:8]}."
+    note += f"Commit {facts['commit'][:8]}."
     fill(PAGE, {"rates": f"{markdown(head, rows)}\n\n{note}"})
     return 0
 

@@ -23,7 +23,7 @@ from playwright.sync_api import sync_playwright
 from defaust.example import write_example
 from docs.blocks import fill, markdown
 from docs.editing import FLAGS
-from eval.run.provenance import environment
+from eval.run.environment import environment
 from sshade import DeformationTask, Mesh, plot, read_handles
 from sshade.core.console import say
 

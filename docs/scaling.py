@@ -23,11 +23,10 @@ from scipy.optimize import nnls
 
 from defaust.tasks import load_task
 from docs.blocks import circumstances, fill, markdown
+from eval.bench.turns import read_machine, used_by_others
 from eval.rows.store import Row
-from eval.run.code import code_version
-from eval.run.provenance import environment, process_memory, reset_peak_memory
+from eval.run.environment import environment, process_memory, reset_peak_memory
 from eval.run.warmup import warm_up
-from eval.timing.quiet import between, read_machine
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.core.console import say
 
@@ -93,7 +92,7 @@ def measured(run: Run, repeats: int) -> Row:
         machine, begin, cpu = read_machine(), perf_counter(), process_time()
         result = deform(task, vertices=run.samples)
         row = {"seconds": perf_counter() - begin, "cpu": process_time() - cpu}
-        row |= {"others": between(machine, read_machine()).others}
+        row |= {"others": used_by_others(machine, read_machine())}
         row |= {stage: result.seconds[stage] for stage in STAGES}
         row |= {"peak_mib": np.nan if before is None else (process_memory("VmHWM") - before) / 2**20}
         rows.append(row)
@@ -102,8 +101,8 @@ def measured(run: Run, repeats: int) -> Row:
 
 
 def measure(*, largest: bool) -> None:
-    """Write scaling.csv; without `largest`, keep its row of the largest mesh of the same machine and code."""
-    facts = {"machine": environment(jobs=1)["machine"], "code": code_version(["sshade.deform"])}
+    """Write scaling.csv; without `largest`, keep its largest mesh of the same machine and commit."""
+    facts = {name: environment(jobs=1)[name] for name in ("machine", "commit")}
     before = pd.read_csv(ROWS) if ROWS.is_file() else None
     if before is not None:
         before = before[(before["vertices"] > LARGE) & (before[[*facts]] == facts).all(axis=1)]

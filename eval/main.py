@@ -15,20 +15,13 @@ os.environ.setdefault("GIT_OPTIONAL_LOCKS", "0")
 
 #: Sub-command -> its module, and a description in one line.
 COMMANDS = {
-    "run": ("eval.configure.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
-    "status": ("eval.run.status", "show the progress of sweeps"),
+    "run": ("eval.run.app", "run methods on tasks, once or as a sweep (-m); a Hydra program"),
     "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV per experiment"),
     "tables": ("eval.publish.tables", "write tables from rows: CSV, Markdown and LaTeX"),
-    "charts": ("eval.publish.charts", "draw distributions and convergence"),
-    "figures": ("eval.publish.figures", "draw rest shapes and results side by side"),
-    "front": ("eval.publish.front", "draw measures against each other for values of a setting"),
+    "figures": ("eval.publish.figures", "draw time against truth, and results side by side"),
     "report": ("eval.publish.report.page", "write one HTML page with tables, charts and a 3D view"),
-    "publish": ("eval.publish.publish", "put rows, tables and figures of an experiment into results/"),
-    "remeasure": ("eval.run.remeasure", "measure finished runs again from their stored vertices"),
-    "check": ("eval.rows.bands", "check rows against committed bands of quality"),
-    "verify": ("eval.publish.verify", "print the paper's numbers beside yours on FAUST or TOSCA"),
-    "bench": ("eval.timing.bench", "time methods in turns, on a machine without other load"),
-    "timings": ("eval.timing.table", "write tables of the times from bench"),
+    "bench": ("eval.bench.bench", "time methods in turns, on a machine without other load"),
+    "check": ("eval.check", "compare every method with golden values, and its time with libigl's"),
 }
 
 HELP = """\

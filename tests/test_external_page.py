@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from eval.configure.compose import read_choice, resolved
 from eval.main import main
 from eval.rows.store import read_row, run_folders
+from eval.run.config import read_choice, resolved
 from sshade.files.task_files import read_handles
 from tests.shapes import bumpy
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defaust.edits import Edit
+from defaust.edits import EDITS, Edit
 from defaust.folder.layout import REST, REST_LOW, pose_file, pose_mesh, sha256, subject_folder
 from defaust.folder.record import POSE, read_dataset, read_record
 from defaust.sources.generated.shapes import ideal_pose
@@ -68,7 +68,7 @@ def load_task(
     resolution: str = "high",
     raw: bool = False,
     source: str | None = None,
-    edit: Edit | None = None,
+    edit: Edit | str | None = None,
     handles: Kind = "stored",
 ) -> DeformationTask | TransferTask:
     """Load the rest mesh and handles of a subject and pose, or a pose transfer.
@@ -89,9 +89,9 @@ def load_task(
         Keep the stored targets of handles whose vertex is at another position.
     source : str, optional
         Name of the source that the dataset must have been built from.
-    edit : Edit, optional
-        An edit of :mod:`defaust.edits`. The task then transfers the pose to the edited rest mesh and has no
-        handles. :class:`defaust.edits.Unedited` keeps the mesh.
+    edit : Edit or str, optional
+        An edit of :mod:`defaust.edits`, or its name in :data:`defaust.edits.EDITS`. The task then transfers
+        the pose to the edited rest mesh and has no handles. :class:`defaust.edits.Unedited` keeps the mesh.
     handles : str
         ``stored``, ``points``, ``landmarks`` or ``regions``: kind of the handles; see
         :func:`defaust.tasks.handle_kinds.of_kind`. All kinds except ``stored`` are added to the task's name.
@@ -150,6 +150,10 @@ def load_task(
     record = next(s for s in document["subjects"] if s["subject"] == subject)
     registered = next(p for p in record["poses"] if p["pose"] == pose).get("registered", True)
     generated = "formulas" in document["source"]
+    if isinstance(edit, str):
+        if edit not in EDITS:
+            raise InputError(f"there is no edit {edit!r}; choose one of {', '.join(EDITS)}")
+        edit = EDITS[edit]
     if edit is not None:
         if generated or not registered:
             raise InputError(f"{name} has no registered pose to transfer; leave the edit out")

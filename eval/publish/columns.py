@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from eval.rows.frame import distinct, numbers
-from eval.rows.store import MISSING, TRANSFER, VALID
+from eval.rows.frame import distinct, numbers, to_frame
+from eval.rows.store import TRANSFER, VALID
 
 #: Functions that are references rather than methods, with their notes in tables.
 REFERENCES = {
@@ -69,6 +69,9 @@ class Column(NamedTuple):
         return f"{value:{sign}.{self.decimals}{'e' if self.scientific else 'f'}}"
 
 
+#: Status of a case of which a method has no row; only in tables.
+MISSING = "missing"
+
 COLUMNS = (
     Column("volume", "%", "metric.volume", 2, main=True),
     Column("area", "%", "metric.area", 2, main=True),
@@ -127,6 +130,20 @@ def _is_shown(column: Column, values: pd.Series) -> bool:
     if column.further:
         return values.notna().any()
     return not column.optional or values.fillna(0).any()
+
+
+def with_missing(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add a row with status :data:`MISSING` for each method and each case of which there is no row."""
+    tasks = rows.drop_duplicates("task.name").set_index("task.name").filter(like="task.")
+    done = set(zip(rows["method.name"], rows["task.name"], strict=True))
+    missing = [
+        {"method.name": method, "task.name": task, "seed": rows["seed"].iloc[0], "status": MISSING}
+        | {"reason": "never run", "task.meta.subject": tasks.get("task.meta.subject", {}).get(task)}
+        for method in rows["method.name"].unique()
+        for task in tasks.index
+        if (method, task) not in done
+    ]
+    return pd.concat([rows, to_frame(missing)], ignore_index=True) if missing else rows
 
 
 def begun(rows: pd.DataFrame) -> pd.DataFrame:

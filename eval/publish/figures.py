@@ -1,10 +1,12 @@
-"""The comparison picture: ``sshade-eval figures [EXPERIMENT]``, needs the extra ``figures``.
+"""The pictures of an experiment: ``sshade-eval figures [EXPERIMENT]``, needs the extra ``figures``.
 
-A row of panels shows a case: the rest shape with its handles (blue: fixed, yellow: moved), then the result of
-each method, coloured by the change of edge lengths at a vertex. A run that failed shows its reason. Pose
-transfers have a second row with the place of the largest error. Pictures are made from run folders.
-``conf/pictures.yaml`` holds the cases, methods and camera of some experiments; options override it. With
-captions, a row shows one case and its ground truth, coloured by the distance to it, above values of rows.
+The chart ``out/figures/<experiment>_time.svg`` shows the time of each method against its distance to the true
+pose. The picture ``out/figures/<experiment>.png`` shows shapes, if there are run folders: a row of panels for
+each case, with the rest shape and its handles (blue: fixed, yellow: moved), then the result of each method,
+coloured by the change of edge lengths at a vertex. A run that failed shows its reason. Pose transfers have a
+second row with the place of the largest error. ``conf/pictures.yaml`` holds the cases, methods and camera of
+some experiments; options override it. With captions, a row shows one case and its ground truth, coloured by
+the distance to it, above values of rows.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ import numpy as np
 
 from eval.metrics import Task
 from eval.publish import panels
+from eval.publish.chart import chart_of
 from eval.publish.plotting import FIGURES, add_camera, camera, save
-from eval.rows.collect import collect
-from eval.rows.experiment import Experiment
-from eval.rows.files import FOLDER_HELP, experiment_folder, read_conf
-from eval.rows.frame import numbers, records
+from eval.rows.collect import Experiment, collect, load_rows
+from eval.rows.files import FOLDER_HELP, TIMING, experiment_folder, has_runs, read_conf, rows_file
+from eval.rows.frame import numbers, read_csv, records
 from eval.rows.store import VALID, Row
-from eval.run.recall import load_task
+from eval.run.config import load_task
 from sshade.core.errors import InputError
 from sshade.plotting.pictures import colour_range
 
@@ -107,6 +109,8 @@ def read_picture(name: str) -> dict[str, Any]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
+    text = "rows of `sshade-eval bench` with the times of the chart (default: the times of the runs)"
+    parser.add_argument("--times", metavar="NAME", help=text)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
     text = "show the case with the largest value of this measure"
@@ -118,10 +122,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
-    folder = experiment_folder(options.folder)
     import matplotlib  # noqa: F401 - refused before the results are read
     import pyvista  # noqa: F401
 
+    rows = load_rows(options.folder)
+    times = None if options.times is None else read_csv(rows_file(options.times, TIMING))
+    name = options.folder.resolve().name if options.folder.is_dir() else options.folder.stem
+    if (chart := chart_of(rows, times)) is not None:
+        save(chart, FIGURES / f"{name}_time.svg")
+    if options.folder.suffix != ".csv" and (options.folder.is_dir() or has_runs(options.folder)):
+        _draw_shapes(experiment_folder(options.folder), options)
+    return 0
+
+
+def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
+    """Draw the grid of pictures: a row for each case, a panel for each method."""
     entry = read_picture(folder.name)
     names, methods = options.cases, options.methods or entry.get("methods", [])
     if not names and not options.worst:
@@ -131,7 +146,7 @@ def command(options: argparse.Namespace) -> int:
     out = options.out or FIGURES / f"{folder.name}.png"
     if "captions" in entry:
         save(captioned(cases[0], entry, view), out, small=True)
-        return 0
+        return
     rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **view)]
     found = ((case.task, V) for case in cases for V in case.results.values() if isinstance(V, np.ndarray))
     top = colour_range(panels.error_of(task, V) for task, V in found)
@@ -139,7 +154,6 @@ def command(options: argparse.Namespace) -> int:
     legend = "  (handles: blue stay, yellow move)" if any(row.handles for row in rows) else ""
     figure = panels.draw(rows, title=entry.get("title", folder.name) + legend, top=top, label=label)
     save(figure, out, small=True)
-    return 0
 
 
 def captioned(case: Case, entry: Mapping[str, Any], view: Mapping[str, np.ndarray]) -> Figure:

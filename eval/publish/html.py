@@ -50,10 +50,9 @@ def texts(row: Row, columns: Sequence[Column]) -> list[str]:
     return ["n/a" if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
 
 
-def charts(figures: dict[str, Any]) -> dict[str, str]:
-    """Return figures as data URIs, by name."""
-    packed = {name: base64.b64encode(to_svg(figure).encode()) for name, figure in figures.items()}
-    return {name: f"data:image/svg+xml;base64,{data.decode('ascii')}" for name, data in packed.items()}
+def svg_uri(figure: Any) -> str:
+    """Return a figure as a data URI."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure).encode()).decode('ascii')}"
 
 
 def configuration(rows: pd.DataFrame, method: str) -> str:
@@ -68,7 +67,7 @@ def configuration(rows: pd.DataFrame, method: str) -> str:
     found = {name: list(own[name].dropna().unique()) for name in own if name.startswith("method.")}
     # A setting without a value belongs to another method.
     names = {name for name, values in found.items() if values}
-    names -= {f"method.{fact}" for fact in ("name", "hash", "note", "sources")}
+    names -= {f"method.{fact}" for fact in ("name", "hash", "note", "version")}
     settings: dict[str, Any] = {}
     for name in sorted(names, key=_function_first):
         _, *parents, last = name.split(".")
@@ -82,7 +81,7 @@ def configuration(rows: pd.DataFrame, method: str) -> str:
             value = ast.literal_eval(value)
         place["_target_" if last == "target" else last] = value
     text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)
-    return f"# configuration {row['method.hash']}, code {row.get('env.version.code')}\n{text}"
+    return f"# version {row['method.version']}, hash {row['method.hash']}\n{text}"
 
 
 def _function_first(name: str) -> list[str]:

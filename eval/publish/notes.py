@@ -1,4 +1,4 @@
-"""The sentences below a table: version, cases and methods of its numbers, and missing results."""
+"""The sentences below a table: versions, cases and methods of its numbers, and missing results."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from eval.metrics import METRICS
 from eval.publish.columns import DEFINITIONS, REFERENCES, SUCCESS, Column, begun, reference_rows
 from eval.publish.comparison import Comparison, subjects_of
 from eval.publish.intervals import LEAST
-from eval.rows.frame import distinct, method_names, method_order, numbers
+from eval.rows.frame import distinct, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
-from sshade.core.console import say
 from sshade.core.errors import InputError
 
 #: Notes on the halves of the benchmark.
@@ -32,17 +31,10 @@ REBUILT_NOTE = (
 TRANSFERRED_NOTE = (
     "The paper shows pictures of pose transfers and gives their time, about 2 s a mesh, but no errors."
 )
-#: Beginning of the warning about several versions, and the note on ranks of such a table.
-MIXTURE = "Warning: rows of "
-NO_RANKS = "No ranks and no intervals: the rows are of several versions of the code."
 #: Value of ``task.meta.edit`` of a transfer without an edit.
 UNEDITED = "none"
 #: Largest number of names in a note, and of characters of a reason.
 LISTED, REASON = 4, 160
-#: Columns of a row's version: code, metrics, commit, and whether files differed from the commit.
-VERSION = ["env.version.code", "env.version.metrics", "env.commit", "env.modified"]
-#: Columns ``env.version.*`` of the project; the others are of libraries.
-OF_CODE = ("env.version.code", "env.version.metrics", "env.version.evaluator")
 
 
 def shortened(names: Iterable[str]) -> str:
@@ -52,56 +44,27 @@ def shortened(names: Iterable[str]) -> str:
     return ", ".join(names[:LISTED]) + more
 
 
-def version_notes(rows: pd.DataFrame, *, mixed: bool) -> list[str]:
-    """Return the note on the version of the code, or a warning that lists several versions.
-
-    Rows without a version are identified by their commit.
-
-    Raises
-    ------
-    InputError
-        If there are several versions and not `mixed`.
-    """
-    facts = begun(rows).reindex(columns=["method.name", *VERSION])
-    facts = facts.where(facts.notna(), "")
-    code, metrics, commit, modified = (facts[column].astype(str) for column in VERSION)
-    identity = code.where(code != "", commit + modified) + " " + metrics
-    # The version of the code covers the modules that a method uses, so each method has another version.
-    line = facts["method.name"].where(code != "", "")
-    if metrics.nunique() < 2 and not (identity.groupby(line).nunique() > 1).any():
-        unknown = "" if code.all() else "Warning: the rows name no version of the code. "
-        return [f"{unknown}Code: {_version(facts)}."] if len(facts) else []
-    versions = [own for _, own in facts.groupby(identity, sort=False)]
-    named = [
-        f"{_version(own)}: {len(own)} row{'s' * (len(own) > 1)} of {shortened(method_names(own))}"
-        for own in versions
-    ]
-    differing = f"{len(versions)} versions of the code, whose numbers may not be comparable"
-    found = f"{differing} ({'; '.join(named)})"
-    if mixed:
-        return [f"{MIXTURE}{found}."]
-    only_metrics = code.groupby(line).nunique().max() == 1 and code.all()
-    again = "measure the older rows again with `sshade-eval remeasure`" if only_metrics else ""
-    raise InputError(
-        f"rows of {found}: {again or 'run the older rows again'}, or print all of them with --mixed"
-    )
+def version_note(rows: pd.DataFrame) -> str:
+    """Return the note on the commits of rows, and on versions of methods other than the first."""
+    commits = shortened(str(commit)[:8] for commit in distinct(rows, "env.commit")) or "unknown"
+    modified = " (with changes)" if True in distinct(rows, "env.modified") else ""
+    versions = begun(rows).groupby("method.name")["method.version"].max()
+    later = [f"{name} {version}" for name, version in versions.items() if version > 1]
+    return f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
 
 
-def warn_of_versions(rows: pd.DataFrame) -> None:
-    """Print the warning about several versions of the code, for pictures, which show none."""
-    for note in version_notes(rows, mixed=True):
-        if note.startswith(MIXTURE):
-            say(note)
-
-
-def _version(rows: pd.DataFrame) -> str:
-    """Describe the version of rows."""
-    facts = {column: shortened(str(value)[:8] for value in distinct(rows, column)) for column in VERSION[:3]}
-    code, metrics, commit = facts.values()
-    modified = distinct(rows, "env.modified")
-    tree = "modified tree" if True in modified else "clean tree" if modified else "tree not known"
-    of_metrics = f", metrics {metrics}" if metrics else ""
-    return f"version {code or 'unknown'}{of_metrics}, commit {commit or 'unknown'}, {tree}"
+def require_one_version(rows: pd.DataFrame) -> None:
+    """Raise InputError if the rows of a method are of several versions, or the measures are."""
+    for method, own in begun(rows).groupby("method.name"):
+        if len(found := distinct(own, "method.version")) > 1:
+            versions = " and ".join(map(str, found))
+            raise InputError(
+                f"method {method!r} has rows of the versions {versions}, which do not compare: run the older "
+                "ones again"
+            )
+    if len(found := distinct(rows, "measures")) > 1:
+        versions = " and ".join(map(str, found))
+        raise InputError(f"the rows are of the versions {versions} of the measures: run the older ones again")
 
 
 def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) -> list[str]:
@@ -158,7 +121,7 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     """Return the notes on dataset, machine and methods, and the legend."""
     notes = [f"{note}." for note in distinct(rows, "task.meta.note")]
     notes += [f"Machine: {'; '.join(distinct(rows, 'env.machine'))}.", *_method_notes(rows)]
-    libraries = [name for name in rows if name.startswith("env.version.") and name not in OF_CODE]
+    libraries = [name for name in rows if name.startswith("env.version.")]
     several = {name: found for name in libraries if len(found := distinct(rows, name)) > 1}
     notes += [f"Versions of {name.split('.')[-1]}: {', '.join(found)}." for name, found in several.items()]
     posed_by = distinct(rows, "task.meta.posed_by")

@@ -12,10 +12,18 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from eval.publish.columns import SUCCESS, Column, are_transfers, begun, columns_of, with_success
+from eval.publish.columns import (
+    SUCCESS,
+    Column,
+    are_transfers,
+    begun,
+    columns_of,
+    with_missing,
+    with_success,
+)
 from eval.publish.comparison import Comparison, compare, means
 from eval.publish.intervals import LEAST, differences, kind_of_interval, places, reference_of
-from eval.publish.notes import MIXTURE, NO_RANKS, case_notes, common_notes, rank_note, version_notes
+from eval.publish.notes import case_notes, common_notes, rank_note, require_one_version, version_note
 from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import VALID
@@ -23,7 +31,6 @@ from sshade.core.errors import InputError
 
 #: Smallest number of common cases for the table of worst cases.
 LEAST_CASES = 4
-MIXED_HELP = "accept rows of several versions of the code, with a warning"
 #: Title of the second table of a method's measures.
 FURTHER = "further measures"
 #: Halves of the benchmark and their titles. The first half with rows is the headline.
@@ -99,7 +106,7 @@ class Table(NamedTuple):
         return heading, [column for column in self.columns if column.main and column.heading in found]
 
 
-def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference: str | None = None) -> Table:
+def make_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) -> Table:
     """Make a table from the rows of an experiment.
 
     Parameters
@@ -107,31 +114,26 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
     rows : DataFrame
         The rows of a method must come from one configuration.
     title : str
-    mixed : bool
-        Accept rows of several versions of the code, with a warning among the notes and without ranks.
     reference : str, optional
         Method to which differences are shown. By default Elastic if it is there, otherwise the first method.
 
     Raises
     ------
     InputError
-        If no run has begun, the rows are of several datasets or versions, the rows of a method have
-        different configurations or repeat a run, or the reference has no rank.
+        If the rows are of several datasets, the rows of a method have different configurations or versions
+        or repeat a run, or the reference has no rank.
     """
-    if begun(rows).empty:
-        raise InputError(f"none of the {len(rows)} planned runs has begun, so there is no table of them")
     _check_one_experiment(rows)
     if reference not in (None, *rows["method.name"]):
         raise InputError(f"{title} has no method {reference!r}; it has {', '.join(method_names(rows))}")
-    versions = version_notes(rows, mixed=mixed)
-    mixture = any(note.startswith(MIXTURE) for note in versions)
-    table_of = partial(_table, reference=reference, mixture=mixture)
+    require_one_version(rows)
+    table_of = partial(_table, reference=reference)
     transfers = are_transfers(rows)
     rows = rows if transfers else with_success(rows)
     columns = columns_of(rows)
     splits = rows["task.name"].map(split_of)
     of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
-    (half, first), *others = [(half, own) for half, own in of_half.items() if len(own)]
+    (half, first), *others = [(half, with_missing(own)) for half, own in of_half.items() if len(own)]
     comparison = compare(first, columns)
     named = _parts(first, comparison.common)
     parts = [table_of(name, columns, part, compare(part, columns)) for name, part in named.items()]
@@ -146,7 +148,7 @@ def make_table(rows: pd.DataFrame, *, title: str, mixed: bool = False, reference
             f"{title} has no differences to {reference!r}, which is not ranked; name one of "
             f"{', '.join(comparison.ranked)}"
         )
-    notes = [*case_notes(first, comparison, half=half), *table.notes, *versions]
+    notes = [*case_notes(first, comparison, half=half), *table.notes, version_note(rows)]
     notes += common_notes(rows, columns=columns)
     return table._replace(notes=notes, parts=parts, label=HALVES[half] if half else "")
 
@@ -194,17 +196,16 @@ def _table(
     comparison: Comparison,
     *,
     reference: str | None = None,
-    mixture: bool = False,
 ) -> Table:
-    """Return the table of rows and their comparison, with the note on ranks; a mixture has no ranks."""
+    """Return the table of rows and their comparison, with the note on ranks."""
     lines = _lines(rows, comparison)
     values = means(comparison.values, "method.name").reindex(lines.index)
     if SUCCESS in rows:  # over all planned runs, not only the common cases
         values[SUCCESS] = rows.groupby("method.name")[SUCCESS].mean()
     spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
-    notes = [NO_RANKS] if mixture else rank_note(comparison, columns)
+    notes = rank_note(comparison, columns)
     table = Table(title, columns, lines, values, spread, values * np.nan, notes=notes)
-    return table if mixture else _with_differences(table, comparison, reference)
+    return _with_differences(table, comparison, reference)
 
 
 def _with_differences(table: Table, comparison: Comparison, wanted: str | None) -> Table:

@@ -16,9 +16,11 @@ import pandas as pd
 
 from eval.publish.columns import Column
 from eval.publish.markdown import markdown_table
-from eval.publish.summary import MIXED_HELP, Table, make_table, ranks
-from eval.rows.experiment import read_experiments
-from eval.rows.files import ROWS_HELP, add_out, rows_file, write_text
+from eval.publish.paper import paper_tables
+from eval.publish.publish import published_rows, write_published
+from eval.publish.summary import Table, make_table, ranks
+from eval.rows.collect import read_experiments
+from eval.rows.files import PUBLISHED, ROWS_HELP, add_out, rows_file, write_text
 from sshade.core.errors import InputError
 
 #: Key of the mark of a difference whose interval contains zero.
@@ -199,19 +201,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     add_out(parser, Path("out/tables"), "folder of the tables")
-    parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     text = "method to which differences are shown (default: Elastic if it is there, or the first method)"
     parser.add_argument("--reference", metavar="METHOD", help=text)
+    text = "put the rows of these experiments in out/rows, their tables and figures into results/"
+    parser.add_argument("--publish", action="store_true", help=text)
+    text = "print the paper's numbers beside yours on a dataset: faust, tosca"
+    parser.add_argument("--paper", nargs="+", metavar="DATASET", help=text)
 
 
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
+    if options.paper:
+        print(paper_tables(options.paper))  # noqa: T201
+        return 0
+    if options.publish:
+        rows = {name.stem: published_rows(name.stem) for name in options.rows}
+        tables = [make_table(own, title=name) for name, own in rows.items()]  # all checks before all writes
+        write_published(rows)
+        write_tables(tables, PUBLISHED / "tables")
+        return 0
     experiments = read_experiments(options.rows)
     if any(path.parent.resolve() == options.out.resolve() for path in map(rows_file, options.rows)):
         raise InputError(f"{options.out} holds the rows, which the tables would replace; name another -o")
     # All tables are made before the first is written.
-    form = {"mixed": options.mixed, "reference": options.reference}
-    tables = [make_table(e.rows, title=e.name, **form) for e in experiments]
+    tables = [make_table(e.rows, title=e.name, reference=options.reference) for e in experiments]
     write_tables(tables, options.out)
     for table in tables:
         print(to_markdown(table))  # noqa: T201

@@ -1,1 +1,1 @@
-"""Rows of runs: store, collect and compare rows, and check rows against bands."""
+"""Rows of runs: store, collect and compare rows."""

@@ -1,24 +1,24 @@
 """Collect the rows of runs: ``sshade-eval collect [EXPERIMENT ...]`` writes one CSV per experiment.
 
 Folders with the same name, such as ``alice/runs/quick`` and ``bob/runs/quick``, are one experiment and share
-a CSV. Only the latest of several equal runs is kept. A published row in ``results/rows`` is included if a
-planned or finished run has the same version of the code and the metrics. A planned run without a row gets a
-row with status ``missing``.
+a CSV. Only the latest of several equal runs is kept. A damaged row is left out, with a note.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
-from eval.rows.csv_rows import read_rows
-from eval.rows.files import FOLDER_HELP, PUBLISHED, ROWS, RUNS, add_out, experiment_folder
-from eval.rows.frame import newest, records, to_frame, write_csv
-from eval.rows.plan import missing_rows, read_plans
-from eval.rows.store import MISSING, Row, read_row, run_folders, version_of
+from eval.rows.files import FOLDER_HELP, ROWS, RUNS, add_out, experiment_folder, rows_file
+from eval.rows.frame import method_names, newest, read_csv, records, to_frame, valid, write_csv
+from eval.rows.store import DamagedRun, Row, read_row, read_vertices, run_folder, run_folders
+from sshade.core.console import say
 from sshade.core.errors import InputError
 
 
@@ -30,44 +30,20 @@ def collect(*folders: Path) -> pd.DataFrame:
     InputError
         When the folders hold no rows.
     """
-    rows = to_frame(read_row(run) for folder in folders for run in run_folders(folder))
-    if rows.empty:
-        name = folders[0].name
-        again = f"`sshade-eval run -m experiment={name}` makes them"
-        if read_plans(folders[0]):  # all rows of the sweep were published already
-            again = (
-                "results/rows already has the rows of all planned runs, without vertices; "
-                f"`sshade-eval run -m experiment={name} run.experiment=my_{name}` makes runs of your own"
-            )
+    rows = [row for folder in folders for run in run_folders(folder) if (row := _read(run)) is not None]
+    if not rows:
+        again = f"`sshade-eval run -m experiment={folders[0].name}` makes them"
         raise InputError(f"{folders[0]}: no runs there; {again}")
-    return newest(rows, [run for folder in folders for run in read_plans(folder)])
+    return newest(to_frame(rows))
 
 
-def gather(name: str, folders: Sequence[Path]) -> pd.DataFrame:
-    """Return the rows of an experiment: rows of its runs, published rows, and rows of missing runs.
-
-    Raises
-    ------
-    InputError
-        When the experiment has no rows.
-    """
-    planned = [run for folder in folders for run in read_plans(folder)]
-    own = [read_row(run) for folder in folders for run in run_folders(folder)]
-    versions = {version_of(row) for row in (*planned, *own) if version_of(row)[0]}
-    path = PUBLISHED / "rows" / f"{name}.csv"
-    published = read_rows(path) if path.is_file() else []
-    joined = [row for row in published if version_of(row) in versions]
-    if not own and not joined:
-        raise InputError(f"{folders[0]}: no runs there; `sshade-eval run -m experiment={name}` makes them")
-    planned += [row for row in published if joined and row["status"] == MISSING]
-    return with_missing([*own, *joined], planned)
-
-
-def with_missing(rows: Iterable[Row], planned: Iterable[Row]) -> pd.DataFrame:
-    """Return the newest rows, and a row with status ``missing`` for each planned run without a row."""
-    planned = list(planned)
-    rows = records(newest(to_frame(rows), planned))
-    return to_frame([*rows, *missing_rows(planned, rows)])
+def _read(run: Path) -> Row | None:
+    """Read the row of a run; say where it is damaged."""
+    try:
+        return read_row(run)
+    except DamagedRun as error:
+        say(f"note: {error}; it is left out until the run is done again")
+        return None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,18 +56,97 @@ def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     folders = [experiment_folder(folder) for folder in options.folders]
     # A run with a mistake in its configuration leaves an empty folder.
-    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path) or read_plans(path))
+    folders = folders or sorted(path for path in RUNS.glob("*") if run_folders(path))
     if not folders:
         raise InputError(f"{RUNS} holds no experiment; name the folders of runs to collect")
     experiments: dict[str, list[Path]] = {}
     for folder in folders:
         experiments.setdefault(folder.resolve().name, []).append(folder)
     for name, parts in experiments.items():
-        rows = gather(name, parts)
+        rows = collect(*parts)
         path = options.out / f"{name}.csv"
         write_csv(path, rows)
-        missing = int(rows["status"].eq(MISSING).sum())
-        done = len(rows) - missing
-        text = f"{path}: {done} row{'s' * (done > 1)}"
-        print(text + (f", {missing} of {len(rows)} planned runs missing" if missing else ""))  # noqa: T201
+        print(f"{path}: {len(rows)} row{'s' * (len(rows) > 1)}")  # noqa: T201
     return 0
+
+
+class Experiment(NamedTuple):
+    """The rows of one table.
+
+    Parameters
+    ----------
+    name : str
+    rows : DataFrame
+    runs : tuple of path
+        Folders that may hold their run folders.
+    """
+
+    name: str
+    rows: pd.DataFrame
+    runs: tuple[Path, ...]
+
+    @property
+    def methods(self) -> list[str]:
+        """Return the methods in the order of the table."""
+        return method_names(self.rows)
+
+    def cases(self) -> Iterator[list[Row]]:
+        """Yield the valid rows of each case, in the order of methods; the first seed of each method.
+
+        Name and checksum identify a case, because cases with different resolutions can share a name.
+        """
+        rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
+        case = ["task.name", "task.vertices", "task.checksum"]
+        rows = rows.sort_values(["place", "seed"]).drop_duplicates([*case, "method.name"])
+        for _, group in rows.groupby(case):
+            yield records(group.drop(columns="place"))
+
+    def folder(self, row: Row) -> Path | None:
+        """Return the run folder of a row, or None if it is not on this machine."""
+        for root in self.runs:
+            folder = run_folder(root, row)
+            stored = read_row(folder)
+            # Equal runs on several machines, and repeated runs, share a folder name.
+            if stored is not None and stored["key"] == row["key"] and stored["date"] == row["date"]:
+                return folder
+        return None
+
+    def vertices(self, row: Row) -> np.ndarray | None:
+        """Return the deformed vertices (n, 3) of a row, or None without its run folder."""
+        folder = self.folder(row)
+        return None if folder is None else read_vertices(folder, n=row["task.vertices"])
+
+
+def read_experiments(
+    names: Sequence[str | os.PathLike[str]], *, runs: Sequence[Path] = ()
+) -> list[Experiment]:
+    """Read the rows of experiments.
+
+    Parameters
+    ----------
+    names : sequence of path
+        CSV files or names of experiments; if empty, every CSV in out/rows.
+    runs : sequence of path
+        Folders of run folders; if empty, out/runs/<experiment>.
+
+    Raises
+    ------
+    InputError
+        When there are no rows, or two experiments have the same name.
+    """
+    paths = [rows_file(name) for name in names] or sorted(ROWS.glob("*.csv"))
+    if not paths:
+        raise InputError(f"{ROWS} holds no rows; `sshade-eval collect` makes them from runs")
+    stems = [path.stem for path in paths]
+    repeated = [stem for stem in stems if stems.count(stem) > 1]
+    if repeated:
+        raise InputError(f"two experiments are named {repeated[0]!r}; give them one CSV, or other names")
+    return [Experiment(path.stem, read_csv(path), tuple(runs) or (RUNS / path.stem,)) for path in paths]
+
+
+def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:
+    """Read the rows of a CSV, a folder of runs, or an experiment by its name."""
+    path = rows_file(name)
+    if Path(name).suffix == ".csv" or (path.is_file() and not Path(name).is_dir()):
+        return read_csv(path)
+    return collect(experiment_folder(Path(name)))

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import csv
 import os
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from eval.rows.files import PUBLISHED
 from eval.rows.store import Row, is_text, row_problem, schema_problem
 from sshade.core.errors import InputError
 
@@ -61,23 +59,6 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
             raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
         rows.append(row)
     return rows
-
-
-def published_row(experiment: str, row: Row) -> Row | None:
-    """Return the row of a run in ``results/rows/<experiment>.csv`` below the current folder, or None."""
-    path = PUBLISHED / "rows" / f"{experiment}.csv"
-    return _by_run(path.resolve(), path.stat().st_mtime_ns).get(_run(row)) if path.is_file() else None
-
-
-@cache
-def _by_run(path: Path, written: int) -> dict[tuple[Any, ...], Row]:
-    """Return the rows of a file by run. `written` is the time of its last change, part of the cache's key."""
-    return {_run(row): row for row in read_rows(path)}
-
-
-def _run(row: Row) -> tuple[Any, ...]:
-    """Return what identifies a run: its key, which holds no names, and the names of method and task."""
-    return row["key"], row["method.name"], row["task.name"]
 
 
 def _value(cell: str, *, text: bool) -> Any:

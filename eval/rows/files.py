@@ -18,13 +18,11 @@ from sshade.files.atomic import replacing
 
 #: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
-#: Folder of the plans of an experiment, in the folder of its runs.
-PLANS = ".plan"
 #: Default folder of collected rows, with one CSV per experiment.
 ROWS = Path("out/rows")
 #: Folder of the rows of times: one CSV a name.
 TIMING = Path("out/timing")
-#: Folder of committed rows, tables and figures. Only `sshade-eval publish` writes there.
+#: Folder of committed rows, tables and figures. Only `sshade-eval tables --publish` writes there.
 PUBLISHED = Path("results")
 FOLDER_HELP = "name of an experiment in out/runs, such as mine or mine_mesh, or a folder of runs"
 ROWS_HELP = "CSV of rows, or name of an experiment in out/rows or else results/rows"
@@ -45,11 +43,16 @@ def experiment_folder(name: Path) -> Path:
     """
     for folder in (name, of_dataset(RUNS / name)):
         # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
-        if (folder / PLANS).is_dir() or next(folder.rglob("row.json"), None) is not None:
+        if next(folder.rglob("row.json"), None) is not None:
             return folder
     here = ", ".join(sorted(path.name for path in RUNS.glob("*") if _holds_something(path)))
     others = f"; {RUNS} has {here}" if here else "; `sshade-eval run -m experiment=...` makes them"
     raise InputError(f"no runs in {name} or {RUNS / name}{others}")
+
+
+def has_runs(name: Path) -> bool:
+    """Whether the experiment with a name has a folder of runs."""
+    return next(of_dataset(RUNS / name).rglob("row.json"), None) is not None
 
 
 def of_dataset(path: Path) -> Path:

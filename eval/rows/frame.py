@@ -16,8 +16,7 @@ import pandas as pd
 
 from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
-from eval.rows.plan import run_of
-from eval.rows.store import VALID, Row, in_order, version_of
+from eval.rows.store import VALID, Row, in_order
 from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
@@ -57,15 +56,12 @@ def valid(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["status"].isin(VALID)]
 
 
-def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
-    """Return the latest row of each method with its parameters, task and seed, in a fixed order.
-
-    A row with the version of the code of its planned run comes before later rows of other versions: code that
-    was edited and then restored gives no new runs. Of several plans of a run, the last one counts.
+def newest(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the latest row of each method with its parameters and version, task and seed, in a fixed order.
 
     Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
     join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
-    rows of the earlier build.
+    rows of the earlier build. Rows of an older version of a method give way to rows of the newest.
 
     Raises
     ------
@@ -79,14 +75,12 @@ def newest(rows: pd.DataFrame, planned: Iterable[Row] = ()) -> pd.DataFrame:
             f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
             "the clock"
         )
-    versions = {run_of(run): code for run in planned if (code := version_of(run)[0])}
-    asked = [versions.get(run_of(row)) == version_of(row)[0] for row in records(rows)]
-    rows = rows.assign(asked=asked).sort_values(["asked", "date", "key"], kind="stable")
+    rows = rows.sort_values(["method.version", "measures", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]
         run = [name for name in run if name in rows]
         rows = rows.drop_duplicates(run, keep="last")
-    return rows.drop(columns="asked").sort_values(run, na_position="first").reset_index(drop=True)
+    return rows.sort_values(run, na_position="first").reset_index(drop=True)
 
 
 def split_label(name: str) -> tuple[str, float | None]:

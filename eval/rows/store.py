@@ -10,10 +10,10 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,21 +29,18 @@ SCHEMA = 1
 #: Values of the column ``status``. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
-#: Status of a planned run without a row; only in files of rows.
-MISSING = "missing"
-
 #: Value of ``task.kind`` for pose transfers; rows of deformations by handles have no ``task.kind``.
 TRANSFER = "transfer"
 
 #: Infinities by their text in ``row.json``.
 _INFINITIES = {str(value): value for value in (math.inf, -math.inf)}
 
-#: Columns of every row. Rows with status ``missing`` have the first four.
+#: Columns of every row.
 IDENTITY = ("task.name", "method.name", "status", "seed", "method.hash", "key", "date", "env.machine")
 #: Columns and groups of columns that hold text, even if it looks like a number: a label 5, a version 1.0.
 _TEXT = (
     *(name for name in IDENTITY if name != "seed"),
-    *("reason", "task.checksum", "task.source", "method.sources", "method.note", "remeasured"),
+    *("reason", "task.checksum", "task.source", "method.note"),
     *("env.machine_id", "env.commit", "env.python"),
     *(f"env.{library}_num_threads" for library in ("omp", "openblas", "mkl")),
     *(f"task.meta.{fact}" for fact in ("checksum", "class", "dataset", "edit", "note", "posed_by")),
@@ -54,8 +51,12 @@ _NUMBERS = ("metric.", "seconds.", "iterations", "task.vertices", "peak_mib")
 
 _GROUPS = (
     *("task.", "method.", "seed", "status", "reason", "iterations", "converged"),
-    *("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "key"),
+    *("metric.", "extra.", "seconds.", "peak_mib", "env.", "date", "schema", "measures", "key"),
 )
+
+
+class DamagedRun(InputError):
+    """A file of a run is damaged; the run must be done again."""
 
 
 def run_folder(root: str | os.PathLike[str], row: Row) -> Path:
@@ -69,7 +70,6 @@ def write_run(
     row: Row,
     *,
     vertices: np.ndarray | None = None,
-    curves: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Write a run. The row is written last, so a folder with a row is complete.
 
@@ -80,16 +80,9 @@ def write_run(
     row : mapping
     vertices : (n, 3) float64, optional
         Stored as float32, which is enough to measure a metric again to about 1e-7.
-    curves : mapping, optional
-        Arrays with one row per step, such as losses, by name.
     """
     folder = Path(folder)
     make_folder(folder)
-    if curves:
-        with replacing(folder / "curves.npz") as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **curves)
-    else:
-        (folder / "curves.npz").unlink(missing_ok=True)
     if vertices is None:
         (folder / "vertices.npy").unlink(missing_ok=True)
     else:
@@ -115,11 +108,11 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a row ({error}); remove the folder to run it again") from error
+        raise DamagedRun(f"{path}: not a row ({error})") from error
     if isinstance(row, dict) and (problem := schema_problem(row)):
         raise InputError(f"{path} {problem}")
     if problem := row_problem(row, here=STATUSES):
-        raise InputError(f"{path}: not a row ({problem}); remove the folder to run it again")
+        raise DamagedRun(f"{path}: not a row ({problem})")
     return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
 
 
@@ -131,17 +124,11 @@ def schema_problem(row: Row) -> str:
     return f"is of schema {schema!r}, this program reads {SCHEMA}; read it with the version that wrote it"
 
 
-def version_of(row: Row) -> tuple[str | None, str | None]:
-    """Return the versions of the code and of the metrics of a row; None in old rows without the columns."""
-    return row.get("env.version.code"), row.get("env.version.metrics")
-
-
-def row_problem(row: Any, *, here: Sequence[str] = (*STATUSES, MISSING)) -> str:
+def row_problem(row: Any, *, here: Sequence[str] = STATUSES) -> str:
     """Describe why a value is not a row with an allowed status; empty if it is."""
     if not isinstance(row, dict):
         return "no object"
-    needed = IDENTITY[:4] if row.get("status") == MISSING else IDENTITY
-    missing = [name for name in needed if row.get(name) is None]
+    missing = [name for name in IDENTITY if row.get(name) is None]
     if missing:
         return f"it has no {missing[0]}"
     if row["status"] not in here:
@@ -159,36 +146,36 @@ def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
 
     Raises
     ------
-    InputError
+    DamagedRun
         When the file is missing, damaged, or has another shape.
     """
+    return _vertices(folder, n=n, mmap_mode=None).astype(np.float64)
+
+
+def require_vertices(folder: str | os.PathLike[str], *, n: int) -> None:
+    """Raise DamagedRun as :func:`read_vertices`, without reading the vertices."""
+    _vertices(folder, n=n, mmap_mode="r")
+
+
+def _vertices(folder: str | os.PathLike[str], *, n: int, mmap_mode: Literal["r"] | None) -> np.ndarray:
     path = Path(folder, "vertices.npy")
     if not path.is_file():
-        raise InputError(f"{path}: no such file; the run left no vertices")
+        raise DamagedRun(f"{path}: no such file; the run left no vertices")
     with _reading(path):
-        V = np.load(path, allow_pickle=False).astype(np.float64)
+        V = np.load(path, allow_pickle=False, mmap_mode=mmap_mode)
     if V.shape != (n, 3):
-        raise InputError(f"{path}: has shape {V.shape}, not ({n}, 3); remove the folder to run it again")
+        raise DamagedRun(f"{path}: has shape {V.shape}, not ({n}, 3)")
     return V
-
-
-def read_curves(folder: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """Read the curves of a run folder by name; empty if there are none."""
-    path = Path(folder, "curves.npz")
-    if not path.is_file():
-        return {}
-    with _reading(path), path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-        return dict(data)
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Raise InputError if an array cannot be read from a file."""
+    """Raise DamagedRun if an array cannot be read from a file."""
     try:
         yield
     except Exception as error:  # zipfile and numpy raise many types of errors for damaged files
         why = " ".join(str(error).split())
-        raise InputError(f"{path}: not the file of a run ({why}); remove the folder to run again") from error
+        raise DamagedRun(f"{path}: not the file of a run ({why})") from error
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:

@@ -26,9 +26,8 @@ import psutil
 from eval.installation import EXTRAS
 from eval.metrics import Task
 from eval.rows.store import Row
-from eval.run.code import CodeChanged, digest, loaded_code, require_unchanged
-from eval.run.provenance import process_memory, task_checksum
-from eval.run.targets import code_of, flat, instantiate, settings
+from eval.run.environment import process_memory, task_checksum
+from eval.run.targets import flat, instantiate, settings
 from eval.run.warmup import warm_up
 from sshade.core.console import Ended, arrived_in, missing_library
 from sshade.core.progress import Progress, silent
@@ -36,9 +35,6 @@ from sshade.problem.facts import Facts
 from sshade.problem.task import DeformationResult, result_of
 
 log = logging.getLogger(__name__)
-
-#: Ending of the names of arrays in a result's `extra` that are stored with the run: one row per step.
-CURVE = "_curve"
 
 #: Facts of a method without a result.
 NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged": None}
@@ -73,13 +69,10 @@ class Attempt(NamedTuple):
         ``method.*`` for the options that the method resolved (``extra["options"]`` of its result).
     vertices : (n, 3) float64 or None
         None if the method failed.
-    curves : dict
-        Arrays with one row per step, such as losses, by name.
     """
 
     facts: Row
     vertices: np.ndarray | None = None
-    curves: Mapping[str, np.ndarray] = {}
 
 
 def attempt(
@@ -109,17 +102,12 @@ def attempt(
     before_clock, after_clock : callable
         Called after the warm-up, and when the method has returned.
     """
-    before = _contents(task)
+    before = task_checksum(task)
     around = {"before_clock": before_clock, "after_clock": after_clock}
     done = _attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
-    if _contents(task) == before:
+    if task_checksum(task) == before:
         return done
     return Attempt(NOTHING | {"env.warmed_up": done.facts["env.warmed_up"], "reason": WROTE})
-
-
-def _contents(task: Task) -> tuple[str, ...]:
-    """Return checksums of the arrays that a method is given."""
-    return task_checksum(task), *([] if task.truth is None else [digest(task.truth.tobytes())])
 
 
 def _attempt(
@@ -146,8 +134,7 @@ def _attempt(
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
         after_clock()
         result = result_of(task, returned)
-        curves = {name: np.asarray(value) for name, value in result.extra.items() if name.endswith(CURVE)}
-        return Attempt(row | _facts(result, seconds, cpu), result.vertices, curves)
+        return Attempt(row | _facts(result, seconds, cpu), result.vertices)
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except Ended:
@@ -157,7 +144,7 @@ def _attempt(
             raise signalled from None
         if isinstance(error, TimeoutError) and time_limit is not None:
             return Attempt(row | {"status": "timeout", "reason": str(error)})
-        log.debug("%s on %s", method["_target_"], task.name, exc_info=True)
+        log.debug("%s", method["_target_"], exc_info=True)
         return Attempt(row | {"reason": reason_of(error)})
 
 
@@ -168,18 +155,12 @@ def attempt_fresh(
 
     The warm-up has the limit :data:`WARM_UP_LIMIT`; the `time_limit` starts after the warm-up. The peak of
     memory includes libraries, the warm-up and the method.
-
-    Raises
-    ------
-    CodeChanged
-        When the new process has loaded different code.
     """
     # A worker of joblib has a start method that is unknown in a child process.
     method_of_start = multiprocessing.get_start_method(allow_none=True)
     if method_of_start not in (None, *multiprocessing.get_all_start_methods()):
         multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
-    begun_with = loaded_code(code_of(method))
     ours, theirs = context.Pipe()
     process = context.Process(target=_child, args=(theirs, progress is not silent), daemon=False)
     try:
@@ -187,7 +168,7 @@ def attempt_fresh(
             process.start()
         theirs.close()
         # As arguments, these values could block `start` for ever if the process ended before reading them.
-        ours.send((method, task, seed, time_limit, begun_with))
+        ours.send((method, task, seed, time_limit))
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
         process.join()
@@ -223,8 +204,6 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
                 return message
             stage = "no result"
             break
-        if isinstance(message, CodeChanged):
-            raise message
         if message == CLOCK:
             stage, limit, begin = "no result", (time_limit or 0.0) + LAST_WORDS, perf_counter()
         elif message == STOPPED:
@@ -279,7 +258,7 @@ def _end_with_parent() -> None:
 
 def _child(connection: Connection, report: bool) -> None:
     _end_with_parent()
-    method, task, seed, time_limit, begun_with = connection.recv()
+    method, task, seed, time_limit = connection.recv()
     lock, due = Lock(), dict[str, float]()
 
     def send(message: Any) -> None:
@@ -292,10 +271,6 @@ def _child(connection: Connection, report: bool) -> None:
             due[stage] = now + PROGRESS_PERIOD
             send((stage, done, total, note))
 
-    try:
-        require_unchanged(code_of(method), begun_with=begun_with)
-    except CodeChanged as changed:
-        return send(changed)
     around = {"before_clock": partial(send, CLOCK), "after_clock": partial(send, STOPPED)}
     done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
     send(done._replace(facts={"peak_mib": _peak_mib()} | done.facts))

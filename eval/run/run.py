@@ -1,22 +1,35 @@
-"""Run a method on a task; the result is one row and one folder."""
+"""The loop over rows: a configuration becomes a task, a method, times, measures, a row.
+
+The method is given the task without its truth, its name and its meta data.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter, time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from eval.metrics import Task, measure
-from eval.rows.csv_rows import published_row
-from eval.rows.files import copy_file
-from eval.rows.store import SCHEMA, TRANSFER, VALID, Row, read_row, run_folder, write_run
-from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh, is_scalar
-from eval.run.code import METRICS, code_version, digest, require_unchanged
-from eval.run.provenance import config_hash, environment, library_versions, method_facts, task_facts
-from eval.run.targets import code_of, instantiate, require_kind, settings
+from eval.metrics import MEASURES, Task, measure
+from eval.rows.splits import require_split
+from eval.rows.store import (
+    SCHEMA,
+    TRANSFER,
+    VALID,
+    DamagedRun,
+    Row,
+    read_row,
+    require_vertices,
+    run_folder,
+    write_run,
+)
+from eval.run.attempt import NOTHING, WROTE, Attempt, attempt, attempt_fresh, is_scalar
+from eval.run.config import RunConfig, load_case
+from eval.run.environment import digest, environment, method_facts, task_facts
+from eval.run.targets import instantiate, require_kind
+from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.problem.task import DeformationTask
@@ -26,20 +39,11 @@ CLOCK_TOLERANCE = 1.0, 1e-3
 
 
 class Outcome(NamedTuple):
-    """Result of :func:`run`.
-
-    Attributes
-    ----------
-    row : dict
-    folder : Path
-        Folder of the run. A published row may be without a folder.
-    found : str
-        "already there" or "already published" for an earlier row, "" for a new row.
-    """
+    """A row and the folder of its run; whether the row was there already."""
 
     row: Row
     folder: Path
-    found: str = ""
+    found: bool = False
 
     @property
     def failed(self) -> bool:
@@ -47,52 +51,37 @@ class Outcome(NamedTuple):
         return self.row["status"] in ("failed", "timeout")
 
 
-def run(
-    task: Task,
-    method: Mapping[str, Any],
-    *,
-    name: str,
-    root: Path,
-    seed: int = 0,
-    source: Mapping[str, Any] | None = None,
-    shared: Path | None = None,
-    force: bool = False,
-    fresh: bool = False,
-    time_limit: float | None = None,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Outcome:
-    """Run a method on a task, measure the result and store the row, unless an equal run has a row.
+def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Outcome:
+    """Load the task of a configuration, and run its method on it: see :func:`run_task`.
 
-    An equal run has the same key, which includes the version of the code. Its row is in `root`, or published
-    in ``results/rows`` below the current folder. The clock times the method only.
+    Raises
+    ------
+    InputError
+        When the dataset or the case is missing, or the case belongs to the other half of the benchmark; and
+        as :func:`run_task`.
+    """
+    progress("reading", 0, 1)
+    task = load_case(config)
+    progress("reading", 1, 1)
+    if not config.dataset.get("tag"):  # a tagged dataset gets a separate table
+        require_split(task.name, config.run.split)
+    outcome = run_task(task, config, jobs=jobs, progress=progress)
+    if outcome.row.get("reason") == WROTE:
+        load_case(config, anew=True)
+    return outcome
 
-    A method that raises leaves a row with status ``failed``. A method whose extra is not installed leaves a
-    row with status ``skipped``. Both are run again next time. A row with status ``timeout`` is run again with
-    a longer limit only.
+
+def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Outcome:
+    """Run a method on a task, measure the result and store the row, unless the run has a row.
+
+    The clock times the method only. A method that raises leaves a row with status ``failed``. A method whose
+    extra is not installed leaves a row with status ``skipped``. Both are run again next time. A row with
+    status ``timeout`` is run again with a longer limit only. A damaged row is made again, with a note.
 
     Parameters
     ----------
     task : DeformationTask or TransferTask
-    method : mapping
-        Configuration of the method: ``_target_`` and parameters. ``warm_up`` has the parameters that shrink
-        the untimed first run; ``warm_up: null`` omits the first run. ``note`` is a sentence for tables. The
-        key includes neither ``warm_up`` nor ``note``.
-    name : str
-        Name of the method in tables.
-    root : path
-        Folder of the experiment; its last part is the name of the experiment.
-    seed : int
-    source : mapping, optional
-        Configuration that loads the task again, for figures.
-    shared : path, optional
-        Folder of another experiment, whose equal runs are copied.
-    force : bool
-        Run even if a row exists.
-    fresh : bool
-        Run in a new process, which also measures ``peak_mib``.
-    time_limit : float, optional
-        Longest time in seconds, after which the status is ``timeout``; implies `fresh`.
+    config : RunConfig
     jobs : int
         Number of runs that are executed at once.
     progress : Progress
@@ -102,69 +91,95 @@ def run(
     InputError
         When the configuration names an unknown function or parameter, or a method for another kind of task;
         when the system's clock jumped during the run.
-    CodeChanged
-        When the code has changed since this process began. The run leaves no row.
     """
-    functions = code_of(method) | code_of(source or {})
-    require_unchanged(functions)
-    can_run = True
-    try:
-        call = instantiate({**method, "_partial_": True})  # raises on a mistake in the configuration
-        require_kind(call, task, target=method["_target_"])
-    except ImportError:
-        can_run = False  # the run will be skipped, which needs no new process
-    row = _identity(task, method, name=name, seed=seed, source=source)
-    folder = run_folder(root, row)
-    if shared is not None and not force:
-        _copy_run(run_folder(shared, row), folder)
-    fresh = fresh or time_limit is not None
-    found = None if force else _find(folder, root.name, row, fresh=fresh, time_limit=time_limit)
-    if found is not None:
-        return found
+    fresh = _require_method(config, task) and (config.run.fresh or config.run.time_limit is not None)
+    row = identity(config, task)
+    folder = run_folder(config.runs, row)
+    if not config.run.force and (stored := _stored(folder, config, task)) is not None:
+        return Outcome(stored, folder, found=True)
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
-    row["env.time_limit"] = time_limit
+    row["env.time_limit"] = config.run.time_limit
     clock, steady = time(), perf_counter()
-    if fresh and can_run:
-        done = attempt_fresh(method, task, seed=seed, time_limit=time_limit, progress=progress)
+    shown = replace(task, name=row["task.checksum"], meta={}, truth=None)
+    if fresh:
+        limit = config.run.time_limit
+        done = attempt_fresh(config.method, shown, seed=config.seed, time_limit=limit, progress=progress)
     else:
-        done = attempt(method, task, seed=seed, progress=progress)
-    if done.vertices is not None:
-        progress("metrics", 0, 1)
-        try:
-            row |= {f"metric.{metric}": value for metric, value in measure(task, done.vertices).items()}
-        except InputError as error:  # the method's mistake, not the user's
-            done = Attempt(NOTHING | {"reason": str(error)})
-        progress("metrics", 1, 1)
+        done = attempt(config.method, shown, seed=config.seed, progress=progress)
+    done = _measured(done, task, progress)
     row |= done.facts
     _check_clock(time() - clock, perf_counter() - steady, row)
-    require_unchanged(functions)  # methods import modules while they run
-    write_run(folder, row, vertices=done.vertices, curves=done.curves)
+    write_run(folder, row, vertices=done.vertices)
     return Outcome(row, folder)
 
 
-def _copy_run(run: Path, folder: Path) -> None:
-    """Copy a valid run to a folder without a valid run. The row is copied last and marks a complete run."""
-    found, stored = read_row(run), read_row(folder)
-    if found is None or found["status"] not in VALID or (stored is not None and stored["status"] in VALID):
-        return
-    for name in ("vertices.npy", "curves.npz", "row.json"):
-        if (run / name).is_file():
-            copy_file(run / name, folder / name)
+def _require_method(config: RunConfig, task: Task) -> bool:
+    """Raise InputError on a mistake in a method's configuration; return whether the method can run.
+
+    A method whose library is missing cannot, and needs no new process to be skipped.
+    """
+    try:
+        call = instantiate({**config.method, "_partial_": True})
+    except ImportError:
+        return False
+    require_kind(call, task, target=config.method["_target_"])
+    return True
 
 
-def _find(
-    folder: Path, experiment: str, row: Row, *, fresh: bool, time_limit: float | None
-) -> Outcome | None:
-    """Return an equal run whose row can be used, or None."""
-    stored = read_row(folder)
-    if stored is not None and _usable(stored, fresh=fresh, time_limit=time_limit):
-        return Outcome(stored, folder, found="already there")
-    published = published_row(experiment, row)
-    if published is None or published["env.version.metrics"] != row["env.version.metrics"]:
+def identity(config: RunConfig, task: Task) -> Row:
+    """Return the columns that are known before the run, with the key.
+
+    The key is a hash of the method's function, options and version, the arrays of the task, the seed and the
+    version of the measures.
+    """
+    row = method_facts(config.label, config.method) | task_facts(task) | {"seed": config.seed}
+    row |= {"schema": SCHEMA, "measures": MEASURES, "task.source": json.dumps(config.source)}
+    if "note" in config.method:
+        row["method.note"] = " ".join(config.method["note"].split())
+    row["task.closed"] = task.mesh.is_closed
+    if isinstance(task, DeformationTask):
+        handles = task.handles
+        row |= {"task.handles": len(handles), "task.dynamic": int(handles.dynamic.sum())}
+        row["task.merged"] = handles.merged
+        row["task.snap_max"] = float(handles.snap_distance.max()) / task.mesh.diagonal
+    else:
+        row["task.kind"] = TRANSFER
+    row |= {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
+    parts = (row[name] for name in ("method.hash", "method.version", "task.checksum", "seed", "measures"))
+    return row | {"key": digest(*(str(part).encode() for part in parts))}
+
+
+def _stored(folder: Path, config: RunConfig, task: Task) -> Row | None:
+    """Return the stored row of a run if it makes a run unnecessary; say where it is damaged."""
+    try:
+        row = read_row(folder)
+        if row is None:
+            return None
+        if row["status"] == "timeout":
+            limit = config.run.time_limit
+            return row if limit is not None and row["env.time_limit"] >= limit else None
+        if row["status"] not in VALID:
+            return None
+        require_vertices(folder, n=task.mesh.n)
+    except DamagedRun as error:
+        say(f"note: {error}; it is run again")
         return None
-    usable = _usable(published, fresh=fresh, time_limit=time_limit)
-    return Outcome(published, folder, found="already published") if usable else None
+    measured = not (config.run.fresh or config.run.time_limit is not None) or row["peak_mib"] is not None
+    return row if measured else None
+
+
+def _measured(done: Attempt, task: Task, progress: Progress) -> Attempt:
+    """Add the measures of a result to its facts."""
+    if done.vertices is None:
+        return done
+    progress("metrics", 0, 1)
+    try:
+        found = {f"metric.{name}": value for name, value in measure(task, done.vertices).items()}
+    except InputError as error:  # the method's mistake, not the user's
+        return Attempt(NOTHING | {"reason": str(error)})
+    progress("metrics", 1, 1)
+    return done._replace(facts={**done.facts, **found})
 
 
 def _check_clock(by_clock: float, passed: float, row: Row) -> None:
@@ -175,38 +190,3 @@ def _check_clock(by_clock: float, passed: float, row: Row) -> None:
             f"the system's clock went {by_clock:.1f} s while {passed:.1f} s passed in the run of "
             f"{row['method.name']} on {row['task.name']}: it was set, or the machine slept; run it again"
         )
-
-
-def _usable(row: Row, *, fresh: bool, time_limit: float | None) -> bool:
-    """Whether an earlier row makes a run unnecessary."""
-    if row["status"] == "timeout":
-        return time_limit is not None and row["env.time_limit"] >= time_limit
-    return row["status"] in VALID and not (fresh and row["peak_mib"] is None)
-
-
-def _identity(
-    task: Task, method: Mapping[str, Any], *, name: str, seed: int, source: Mapping[str, Any] | None
-) -> Row:
-    """Return the columns that are known before the run, with the key."""
-    row = method_facts(name, method) | task_facts(task) | {"seed": seed, "schema": SCHEMA}
-    if "note" in method:
-        row["method.note"] = " ".join(method["note"].split())
-    row["task.closed"] = task.mesh.is_closed
-    if isinstance(task, DeformationTask):
-        handles = task.handles
-        row |= {"task.handles": len(handles), "task.dynamic": int(handles.dynamic.sum())}
-        row["task.merged"] = handles.merged
-        row["task.snap_max"] = float(handles.snap_distance.max()) / task.mesh.diagonal
-    else:
-        row["task.kind"] = TRANSFER
-    row |= {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
-    if source is not None:
-        row["task.source"] = json.dumps(source)
-    data = code_of(source or {})
-    row["env.version.code"] = code_version(code_of(method) | data)
-    row["env.version.evaluator"] = code_version(data)
-    row["env.version.metrics"] = METRICS  # not in the key: stored vertices are measured again
-    choices = {"method": settings(method), "seed": seed, "schema": SCHEMA}
-    choices["versions"] = library_versions(code_of(method))
-    parts = config_hash(choices), row["task.checksum"], row["env.version.code"]
-    return row | {"key": digest(*(part.encode() for part in parts))}

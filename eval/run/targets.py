@@ -1,9 +1,10 @@
 """Functions named in a configuration: ``_target_``, ``_partial_`` and parameters.
 
-The format is the format of Hydra's ``instantiate``, with two more keys: ``warm_up`` has the parameters of an
-untimed first run, and ``note`` is a sentence below a table. In contrast to Hydra, :func:`instantiate` checks
-the names and simple types of parameters. An unknown name is a mistake, but a library that is not installed
-skips the method. The module needs no Hydra, so figures can load the task of a row.
+The format is the format of Hydra's ``instantiate``, with three more keys: ``warm_up`` has the parameters of
+an untimed first run, ``note`` is a sentence below a table, and ``version`` is the number of the method's
+version. In contrast to Hydra, :func:`instantiate` checks the names and simple types of parameters. An unknown
+name is a mistake, but a library that is not installed skips the method. The module needs no Hydra, so figures
+can load the task of a row.
 """
 
 from __future__ import annotations
@@ -23,9 +24,7 @@ from sshade.core.errors import InputError
 from sshade.problem.options import checked
 
 #: Keys of a method's configuration that are not parameters of its function.
-OWN_KEYS = ("_target_", "_partial_", "warm_up", "note")
-#: The function that runs a program: its `command` and its `files` name code, too.
-EXTERNAL = "baselines.external.external"
+OWN_KEYS = ("_target_", "_partial_", "warm_up", "note", "version")
 
 
 def instantiate(config: Mapping[str, Any]) -> Any:
@@ -96,32 +95,6 @@ def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
             f"{target} takes a {wanted.__name__}, but {task.name} is a {type(task).__name__}; methods for "
             "pose transfers are method=transfer/..., for tasks that a dataset with an edit gives"
         )
-
-
-def code_of(config: Mapping[str, Any]) -> set[str]:
-    """Return the names of the code in a configuration, nested ones included.
-
-    These are dotted names of functions; and for :data:`EXTERNAL`, ``program:NAME`` and ``file:PATH``.
-    """
-    names = {_dotted(config["_target_"])} if "_target_" in config else set()
-    if EXTERNAL in names:
-        words = _texts(config, "command")
-        if not words:
-            raise InputError("command is empty; write method.command=[python3,mymethod.py]")
-        paths = [word for word in words[1:] if os.path.isfile(word)] + _texts(config, "files")
-        names |= {f"program:{words[0]}", *(f"file:{path}" for path in paths)}
-    for value in config.values():
-        if isinstance(value, Mapping):
-            names |= code_of(value)
-    return names
-
-
-def _texts(config: Mapping[str, Any], name: str) -> list[str]:
-    """Return the list with a name in the configuration of a program, as texts; [] if it is missing."""
-    values = config.get(name) or []
-    if not isinstance(values, (list, tuple)):  # the letters of a text are no paths
-        raise InputError(f"{name}={values!r} is not a list; write [{values}]")
-    return [str(value) for value in values]
 
 
 def settings(config: Mapping[str, Any]) -> dict[str, Any]:

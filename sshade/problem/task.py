@@ -135,8 +135,7 @@ class DeformationResult(Shown):
         Wall-clock time of each stage.
     extra : mapping
         Flat facts of other methods for the row (last residual, counts, ...), and arrays: a coarse method may
-        give ``rotations`` (n, 3, 3). Arrays named ``*_curve``, with one row for each step, are stored with
-        the run.
+        give ``rotations`` (n, 3, 3).
     facts : Facts
         Of :func:`sshade.deform`; empty for other methods.
     task : DeformationTask or TransferTask, optional

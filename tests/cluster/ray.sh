@@ -9,7 +9,8 @@ STATE=${STATE:-/tmp/two_node_ray}
 OUT=${OUT:-$STATE/runs}
 PYTHON=${PYTHON:-.venv/bin/python}
 RAY="$(dirname "$PYTHON")/ray"
-SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,paper solver.max_iterations=100 ~bands"}
+SWEEP=${SWEEP:-"run.experiment=ci dataset.root=out/check/body_5k pose=1,2 method=identity,arap,elastic,paper
+  proxy.vertices=1000 solver.max_iterations=100"}
 export RAY_USAGE_STATS_ENABLED=0
 
 node() { # a log, then options; each has a session of its own, so that its daemons end with it

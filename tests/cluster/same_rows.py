@@ -4,7 +4,7 @@ import sys
 
 import pandas as pd
 
-from eval.rows.experiment import load_rows
+from eval.rows.collect import load_rows
 
 #: Beginnings of columns that may differ: date, machine, memory and times.
 DIFFER = ("date", "env.", "peak_mib", "seconds.", "task.source")

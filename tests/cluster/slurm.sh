@@ -11,7 +11,8 @@ set -eu
 STATE=${STATE:-/tmp/one_node_slurm}
 OUT=${OUT:-$STATE/runs}
 PYTHON=${PYTHON:-.venv/bin/python}
-SWEEP=${SWEEP:-"experiment=ci method=identity,arap,elastic,paper solver.max_iterations=100 ~bands"}
+SWEEP=${SWEEP:-"run.experiment=ci dataset.root=out/check/body_5k pose=1,2 method=identity,arap,elastic,paper
+  proxy.vertices=1000 solver.max_iterations=100"}
 export SLURM_CONF="$STATE/slurm.conf"
 
 start() {

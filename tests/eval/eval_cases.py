@@ -4,16 +4,36 @@ import os
 import signal
 from pathlib import Path
 from time import sleep
+from typing import Any
 
 import numpy as np
 import psutil
 from scipy.spatial.transform import Rotation
 
+from eval.metrics import Task
+from eval.run.config import RunConfig, RunSettings
+from eval.run.run import Outcome, run_task
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
+
+
+def run(
+    task: Task,
+    method: dict[str, Any],
+    *,
+    name: str,
+    root: Path,
+    seed: int = 0,
+    source: dict[str, Any] | None = None,
+    **settings: Any,
+) -> Outcome:
+    """Run a method on a task as `sshade-eval run` does."""
+    values = {"experiment": "e", "folder": "e", "split": None, "force": False, "fresh": False, "of": 1}
+    values |= {"time_limit": None, "jobs": None, **settings}
+    return run_task(task, RunConfig(name, method, source or {}, seed, RunSettings(**values), root))
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, name: str = "ends") -> DeformationTask:

@@ -38,8 +38,8 @@ def row(method: str = "a", task: str = "t1", **changes: Any) -> Row:
         "env.machine": "box",
         "env.commit": "abcdef0123456789",
         "env.modified": False,
-        "env.version.code": "c0dec0dec0dec0de",
-        "env.version.metrics": "3e753e753e753e75",
+        "method.version": 1,
+        "measures": 1,
     }
     return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}
 

@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from eval_cases import bumpy_task
+from eval_cases import bumpy_task, run
 
 from eval.rows.collect import collect
 from eval.rows.frame import write_csv
-from eval.run.run import run
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import TransferTask
 from tests.shapes import bumpy

@@ -9,9 +9,8 @@ from compositions import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
-from eval.configure.sweep import ABOUT_DATASET, VALUES
 from eval.installation import CONFIGURATION
-from eval.rows.bands import read_bands
+from eval.run.config import ABOUT_DATASET
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.core.errors import InputError
 from sshade.method.call import deform
@@ -26,11 +25,6 @@ def names(group):
     return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
 
 
-#: Experiments that generate their data.
-MAKING_DATA = (
-    *("resolution", "ablation_touching", "peers_shapes"),
-    *("animals_25k", "noisy_2mm", "noisy_170k"),
-)
 METHODS = methods("", "peer", "transfer")
 
 
@@ -87,11 +81,11 @@ def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
     """Cases and seeds are left out, because they are plain values in every configuration."""
     config = composed(f"experiment={name}")
     assert config.hydra.mode.name == "MULTIRUN"
-    assert config.run.experiment == name
-    assert config.hydra.sweep.dir.endswith(f"out/runs/{name}")
+    assert config.run.experiment == (name if name != "track" else "bodies_25k")
+    assert config.hydra.sweep.dir.endswith(f"out/runs/{config.run.experiment}")
     swept = {}
     for key, of in config.hydra.sweeper.params.items():
-        if "glob(" not in str(of) and key not in VALUES:
+        if "glob(" not in str(of) and key not in ("subject", "pose", "seed"):
             override = OverridesParser.create().parse_override(f"{key}={of}")
             swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [of]
     longest = max(map(len, swept.values()), default=1)
@@ -99,19 +93,9 @@ def test_experiment_composes_with_the_values_that_it_sweeps(name, values):
         composed(f"experiment={name}", *(f"{key}={of[k % len(of)]}" for key, of in swept.items()))
 
 
-@pytest.mark.parametrize(
-    ("name", "data"),
-    [(name, "faust") for name in names("experiment") if name not in MAKING_DATA]
-    + [("table1", "tosca"), ("table1", "sequence")],
-)
-def test_experiment_takes_other_data_by_its_name_and_folder(name, data):
-    """Experiments in MAKING_DATA are left out, because they generate their data."""
-    config = composed(f"experiment={name}", f"dataset={data}", "dataset.root=there")
-    assert config.dataset.root == "there" and f"source={data}" in config.dataset.build
+@pytest.mark.parametrize("name", ["quick", "table1", "track", "ablation"])
+def test_an_experiment_takes_data_from_faust(name):
+    config = composed(f"experiment={name}", "dataset=faust", "dataset.root=there")
+    assert config.dataset.root == "there" and "source=faust" in config.dataset.build
     assert config.dataset.build.endswith("out=there")
-    assert config.hydra.sweep.dir.endswith(f"out/runs/{name}_{data}")
-
-
-def test_every_method_of_the_ci_experiment_has_bands():
-    config = composed("experiment=ci")
-    assert set(read_bands(config.bands)) == set(map(str.strip, config.hydra.sweeper.params.method.split(",")))
+    assert config.hydra.sweep.dir.endswith(f"out/runs/{config.run.experiment}_faust")

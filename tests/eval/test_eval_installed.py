@@ -103,6 +103,6 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
     build = "source=synthetic subjects=[0] target_vertices=null workers=1 out=bodies"
     call("defaust", "build", *build.split())
     assert "defaust-synthetic" in call("defaust", "info", "bodies")
-    sweep = "experiment=table1_lowres dataset=defaust_7k dataset.root=bodies subject=0 pose=1"
+    sweep = "experiment=quick dataset.root=bodies subject=0 pose=1"
     call("sshade-eval", "run", "-m", *MINE, *sweep.split())
-    assert call("sshade-eval", "collect", "table1_lowres") == "out/rows/table1_lowres.csv: 1 row\n"
+    assert call("sshade-eval", "collect", "quick") == "out/rows/quick.csv: 1 row\n"

@@ -1,10 +1,7 @@
 """One run, one row: clock, statuses, keys, the store."""
 
-import itertools
 import json
-import os
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,15 +9,13 @@ from time import sleep, time
 
 import numpy as np
 import pytest
-from eval_cases import bumpy_task
+from eval_cases import bumpy_task, run
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS
-from eval.rows.frame import to_frame, write_csv
-from eval.rows.store import read_curves, read_row, run_folders, write_run
-from eval.run import code, provenance
-from eval.run.run import run
+from eval.rows.store import read_row, run_folders, write_run
+from eval.run import environment
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
 from sshade.problem.task import DeformationResult
@@ -39,7 +34,7 @@ def test_a_row_holds_everything(task, tmp_path):
     outcome = run(task, ARAP, name="arap", root=tmp_path, seed=4, source=source)
     row = read_row(outcome.folder)
     assert row == outcome.row
-    assert outcome.found == "" and not outcome.failed
+    assert not outcome.found and not outcome.failed
     assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
     assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
     assert row["method.target"] == "baselines.arap.arap"
@@ -50,7 +45,7 @@ def test_a_row_holds_everything(task, tmp_path):
     assert {name for name in row if name.startswith("metric.")} == {f"metric.{name}" for name in given}
     assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0
     assert row["env.cores_used"] == pytest.approx(row["seconds.cpu"] / row["seconds.total"], abs=1e-3)
-    assert row["env.version.libigl"] == provenance.version_of("libigl")
+    assert row["env.version.libigl"] == environment.version_of("libigl")
     assert row["env.machine"] and row["env.cores"] >= 1
     assert row["peak_mib"] is None
     json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
@@ -90,7 +85,6 @@ def resulting(V, **facts) -> DeformationResult:
         (lambda V: None, "returned NoneType"),
         (lambda V: resulting(V, iterations="many"), "ValueError: "),
         (lambda V: resulting(V, seconds={"solve": "x"}), "ValueError: "),
-        (lambda V: resulting(V, extra={"loss_curve": [[1], [2, 3]]}), "ValueError: "),
     ],
 )
 def test_a_method_without_a_usable_result_leaves_a_failed_row(task, tmp_path, monkeypatch, method, reason):
@@ -111,25 +105,7 @@ def test_an_interrupt_in_a_compiled_function_leaves_no_row(task, tmp_path, monke
     assert not run_folders(tmp_path)
 
 
-def test_an_equal_run_of_another_experiment_is_taken_along(task, tmp_path):
-    def make(experiment, method=STRETCHING, **options):
-        return run(task, method, name="m", root=tmp_path / experiment, **options)
-
-    first = make("a")
-    second = make("b", shared=tmp_path / "a")
-    assert second.row == first.row == read_row(second.folder) and second.folder != first.folder
-    assert (second.folder / "vertices.npy").read_bytes() == (first.folder / "vertices.npy").read_bytes()
-    assert make("b", shared=tmp_path / "a", seed=1).row["seed"] == 1
-    assert make("b", shared=tmp_path / "a", force=True).row["date"] > first.row["date"]
-    # Existing runs are not replaced, and failures are not copied.
-    own = make("c").row
-    assert own["date"] != first.row["date"] and make("c", shared=tmp_path / "a").row == own
-    failing = {"_target_": "eval_cases.failing"}
-    failed = make("a", failing)
-    assert make("b", failing, shared=tmp_path / "a").row["date"] > failed.row["date"]
-
-
-def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
+def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, monkeypatch):
     def key(task=task, method=STRETCHING, **options):
         return run(task, method, name="s", root=tmp_path, **options).row["key"]
 
@@ -140,6 +116,9 @@ def test_the_key_follows_configuration_task_and_seed(task, tmp_path):
     assert key(method={**STRETCHING, "warm_up": {"factor": 1.0}, "_partial_": True}) == keys[0]
     guess, renamed = replace(task, guess=task.mesh.V), replace(task, name="renamed")
     assert key(task=renamed) == keys[0] != key(task=guess)
+    assert key(method={**STRETCHING, "version": 1}) == keys[0] != key(method={**STRETCHING, "version": 2})
+    monkeypatch.setattr(run_module, "MEASURES", 2)
+    assert key() not in keys
 
 
 @pytest.mark.parametrize("jump", [-3600.0, 1.5])
@@ -152,43 +131,6 @@ def test_a_clock_that_jumps_in_a_run_is_told(task, tmp_path, monkeypatch, jump):
     went, passed = map(float, re.search(told, str(refused.value)).groups())
     assert went - passed == pytest.approx(jump, abs=0.11) and passed >= 0  # both are rounded
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_published_row_of_the_same_version_answers_for_a_run(task, here):
-    root = here / "out/runs/quick"
-    one = run(task, STRETCHING, name="s", root=root).row
-
-    def again(**changes):
-        shutil.rmtree(root, ignore_errors=True)
-        write_csv("results/rows/quick.csv", to_frame([one | changes]))
-        os.utime("results/rows/quick.csv", ns=(0, next(count)))
-        return run(task, STRETCHING, name="s", root=root)
-
-    count = itertools.count()
-    done = again()
-    assert done.found == "already published" and not done.folder.exists()
-    assert done.row["metric.volume"] == one["metric.volume"]
-    assert not again(key="another").found
-    assert not again(status="failed").found
-    assert not again(**{"env.version.metrics": "older"}).found
-    assert not again(**{"method.name": "another label"}).found
-
-
-def test_the_key_follows_code_and_libraries_and_not_the_metrics(task, tmp_path, monkeypatch):
-    first = run(task, STRETCHING, name="s", root=tmp_path).row
-    versions = {name: first[f"env.version.{name}"] for name in ("code", "metrics", "evaluator")}
-    functions = [STRETCHING["_target_"]]
-    assert versions["code"] == code.code_version(functions) != versions["evaluator"] == code.code_version([])
-    assert versions["metrics"] == code.METRICS
-    assert "torch" not in provenance.library_versions(["baselines.arap.arap"])
-    assert {"numpy", "torch"} <= provenance.library_versions(["baselines.implicit_arap.implicit_arap"]).keys()
-    with monkeypatch.context() as patch:
-        patch.setattr(provenance, "version_of", lambda name: "99")
-        assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first["key"]
-    monkeypatch.setattr(run_module, "METRICS", "another")
-    assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] == first["key"]
-    monkeypatch.setattr(run_module, "code_version", lambda functions: "another")
-    assert run(task, STRETCHING, name="s", root=tmp_path).row["key"] != first["key"]
 
 
 def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):
@@ -226,16 +168,37 @@ def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
     assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 2 s")
 
 
-@pytest.mark.parametrize("fresh", [False, True])
-def test_curves_are_kept_with_the_run(task, tmp_path, fresh):
-    method = {"_target_": "eval_cases.with_losses"}
-    done = run(task, method, name="learned", root=tmp_path, fresh=fresh)
-    assert done.row["status"] == "ok", done.row["reason"]
-    (name, curve), *others = read_curves(done.folder).items()
-    assert (name, curve.tolist(), others) == ("loss_curve", [[3.0, 1.0], [0.5, 0.25]], [])
-    assert not any("curve" in column or "rotations" in column for column in done.row)
-    method["_target_"] = "baselines.identity.identity"
-    assert read_curves(run(task, method, name="identity", root=tmp_path).folder) == {}
+@pytest.mark.parametrize("version", [0, 1.5, "2"])
+def test_a_version_is_a_number_from_1_on(task, tmp_path, version):
+    with pytest.raises(InputError, match=f"method.version={version} does not fit"):
+        run(task, {**STRETCHING, "version": version}, name="s", root=tmp_path)
+
+
+@pytest.mark.parametrize("name", ["row.json", "vertices.npy"])
+def test_a_damaged_file_is_made_again_with_a_note(task, tmp_path, name, capfd):
+    first = run(task, STRETCHING, name="s", root=tmp_path)
+    path = first.folder / name
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    again = run(task, STRETCHING, name="s", root=tmp_path)
+    assert not again.found and again.row["metric.volume"] == first.row["metric.volume"]
+    assert name in (told := capfd.readouterr().err) and told.endswith("; it is run again\n")
+    assert run(task, STRETCHING, name="s", root=tmp_path).found
+
+
+def test_a_method_is_given_no_truth_and_no_name(tmp_path, monkeypatch):
+    seen = []
+
+    def looking(task, *, seed, progress=silent):
+        seen.append(task)
+        return resulting(task.mesh.V)
+
+    monkeypatch.setattr("eval_cases.stretching", looking)
+    task = bumpy_task(level=2)
+    task = replace(task, truth=1.1 * task.mesh.V)
+    row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
+    assert row["metric.truth_distance"] > 1 and row["task.name"] == "bumpy_30"
+    assert seen[0].truth is None and not seen[0].meta and seen[0].name == row["task.checksum"]
 
 
 def test_a_write_that_fails_leaves_no_row(tmp_path):
@@ -245,18 +208,18 @@ def test_a_write_that_fails_leaves_no_row(tmp_path):
 
 
 def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypatch):
-    here = tmp_path / "eval/run/provenance.py"
+    here = tmp_path / "eval/run/environment.py"
     here.parent.mkdir(parents=True)
     here.write_text("committed")
     for command in ("init -q", "add .", "-c user.name=a -c user.email=a@b commit -qm one"):
         subprocess.run(["git", "-C", tmp_path, *command.split()], check=True)
-    monkeypatch.setattr(provenance, "__file__", str(here))
-    monkeypatch.setattr(provenance, "PACKAGES", tmp_path)
+    monkeypatch.setattr(environment, "__file__", str(here))
+    monkeypatch.setattr(environment, "PACKAGES", tmp_path)
     monkeypatch.setenv("GIT_TEST_ASSUME_DIFFERENT_OWNER", "1")  # the clone of a colleague
     for place, modified in (("results/rows/quick.csv", False), ("README.md", False), ("sshade/new.py", True)):
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / place).write_text("new")
-        assert provenance._commit.__wrapped__()[1] is modified
+        assert environment._commit.__wrapped__()[1] is modified
     (tmp_path / "sshade/new.py").unlink()
     here.write_text("changed")
-    assert provenance._commit.__wrapped__()[1] is True
+    assert environment._commit.__wrapped__()[1] is True

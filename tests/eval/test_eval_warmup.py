@@ -13,7 +13,7 @@ from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 COMPILED = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from eval.configure.compose import read_choice, resolved
+from eval.run.config import read_choice, resolved
 from eval.run.targets import instantiate
 from eval.run.warmup import icosphere, warm_up
 from sshade.problem.task import DeformationTask

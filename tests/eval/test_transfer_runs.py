@@ -1,11 +1,10 @@
 """Pose transfers as runs: their rows, their checksums, and methods for another kind of task."""
 
 import pytest
-from eval_cases import ends_task
+from eval_cases import ends_task, run
 
 from eval.metrics import METRICS
-from eval.run.provenance import task_checksum
-from eval.run.run import run
+from eval.run.environment import task_checksum
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import TransferTask

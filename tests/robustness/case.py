@@ -125,10 +125,10 @@ def run(command: str) -> tuple[int, str, str]:
 
 def _main(program: str, arguments: list[str]) -> int:
     if program == "sshade-eval":
-        from eval.configure import app
         from eval.main import main
+        from eval.run import config
 
-        app._load_task.cache_clear()  # the folders of several cases have the same name
+        config._loaded.cache_clear()  # the folders of several cases have the same name
         # The command sets environment variables for its child processes, such as PYTHONSAFEPATH.
         with mock.patch.object(sys, "argv", list(sys.argv)), mock.patch.dict(os.environ):
             return main(arguments)

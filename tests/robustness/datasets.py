@@ -47,7 +47,7 @@ REST, POSE = "subject_00/rest.ply", "subject_00/pose_1.json"
 CHANGED = both(dataset, patched(RECORD, b'"seed": 0', b'"seed": 5'))
 #: Options that a run refuses.
 RUNS = {
-    "pose=7": (dataset, "has no pose 7"),
+    "pose=7": (dataset, "has no subject 0, pose 7; it has 4 cases"),
     "dataset.resolution=medium": (dataset, "resolution 'medium' is unknown"),
 }
 #: Damaged datasets that a run refuses.

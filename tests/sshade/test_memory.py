@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from eval.run.provenance import process_memory
+from eval.run.environment import process_memory
 from sshade.core.memory import give_back
 
 

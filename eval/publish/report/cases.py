@@ -15,9 +15,9 @@ from eval.publish.columns import Column
 from eval.publish.html import texts
 from eval.publish.panels import error_label, error_of
 from eval.publish.plotting import picture
-from eval.rows.experiment import Experiment
+from eval.rows.collect import Experiment
 from eval.rows.store import Row
-from eval.run.recall import load_task
+from eval.run.config import load_task
 from sshade.core.errors import InputError
 from sshade.plotting.pictures import View, colour_range
 from sshade.plotting.view import ViewShape, packed_view

@@ -1,7 +1,7 @@
 """``sshade-eval report``: the results of experiments on one HTML page that needs no network.
 
-The page shows numbers, distributions, configurations and failures from rows. If the run folders exist, it
-also has pictures of every case and a 3D view.
+The page shows numbers, time against truth, configurations and failures from rows. If the run folders exist,
+it also has pictures of every case and a 3D view.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eval.publish.charts import convergence, distributions
+from eval.publish.chart import chart_of
 from eval.publish.columns import SUCCESS, begun
-from eval.publish.html import charts, configuration, facts, render
+from eval.publish.html import configuration, facts, render, svg_uri
 from eval.publish.plotting import add_camera, camera
 from eval.publish.report.cases import show_case
-from eval.publish.summary import MIXED_HELP, converged_runs, make_table
-from eval.rows.experiment import Experiment, read_experiments
+from eval.publish.summary import converged_runs, make_table
+from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out, write_text
 from eval.rows.frame import method_names, numbers, records, valid
 from sshade import plotting
@@ -37,7 +37,6 @@ def write_page(
     experiments: list[Experiment],
     *,
     cases: list[str],
-    mixed: bool,
     towards: np.ndarray,
     up: np.ndarray,
     progress: Progress,
@@ -49,8 +48,6 @@ def write_page(
     experiments : list of Experiment
     cases : list of str
         Names of tasks to show. If empty: pictures of every case, and three cases of each experiment in 3D.
-    mixed : bool
-        Accept rows of several versions of the code, with a warning.
     towards, up : (3,) float64
         Direction from the scene to the camera, and upright direction.
     progress : Progress
@@ -66,7 +63,7 @@ def write_page(
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
     direction = {"towards": towards, "up": up}
-    form = {"cases": cases, "mixed": mixed, "camera": direction, "progress": progress}
+    form = {"cases": cases, "camera": direction, "progress": progress}
     sections = [_section(experiment, **form) for experiment in experiments]
     views = [
         case.view | {"title": f"{section['name']}: {case.name}", "id": f"{section['slug']}-case-{i}"}
@@ -94,13 +91,12 @@ def _section(
     experiment: Experiment,
     *,
     cases: list[str],
-    mixed: bool,
     camera: dict[str, np.ndarray],
     progress: Progress,
 ) -> dict[str, Any]:
     """Return the contents of the section of an experiment."""
     rows, runs = experiment.rows, begun(experiment.rows)
-    table = make_table(rows, title=experiment.name, mixed=mixed)
+    table = make_table(rows, title=experiment.name)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
     turnable = set(range(len(groups)))
     if not cases:
@@ -114,8 +110,7 @@ def _section(
         "name": experiment.name,
         "table": table,
         "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
-        "charts": charts(distributions(rows)),
-        "curves": charts(convergence(experiment)),
+        "chart": svg_uri(figure) if (figure := chart_of(rows)) else "",
         "convergence": _convergence(experiment),
         "cases": shown,
         "columns": [column for column in table.columns if column.source != SUCCESS],
@@ -152,7 +147,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
     parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
-    parser.add_argument("--mixed", action="store_true", help=MIXED_HELP)
     add_camera(parser)
 
 
@@ -164,9 +158,7 @@ def command(options: argparse.Namespace) -> int:
 
     experiments = read_experiments(options.rows, runs=options.runs)
     with progress_bar() as progress:
-        text = write_page(
-            experiments, cases=options.cases, mixed=options.mixed, **camera(options), progress=progress
-        )
+        text = write_page(experiments, cases=options.cases, **camera(options), progress=progress)
     write_text(options.out, text)
     print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
     return 0

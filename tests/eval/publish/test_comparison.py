@@ -1,14 +1,10 @@
 """Comparisons in a table: common cases, missing cases, halves, seeds, and one version of the code."""
 
-import re
-
 import numpy as np
 import pytest
-from eval_rows import frame, lost, planned, row, table_of
+from eval_rows import lost, row, table_of
 
-from eval.main import call
 from eval.publish.tables import to_csv, to_latex, to_markdown
-from eval.rows.frame import write_csv
 from sshade.core.errors import InputError
 
 BODIES = "defaust-synthetic/subject_0"
@@ -43,9 +39,9 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
     assert table.means["volume"].fillna(-1).to_dict() == {"a": 2.0, "b": 4.0, "few": -1, "poor": -1}
     assert table.notes[0].endswith("means over all of them.")
     assert any(note.endswith("common to all: few (1 of 5), poor (2 of 5).") for note in table.notes)
-    assert "few: planned on 1 of 5 cases." in table.notes
+    assert "few: 4 missing (never run): t1, t2, t3, t4." in table.notes
     text = to_markdown(table)
-    assert "| poor | 2/5 | failed |" in text and "| few | 1 | too few |" in text
+    assert "| poor | 2/5 | failed |" in text and "| few | 1/5 | missing |" in text
     assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of the planned runs
 
 
@@ -72,8 +68,6 @@ def test_rows_without_any_result_make_a_table_of_what_became_of_them():
     text = to_markdown(table_of(lost("a"), lost("b", status="timeout", reason="after 5 s")))
     assert "| a | 0/1 | failed |" in text and "| b | 0/1 | timeout |" in text
     assert "- b: 1 timeout (after 5 s): every case." in text and "means over 0 of 1" in text
-    with pytest.raises(InputError, match="none of the 2 planned runs has begun"):
-        table_of(planned("a"), planned("b"))
 
 
 def test_what_is_missing_is_shortened():
@@ -126,13 +120,6 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     assert "sd of" not in to_csv(table_of(*plain)) and "±" not in to_markdown(table_of(*plain))
 
 
-def test_a_seed_that_was_only_planned_takes_nothing_from_the_others():
-    rows = [*on("a", [1.0, 2.0]), *on("b", [4.0, 6.0]), *(planned("b", f"t{i}", seed=1) for i in range(2))]
-    table = table_of(*rows)
-    assert table.means["volume"].tolist() == [1.5, 5.0] and table.lines["competes"].all()
-    assert "| b | 2/4 |" in to_markdown(table)
-
-
 def test_a_case_of_which_a_seed_was_lost_is_lost():
     seeded = [row("s", f"t{i}", seed=seed) for i in range(4) for seed in (0, 1)]
     seeded[-1] |= lost("s", "t3") | {"seed": 1}
@@ -141,51 +128,22 @@ def test_a_case_of_which_a_seed_was_lost_is_lost():
     assert table.lines.at["s", "converged"] == "6/6"
 
 
-OTHER = {"env__version__code": "0ldc0de00ldc0de0", "env__commit": "1234567890", "env__modified": True}
-UNKNOWN = {"env__version__code": None, "env__version__metrics": None}
-
-
 @pytest.mark.parametrize(
-    ("change", "old", "cure"),
+    ("change", "words"),
     [
-        (OTHER, "version 0ldc0de0, metrics 3e753e75, commit 12345678, modified tree", "run"),
-        (UNKNOWN, "version unknown, commit abcdef01, clean tree", "run"),
-        (
-            {"env__version__metrics": "0ther"},
-            "version c0dec0de, metrics 0ther, commit abcdef01, clean tree",
-            "measure the older rows again with `sshade-eval remeasure`",
-        ),
+        ({"method__version": 2}, "method 'a' has rows of the versions 1 and 2"),
+        ({"measures": 2}, "versions 1 and 2 of the m"),
     ],
 )
-def test_versions_do_not_mix(tmp_path, capsys, change, old, cure):
-    write_csv(tmp_path / "t.csv", frame(row("a"), row("b"), row("a", "t2", **change)))
-    arguments = [str(tmp_path / "t.csv"), "-o", str(tmp_path / "tables")]
-    new = "version c0dec0de, metrics 3e753e75, commit abcdef01, clean tree"
-    said = "rows of 2 versions of the code, whose numbers may not be comparable"
-    said += f" ({new}: 2 rows of a, b; {old}: 1 row of a)"
-    with pytest.raises(InputError, match=f"^{re.escape(f'{said}: {cure}')}.* with --mixed$"):
-        call("tables", arguments)
-    assert not (tmp_path / "tables").exists()
-    assert call("tables", [*arguments, "--mixed"]) == 0
-    assert f"- Warning: {said}.\n" in capsys.readouterr().out
+def test_versions_do_not_mix(change, words):
+    with pytest.raises(InputError, match=words):
+        table_of(row("a"), row("b"), row("a", "t2", **change))
 
 
-def test_each_method_may_have_another_version_of_the_code():
-    (note,) = (note for note in table_of(row("a"), row("b", **OTHER)).notes if "version" in note)
-    assert note.startswith("Code: version 0ldc0de0, c0dec0de, metrics 3e753e75, commit ")
-
-
-def test_the_version_stands_under_the_table():
+def test_the_commit_and_later_versions_stand_under_the_table():
     def note(*rows):
         return next(note for note in table_of(*rows).notes if "ersion" in note)
 
-    code = "Code: version c0dec0de, metrics 3e753e75"
-    assert note(row("a"), row("b")) == f"{code}, commit abcdef01, clean tree."
-    # A commit that changes only texts does not change the version.
-    two = note(row("a"), row("b", env__commit="1234567890", env__modified=True))
-    assert two == f"{code}, commit 12345678, abcdef01, modified tree."
-    assert note(row("a"), planned("a", "t2")).startswith(code)  # a run that never started has no version
-    old = note(row("a", **UNKNOWN), row("b", **UNKNOWN))
-    assert old.startswith("Warning: the rows name no version of the code. Code: version unknown, ")
-    with pytest.raises(InputError, match="2 versions"):
-        table_of(row("a", **UNKNOWN), row("b", **UNKNOWN | {"env__commit": "1234567890"}))
+    assert note(row("a"), row("b")) == "Commit: abcdef01. Version of methods: 1."
+    later = row("b", method__version=3, env__commit="1234567890", env__modified=True)
+    assert note(row("a"), later) == "Commit: 12345678, abcdef01 (with changes). Version of methods: 1, b 3."

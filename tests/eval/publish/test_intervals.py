@@ -10,7 +10,6 @@ from scipy import special, stats
 
 from eval.main import call
 from eval.publish.intervals import BOOTSTRAP, LEAST, LEVEL, RESAMPLES, SEED, differences, interval, places
-from eval.publish.notes import NO_RANKS
 from eval.publish.summary import make_table, ranks
 from eval.publish.tables import to_csv, to_latex, to_markdown
 from eval.rows.frame import write_csv
@@ -187,14 +186,6 @@ def test_a_subject_without_a_number_is_the_mesh_of_its_name():
     assert "2 subjects" in table_of(*rows).notes[0] and table_of(*rows).differences == {}
     of_kinds = [r | {"task.meta.subject": 3} for r in rows]
     assert "1 subject;" in make_table(frame(*of_kinds), title="t").notes[0]
-
-
-def test_rows_of_several_versions_have_no_ranks():
-    rows = [r for k, name in enumerate(METHODS) for r in on_subjects(name, [k + 1.0] * LEAST)]
-    assert table_of(*rows, mixed=True).differences
-    table = table_of(*rows[1:], rows[0] | {"env.version.code": "older"}, mixed=True)
-    assert table.differences == {} and table.places.isna().all(axis=None)
-    assert NO_RANKS in table.notes and "**" not in to_markdown(table)
 
 
 def test_the_reference_can_be_chosen(tmp_path, capsys):

@@ -29,7 +29,7 @@ def test_markdown(rows):
         "| method | runs | volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | iterations |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
         "| arap | 2 | 6.00 | 2.00 | 3.00 | 4.000 | 0.000 | 15 (1/2) |",
-        "| worse | 0/1 | failed | failed | failed | failed | failed | failed |",
+        "| worse | 0/2 | failed | failed | failed | failed | failed | failed |",
         "| paper_plain | 2 | n/a | 2.00 | 3.00 | 1.500 | 0.100 | 10 |",
         "",
         "#### t: further measures",
@@ -37,13 +37,13 @@ def test_markdown(rows):
         "| method | runs | success (%) |",
         "| --- | ---: | ---: |",
         "| arap | 2 | 100.0 |",
-        "| worse | 0/1 | 0.0 |",
+        "| worse | 0/2 | 0.0 |",
         "| paper_plain | 2 | 50.0 |",
     ]
     notes = "\n".join(lines[15:])
     assert "2 cases of 1,000 vertices, 2 subjects; means over all of them." in notes
     assert "Machine: box." in notes
-    assert "- worse: planned on 1 of 2 cases.\n- worse: 1 failed (ValueError: no): every case." in notes
+    assert "- worse: 1 failed (ValueError: no): t1.\n- worse: 1 missing (never run): t2." in notes
 
 
 def test_latex_compiles_with_any_label_and_with_notes_of_several_lines():

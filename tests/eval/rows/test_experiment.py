@@ -6,7 +6,7 @@ import pytest
 from eval_rows import frame, row
 
 from eval.main import main
-from eval.rows.experiment import Experiment, load_rows, read_experiments
+from eval.rows.collect import Experiment, load_rows, read_experiments
 from eval.rows.files import experiment_folder, rows_file
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run

@@ -71,16 +71,6 @@ def test_rows_that_no_run_wrote_are_refused(tmp_path, changes, words):
         read_csv(tmp_path / "r.csv")
 
 
-def test_a_planned_run_is_a_row_of_a_file_and_of_no_run(tmp_path):
-    planned = {"method.name": "b", "task.name": "t", "seed": 0, "status": "missing", "reason": "never"}
-    write_csv(tmp_path / "r.csv", frame(row(), planned))
-    back = records(read_csv(tmp_path / "r.csv"))[1]
-    assert {name: value for name, value in back.items() if value is not None} == planned
-    write_row(tmp_path, row() | planned)
-    with pytest.raises(InputError, match="its status is 'missing'"):
-        read_row(tmp_path)
-
-
 def test_types_survive(tmp_path):
     facts = {
         "method.hash": "12e4567890123456",
@@ -117,10 +107,6 @@ def test_a_text_may_be_long_and_have_line_breaks_of_any_kind(tmp_path):
     assert records(read_csv(tmp_path / "r.csv"))[0]["reason"] == 140_000 * "x" + "\ny"
 
 
-#: Columns of a planned run.
-PLANNED = ("method.name", "seed", "task.source", "env.version.code", "env.version.metrics")
-
-
 def test_a_label_with_a_bar_fills_one_cell():
     assert "| a\\|b | 1 |" in to_markdown(make_table(frame(row("a|b")), title="t"))
 
@@ -144,18 +130,10 @@ def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
     assert records(newest(frame(theirs, old))) == [theirs]
 
 
-def test_code_that_was_restored_has_its_rows_back():
-    old, edited = row(task__source="s"), row(task__source="s", date="2026-01-02", env__version__code="e")
-    plans = [{name: run.get(name) for name in PLANNED} for run in (old, edited)]
-    assert records(newest(frame(old, edited))) == [edited]
-    assert records(newest(frame(old, edited), plans)) == [edited]
-    assert records(newest(frame(old, edited), plans[::-1])) == [old]
-    here, moved = ({"task.source": f'{{"root": "{root}", "pose": 1}}'} for root in ("here", "moved"))
-    both = frame(old | here, edited | here)
-    assert records(newest(both, [plan | moved for plan in plans[::-1]])) == [old | here]
-    again = [run | {"env.version.metrics": "other"} for run in (old, edited)]  # measured again
-    assert records(newest(frame(*again), plans[::-1])) == [again[0]]
-    assert records(newest(frame(old, edited), [plans[0], {**plans[0], "env.version.code": None}])) == [old]
+def test_a_newer_version_replaces_an_older_one_whatever_its_date():
+    new, late = row(method__version=2), row(date="2026-01-02")
+    assert records(newest(frame(new, late))) == [new]
+    assert records(newest(frame(row(measures=2), late))) == [row(measures=2)]
 
 
 def test_a_row_of_the_future_is_not_the_newest():

@@ -1,1 +1,0 @@
-"""Read the command line with Hydra: methods, datasets, cases and sweeps."""

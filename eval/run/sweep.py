@@ -1,0 +1,159 @@
+"""What `sshade-eval run` reads of its arguments before Hydra does: unknown keys, and the runs of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import OverrideParseException
+from omegaconf import DictConfig, OmegaConf
+
+from eval.installation import CONFIGURATION
+from eval.run.config import CASE, check_root, composed, nearest, unreadable_override
+from eval.run.targets import locate
+from sshade.core.errors import InputError
+
+#: Value that stands for all subjects or poses of a dataset.
+ALL = "all"
+
+
+def prepared(arguments: Sequence[str]) -> list[str]:
+    """Check a command line, and list the cases of a sweep in it; return the arguments that Hydra reads.
+
+    A sweep over all subjects or poses becomes a sweep over the dataset's own. `run.of` is the number of runs.
+    Flags come first, because Hydra takes no flag after a setting.
+
+    Raises
+    ------
+    InputError
+        On a flag that replaces the configuration, a key that nothing reads, a deleted setting that every run
+        needs, or a dataset that is missing.
+    """
+    known, _ = get_args_parser().parse_known_intermixed_args(list(arguments))
+    for flag in ("config_path", "experimental_rerun"):
+        if getattr(known, flag) is not None:
+            name = f"--{flag.replace('_', '-')}"
+            raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
+    flags = [text for text in arguments if text not in known.overrides]
+    if known.help or known.hydra_help or known.info is not None or known.shell_completion:
+        return [*flags, *known.overrides]
+    try:
+        overrides = OverridesParser.create().parse_overrides(known.overrides)
+    except OverrideParseException as error:
+        raise InputError(unreadable_override(error.override, example="dataset.root")) from error
+    overrides = [override for override in overrides if override.key_or_group != "hydra.mode"]
+    _require_known(overrides, folder=known.config_dir)
+    plain = [override.input_line for override in overrides if not override.is_sweep_override()]
+    config = composed(plain, folder=known.config_dir)
+    if not known.multirun and str(config.hydra.mode) != "RunMode.MULTIRUN":
+        if several := [name for name in CASE if config[name] == ALL]:
+            raise InputError(f"{several[0]}={ALL} takes several runs; add -m")
+        return [*flags, *known.overrides]
+    swept = _swept(config, overrides)
+    settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
+    cases = {name: values for name, values in swept.items() if name in CASE}
+    runs = prod(len(values) for values in swept.values())
+    return [
+        *flags,
+        *settings,
+        *(f"{name}={','.join(values)}" for name, values in cases.items()),
+        f"run.of={runs}",
+    ]
+
+
+def _as_sweep(override: Override) -> str:
+    """Write a setting of the method as a sweep over one value, which Hydra checks for the method of each run.
+
+    Hydra checks all other settings for the default method, too.
+    """
+    is_plain = not (override.is_sweep_override() or override.is_delete())
+    if not is_plain or not override.key_or_group.startswith("method."):
+        return override.input_line
+    return f"{override.get_key_element()}=choice({override.get_value_element_as_str() or repr('')})"
+
+
+def _swept(config: DictConfig, overrides: Iterable[Override]) -> dict[str, list[str]]:
+    """Return the values of each setting of a sweep, from the experiment's file and the command line."""
+    params: Mapping[str, Any] = config.hydra.sweeper.params or {}
+    parser = OverridesParser.create()
+    given = [*parser.parse_overrides([f"{name}={value}" for name, value in params.items()]), *overrides]
+    swept = {
+        override.get_key_element(): list(override.sweep_string_iterator())
+        if override.is_sweep_override()
+        else [override.get_value_element_as_str()]
+        for override in given
+        if not override.is_delete()
+    }
+    asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
+    if any(ALL in values for values in asked.values()):
+        if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
+            raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
+        swept |= _listed(config.dataset, asked)
+    return swept
+
+
+def _listed(dataset: DictConfig, asked: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Return the subjects and poses that a dataset has, of those that a sweep asks for."""
+    check_root(dataset)
+    if "cases" not in dataset:  # a single case
+        return {name: ["0"] if values == [ALL] else values for name, values in asked.items()}
+    numbers = {
+        f"{name}s": None if ALL in values else _numbers(name, values) for name, values in asked.items()
+    }
+    cases = locate(dataset.cases)(dataset.root, **numbers)
+    return {name: [str(n) for n in sorted({case[i] for case in cases})] for i, name in enumerate(CASE)}
+
+
+def _numbers(name: str, values: list[str]) -> list[int]:
+    if not all(value.isdigit() for value in values):
+        raise InputError(f"{name}={','.join(values)} does not fit; it takes numbers from 0, or {ALL}")
+    return [int(value) for value in values]
+
+
+def lacks_case(dataset: Mapping[str, Any]) -> str:
+    """Return why a dataset has no case with a configuration's subject and pose; empty if it has."""
+    if "cases" not in dataset:
+        return ""
+    check_root(dataset)
+    subject, pose = (dataset[name] for name in CASE)
+    for name, value in zip(CASE, (subject, pose), strict=True):
+        if not isinstance(value, int):
+            _numbers(name, [str(value)])
+    there = locate(dataset["cases"])(dataset["root"])
+    if (subject, pose) in there:
+        return ""
+    return f"{dataset['root']} has no subject {subject}, pose {pose}; it has {len(there)} cases"
+
+
+def _require_known(overrides: Sequence[Override], *, folder: str | None) -> None:
+    """Raise InputError on a key that nothing reads, or a deleted setting that every run needs."""
+    groups = [override for override in overrides if _is_group(override, folder)]
+    chosen = [override.input_line for override in groups if not override.is_sweep_override()]
+    known = set(_keys(OmegaConf.to_container(composed(chosen, folder=folder), resolve=False)))
+    swept = {override.key_or_group for override in groups if override.is_sweep_override()}
+    for override in (override for override in overrides if override not in groups):
+        key = override.key_or_group
+        root = key.split(".")[0]
+        if override.is_delete() and (root in ("method", "dataset", "seed") or key.startswith("run.")):
+            raise InputError(f"{override.input_line} deletes a setting that every run needs")
+        read_later = root == "hydra" or root in swept  # by Hydra, and for each method of the sweep
+        read_later |= override.is_add() and root in ("method", "dataset")  # by the function
+        if not read_later and key not in known:
+            raise InputError(f"there is no setting {key}{nearest(key, known)}")
+
+
+def _is_group(override: Override, folder: str | None) -> bool:
+    """Whether an override chooses a YAML file."""
+    places = [CONFIGURATION, *([] if folder is None else [Path(folder)])]
+    return override.package is not None or any((place / override.key_or_group).is_dir() for place in places)
+
+
+def _keys(config: Any, prefix: str = "") -> Iterable[str]:
+    for name, value in config.items() if isinstance(config, dict) else ():
+        yield f"{prefix}{name}"
+        yield from _keys(value, f"{prefix}{name}.")

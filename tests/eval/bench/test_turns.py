@@ -1,0 +1,101 @@
+"""Jobs take turns. A disturbed repeat is rejected and run again; too many rejections end the command."""
+
+import subprocess
+import sys
+from collections import namedtuple
+from time import sleep
+
+import pytest
+
+import eval.bench.turns
+from eval.bench.turns import ATTEMPTS, Job, Reading, read_machine, take_turns, used_by_others
+from sshade.core.errors import InputError
+
+
+def job(name, order, seconds=(1.0,), task="t"):
+    told = iter(seconds * 1000)
+
+    def call():
+        order.append(name)
+        sleep(2e-3)
+        return {"seconds.total": next(told), "seconds.solve": 0.5, "iterations": 7.0}
+
+    facts = {"method.name": name, "method.hash": name, "task.name": task, "task.checksum": "c"}
+    return Job(facts, call)
+
+
+def test_jobs_take_turns_after_a_warm_up(machine):
+    order = []
+    rows = take_turns([job(name, order) for name in "abc"], rounds=3)
+    assert order == list("abc") * 4
+    found = [(row["method.name"], row["round"]) for row in rows]
+    assert found == [(name, number) for number in (1, 2, 3) for name in "abc"]
+    assert all(row["kept"] and row["reason"] == "" and row["other_cores"] == 0 for row in rows)
+
+
+def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
+    monkeypatch.setattr(eval.bench.turns, "SHORTEST", 0.05)
+    order = []
+    (row,) = take_turns([job("a", order, seconds=(1.0, 2.0))], rounds=1)
+    assert row["calls"] == len(order) - 1 > 5  # the warm-up is one call
+    assert row["seconds.repeat"] >= 0.05
+    mean = (row["calls"] // 2 * 3 + row["calls"] % 2 * 2) / row["calls"]
+    assert row["seconds.total"] == pytest.approx(mean) and row["seconds.solve"] == 0.5
+
+
+def test_a_disturbed_repeat_is_rejected_and_repeated(machine):
+    machine(0.0, 0.0, 0.2, 0.3, 0.0)  # quiet warm-ups of a and b; two rejected repeats of a; then quiet
+    order = []
+    rows = take_turns([job(name, order) for name in "ab"], rounds=1)
+    assert order == list("abaaab")
+    assert [row["method.name"] for row in rows] == list("aaab")
+    assert [row["kept"] for row in rows] == [False, False, True, True]
+    assert rows[0]["reason"] == "other processes used 20% of the machine"
+    assert rows[0]["other_cores"] == pytest.approx(0.2, abs=0.01)
+
+
+def test_several_rejected_repeats_in_a_row_end_the_command(machine):
+    machine(0.3)
+    order = []
+    with pytest.raises(InputError, match="not quiet: 5 repeats of a on t in a row .* used 30% .*nothing was"):
+        take_turns([job("a", order)], rounds=3)
+    assert order == ["a"] * (1 + ATTEMPTS)
+
+
+def test_a_long_job_runs_once_unless_it_was_disturbed(machine, monkeypatch):
+    monkeypatch.setattr(eval.bench.turns, "LONG", 0.0)
+    order = []
+    rows = take_turns([job(name, order) for name in "ab"], rounds=3)
+    assert order == ["a", "b"] and [row["method.name"] for row in rows] == ["a", "b"]
+    machine(0.2, 0.0)
+    assert [row["kept"] for row in take_turns([job("a", [])], rounds=3)] == [False, True]
+
+
+@pytest.mark.parametrize(("busy", "own", "share"), [(19.0, 18.1, 0.045), (19.0, 17.8, 0.06), (5.0, 5.1, 0.0)])
+def test_the_share_of_others(busy, own, share):
+    """The system counts whole ticks, so it may count less than the process."""
+    before, after = Reading(100.0, 50.0, 40.0), Reading(110.0, 50 + busy, 40 + own)
+    assert used_by_others(before, after, cores=2) == pytest.approx(share)
+
+
+def test_what_counts_as_busy(monkeypatch):
+    """Idle time and waits for a disk do not count. Time of a hypervisor counts. `user` includes guests."""
+    names = "user nice system idle iowait irq softirq steal guest guest_nice"
+    times = namedtuple("times", names)(1, 2, 4, 1000, 500, 8, 16, 32, 1, 2)
+    monkeypatch.setattr(eval.bench.turns.psutil, "cpu_times", lambda: times)
+    assert read_machine().busy == 1 + 2 + 4 + 8 + 16 + 32
+
+
+def test_children_are_own_while_they_run_and_after():
+    work = "import time\nwhile time.process_time() < 0.4: pass\nprint(flush=True)\ninput()"
+    begin = read_machine()
+    with subprocess.Popen(
+        [sys.executable, "-c", work], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        child.stdout.readline()
+        living = read_machine()
+        child.communicate(b"\n")
+    ended = read_machine()
+    assert living.own - begin.own >= 0.35  # the system rounds to ticks of 10 ms
+    assert ended.own >= living.own - 0.02
+    assert living.busy - begin.busy >= 0.3

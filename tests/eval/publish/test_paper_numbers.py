@@ -1,0 +1,77 @@
+"""``tables --paper``: means of rows beside the paper's numbers; `make verify` makes the rows."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from eval.main import main
+from eval.publish.paper import MEASURES, table
+from eval.rows.files import read_conf
+from eval.rows.frame import to_frame, write_csv
+from sshade.core.errors import InputError
+from tests.eval.eval_rows import lost, row
+
+ROOT = Path(__file__).parents[3]
+PAPER = read_conf("paper")
+
+
+def write(folder, name, *rows):
+    folder.mkdir(parents=True, exist_ok=True)
+    write_csv(folder / f"{name}.csv", to_frame(rows))
+
+
+def test_means_are_over_the_valid_rows_of_a_method(tmp_path):
+    rows = [row("a", f"t{k}", metric__volume=v, seconds__total=60.0) for k, v in enumerate((1, 2, 6))]
+    others = [row("b", metric__volume=0.125), lost("a", "t3")]
+    write(tmp_path, "one_own", *rows, *others)
+    write(tmp_path, "two_own", row("a", metric__hausdorff=0.01))
+    paper = {
+        "one": {"a": {"volume": 12.4, "time": 435}, "b": {"volume": 0.99}, "c": {"FA": 0.517}},
+        "two": {"a": {"d_H": 5.66e-3, "d_C": 3.76e-8}},
+        "three": {"a": {"EL": 1}},
+    }
+    found = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in table("own", paper, tmp_path).splitlines()
+    ]
+    assert found[0] == ["experiment", "method", "measure", "paper", "yours", "cases"]
+    assert found[2:] == [
+        ["one", "a", "volume (%)", "12.40", "3.00", "3"],
+        ["one", "a", "time (s)", "435.0", "60.0", "3"],
+        ["one", "b", "volume (%)", "0.99", "0.12", "1"],
+        ["one", "c", "FA (deg)", "0.517", "", "0"],
+        ["two", "a", "d_H", "5.66e-03", "1.00e-02", "1"],
+        ["two", "a", "d_C", "3.76e-08", "", "0"],
+        ["three", "a", "EL (%)", "1.00", "", "0"],
+    ]
+
+
+def test_rows_of_two_builds_are_refused(tmp_path):
+    two = [row("a", task__checksum=name, task__source=name, key=name) for name in ("one", "two")]
+    write(tmp_path, "one_own", *two)
+    with pytest.raises(InputError, match=r"has two rows of a on t1, .*; remove out/runs/one_own and "):
+        table("own", {"one": {"a": {"EL": 1}}}, tmp_path)
+
+
+def test_make_verify_runs_each_experiment_of_the_paper():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    called = re.findall(r"\$\(call verify,(\w+),(\w+)\)", makefile)
+    assert called == [(dataset, name) for dataset, experiments in PAPER.items() for name in experiments]
+    settings = dict(re.findall(r"^(\w+) +:= (.+)$", makefile, re.M))
+    for dataset, name in called:
+        for method, measures in PAPER[dataset][name].items():
+            assert measures.keys() <= MEASURES.keys()
+            assert all(re.search(rf"[=, ]{word}\b", settings[name]) for word in method.split("-"))
+
+
+def test_the_command_prints_the_tables_or_says_what_is_missing(here, capsys):
+    assert main(["tables", "--paper", "faust"]) == 2
+    assert capsys.readouterr().err == "error: out/rows has no rows of faust; `make verify` makes them\n"
+    write(here / "out" / "rows", "table1_faust", row("elastic", metric__volume=16.75))
+    assert main(["tables", "--paper", "faust"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("### faust\n\n| experiment |")
+    assert "| table1 | elastic | volume (%) | 12.25 | 16.75 | 1 |\n" in out
+    assert "| table1_lowres | elastic | volume (%) | 1.29 |  | 0 |\n" in out
+    assert main(["tables", "--paper", "mars"]) == 2 and "faust" in capsys.readouterr().err

@@ -1,0 +1,161 @@
+"""Golden values: what differs or is slow fails, and new values need a higher version."""
+
+import time
+from math import inf
+
+import pytest
+import yaml
+
+import baselines.arap
+import eval.check
+from eval.check import GOLDEN, Found, GoldenFile
+from eval.main import call, main
+
+HEAD = """\
+tolerance: 1.0e-4
+floor: {"%": 0.01, deg: 0.01, "-": 1.0e-6}
+counts: {tolerance: 0.1, least: 2}
+loose:
+  - {methods: [bbw], tolerance: 0.5, measures: [edge]}
+slower: 8
+datasets: {}
+cases:
+  bend: {task: hairpin around=12, methods: [arap, elastic], small: true, timed: true}
+small: {"*": max_iterations=3}
+
+values:
+"""
+
+
+@pytest.fixture
+def golden(here, monkeypatch):
+    """Golden values of `arap` on a small tube, in a file of their own."""
+    path = here / "golden.yaml"
+    path.write_text(HEAD)
+    monkeypatch.setattr(eval.check, "GOLDEN", path)
+    assert call("check", ["arap"]) == 1  # has no values yet
+    assert call("check", ["--write", "arap"]) == 0
+    return path
+
+
+def change(path, **entry):
+    """Replace parts of the entry of `arap`; return the new text of the file."""
+    values = yaml.safe_load(path.read_text())["values"]
+    values["arap"] |= entry
+    path.write_text(HEAD + "".join(f"  {line}\n" for line in yaml.safe_dump(values).splitlines()))
+    return path.read_text()
+
+
+def bend(path, **values):
+    return {"bend": yaml.safe_load(path.read_text())["values"]["arap"]["bend"] | values}
+
+
+def test_equal_values_agree_and_stay_as_they_are(golden, capsys):
+    text = golden.read_text()
+    assert text.startswith(HEAD) and "iterations: 3.0" in text
+    assert call("check", ["arap"]) == 0 and call("check", ["--write", "arap"]) == 0
+    assert golden.read_text() == text
+    assert "arap  agrees; takes" in capsys.readouterr().out
+
+
+def test_a_changed_value_fails_until_the_version_rises(golden, capsys):
+    right = bend(golden)["bend"]["edge"]
+    text = change(golden, **bend(golden, edge=right * 1.001))
+    assert call("check", ["arap"]) == 1
+    told = capsys.readouterr().out
+    assert "arap  differs in 1 of" in told and "edge of bend" in told
+    assert "raise `version` in conf/method/NAME.yaml" in told and told.endswith("check --write arap\n")
+    assert main(["check", "--write", "arap"]) == 2
+    assert "raise `version` in conf/method/arap.yaml" in capsys.readouterr().err
+    assert golden.read_text() == text
+    change(golden, version=0)
+    assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
+    assert bend(golden)["bend"]["edge"] == right
+
+
+def test_a_version_without_its_golden_values_fails(golden, capsys):
+    change(golden, version=0)
+    assert call("check", ["arap"]) == 1
+    assert "arap  has version 1, its golden values 0" in capsys.readouterr().out
+
+
+def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, capsys, monkeypatch):
+    fast = baselines.arap.libigl_arap
+
+    def slow(*task, **options):
+        time.sleep(1.0)
+        return fast(*task, **options)
+
+    monkeypatch.setattr(baselines.arap, "libigl_arap", slow)
+    assert call("check", ["arap"]) == 1
+    assert "arap  is too slow; takes" in capsys.readouterr().out
+    assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
+
+
+def test_a_method_is_given_a_second_chance_to_be_fast(golden, monkeypatch):
+    slow_once, fast = iter([1.0]), baselines.arap.libigl_arap
+
+    def sometimes(task, *, energy, **options):
+        time.sleep(next(slow_once, 0.0) if energy == "spokes" and options["max_iterations"] == 3 else 0.0)
+        return fast(task, energy=energy, **options)
+
+    assert call("check", ["arap"]) == 0  # warms up
+    monkeypatch.setattr(baselines.arap, "libigl_arap", sometimes)
+    assert call("check", ["arap"]) == 0 and next(slow_once, None) is None
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (ModuleNotFoundError("No module named 'torch'", name="torch"), 0, "arap  left out: ModuleNotFound"),
+        (ArithmeticError("no"), 1, "arap  failed: ArithmeticError: no"),
+    ],
+)
+def test_a_method_without_a_result_is_left_out_or_fails_and_keeps_its_values(
+    golden, capsys, monkeypatch, error, code, line
+):
+    def method(task, *, seed, progress=None, **options):
+        raise error
+
+    text = golden.read_text()
+    monkeypatch.setattr("baselines.arap.arap", method)
+    assert call("check", ["arap"]) == code and line in capsys.readouterr().out
+    assert call("check", ["--write", "arap"]) == code and golden.read_text() == text
+
+
+def test_an_unknown_method_is_refused(golden, capsys):
+    assert main(["check", "paper"]) == 2
+    assert "there is no method 'paper' to check" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("method", "measure", "golden", "found", "times"),
+    [
+        ("a", "edge", 2.0, 2.0001, 0.5),
+        ("a", "edge", 2.0, 2.0004, 2.0),
+        ("a", "edge", 0.0, 1e-6, 1.0),
+        ("a", "bend", None, 1.0, inf),
+        ("a", "bend", 1.0, None, inf),
+        ("a", "flips", 0.0, 1.0, inf),
+        ("a", "flips", 3.0, 5.0, 1.0),
+        ("a", "iterations", 100.0, 120.0, 2.0),
+        ("bbw", "edge", 2.0, 2.5, 0.5),
+    ],
+)
+def test_tolerances(tmp_path, method, measure, golden, found, times):
+    path = tmp_path / "golden.yaml"
+    old, new = ({} if value is None else {measure: value} for value in (golden, found))
+    path.write_text(f"{HEAD}  {method}: {{version: 1, bend: {old}}}\n".replace("'", ""))
+    different = GoldenFile(path).differences(Found(method, 1, {"bend": new}))
+    assert [one for one, _ in different] == pytest.approx([times] if times > 1 else [])
+
+
+def test_every_method_has_committed_values_of_its_version():
+    file = GoldenFile(GOLDEN)
+    folder = GOLDEN.parent / "method"
+    names = {path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.yaml")}
+    assert set(file.values) == names - {"external"}
+    for name, entry in file.values.items():
+        cases = [case for case in file.cases if case.takes(name)]
+        assert set(entry) == {"version", *(case.name for case in cases)} | {"time" for c in cases if c.timed}
+        assert yaml.safe_load((folder / f"{name}.yaml").read_text()).get("version", 1) == entry["version"]
