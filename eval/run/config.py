@@ -25,9 +25,9 @@ from eval.run.environment import task_checksum
 from eval.run.targets import check_parameters, instantiate
 from sshade.core.errors import InputError
 
-#: RunSettings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
+#: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")
-#: RunSettings of a dataset that its loader does not take: the build command, the tag of the folder of its rows,
+#: Settings of a dataset that its loader does not take: the build command, the tag of the folder of its rows,
 #: the function that lists its cases.
 ABOUT_DATASET = ("build", "tag", "cases")
 
