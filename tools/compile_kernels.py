@@ -25,15 +25,7 @@ from typing import Any
 
 from numba.core import types
 
-from sshade.core.kernel_store import (
-    HASH,
-    MADE_FOR,
-    SHIPPED,
-    _hash_of_file,
-    folders,
-    made_for,
-    portable_target,
-)
+from sshade.core import kernel_store as store
 
 #: Signatures that are compiled ahead, one a line: the module, the function and its types of arguments.
 LIST = Path(__file__).parent / "kernels.txt"
@@ -44,7 +36,7 @@ TYPES = {**vars(types), "bool": types.boolean}
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tools.compile_kernels", description=__doc__)
-    parser.add_argument("--into", metavar="FOLDER", default=str(SHIPPED), help="folder of the kernels")
+    parser.add_argument("--into", metavar="FOLDER", default=str(store.SHIPPED), help="folder of the kernels")
     parser.add_argument("--wheel", action="store_true", help="keep nothing else; skip unknown processors")
     parser.add_argument(
         "--update", action="store_true", help="write the list from the store, and compile nothing"
@@ -53,7 +45,7 @@ def main() -> None:
     os.environ["SSHADE_KERNELS"] = args.into
     if args.update:
         return update()
-    target = portable_target()
+    target = store.portable_target()
     if target:
         os.environ |= {"NUMBA_CPU_NAME": target[1], "NUMBA_CPU_FEATURES": target[2]}
     elif args.wheel:
@@ -63,7 +55,7 @@ def main() -> None:
     begin = time.perf_counter()
     files = compile_all()
     if args.wheel:
-        for path in set(folders()[0].glob("*-*")) - files:
+        for path in set(store.folders()[0].glob("*-*")) - files:
             path.unlink()
     print(f"{len(files)} kernels are compiled after {time.perf_counter() - begin:.0f} s")
     return None
@@ -78,8 +70,8 @@ def compile_all() -> set[Path]:
     modules = sorted(listed, key=lambda module: -len(listed[module]))
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         files = pool.map(compile_module, modules, [listed[module] for module in modules])
-        made = pool.submit(made_for).result()
-        (folders()[0] / MADE_FOR).write_text(made, "utf-8")
+        made = pool.submit(store.made_for).result()
+        (store.folders()[0] / store.MADE_FOR).write_text(made, "utf-8")
         return {path for found in files for path in found}
 
 
@@ -114,11 +106,12 @@ def parse(words: Iterator[str], module: ModuleType) -> list[Any]:
 def update() -> None:
     """Write the list from the kernels in the store whose source is today's."""
     lines = set()
-    for path in folders()[0].glob("*-*"):
+    for path in store.folders()[0].glob("*-*"):
         line, _, content = path.read_bytes().partition(b"\n")
         module, function, *_ = line.decode().split()
         source = import_module(module)
-        if hasattr(source, function) and content[:HASH] == _hash_of_file(Path(str(source.__file__))):
+        of_file = store._hash_of_file(Path(str(source.__file__)))
+        if hasattr(source, function) and content[: store.HASH] == of_file:
             lines.add(line.decode())
     LIST.write_text("".join(f"{line}\n" for line in sorted(lines)), "utf-8")
 
