@@ -101,7 +101,7 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = config.run.time_limit
     clock, steady = time(), perf_counter()
-    shown = replace(task, name=row["task.checksum"], meta={}, truth=None)
+    shown = without_answer(task)
     if fresh:
         limit = config.run.time_limit
         done = attempt_fresh(config.method, shown, seed=config.seed, time_limit=limit, progress=progress)
@@ -112,6 +112,11 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     _check_clock(time() - clock, perf_counter() - steady, row)
     write_run(folder, row, vertices=done.vertices)
     return Outcome(row, folder)
+
+
+def without_answer(task: Task) -> Task:
+    """Return the task that a method is given: without truth and facts, and with a hash as its name."""
+    return replace(task, name=task_facts(task)["task.checksum"], meta={}, truth=None)
 
 
 def _require_method(config: RunConfig, task: Task) -> bool:
