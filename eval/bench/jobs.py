@@ -134,7 +134,7 @@ def _call_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
         if facts["status"] not in VALID:
             raise InputError(f"{label} cannot be timed on {task.name}: {facts['reason']}")
         row = {name: value for name, value in facts.items() if name.startswith("seconds.")}
-        row |= {name: facts[name] for name in ("iterations", "converged")}
+        row |= {name: facts[name] for name in ("iterations", "converged", "env.cores_used")}
         del row["seconds.cpu"]
         if limit is not None:
             if "seconds.solve" not in row:

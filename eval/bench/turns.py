@@ -151,10 +151,9 @@ def _repeat(job: Job, *, number: int, least: float) -> Row:
     seconds, others = after.seconds - before.seconds, used_by_others(before, after)
     row = job.facts | {"round": number, "calls": len(results), "seed": 0, "schema": SCHEMA}
     row |= {f"env.{fact}": value for fact, value in environment(jobs=1).items()}
-    row |= results[-1]
+    row |= {"env.cores_used": (after.own - before.own) / seconds} | results[-1]
     row |= {name: float(np.mean([r[name] for r in results])) for name in row if name.startswith("seconds.")}
-    row |= {"seconds.repeat": seconds, "env.cores_used": (after.own - before.own) / seconds}
-    row |= {"other_cores": others, "kept": others <= OTHERS, "reason": ""}
+    row |= {"seconds.repeat": seconds, "other_cores": others, "kept": others <= OTHERS, "reason": ""}
     if not row["kept"]:
         row["reason"] = f"other processes used {others:.0%} of the machine"
     row["status"] = "not_converged" if row.get("converged") is False else "ok"
