@@ -58,7 +58,8 @@ def test_equal_values_agree_and_stay_as_they_are(golden, capsys):
     assert "arap  agrees; takes" in capsys.readouterr().out
 
 
-def test_a_changed_value_fails_until_the_version_rises(golden, capsys):
+@pytest.mark.parametrize("name", ["version", "measures"])
+def test_a_changed_value_fails_until_a_version_rises(golden, capsys, name):
     right = bend(golden)["bend"]["edge"]
     text = change(golden, **bend(golden, edge=right * 1.001))
     assert call("check", ["arap"]) == 1
@@ -68,7 +69,7 @@ def test_a_changed_value_fails_until_the_version_rises(golden, capsys):
     assert main(["check", "--write", "arap"]) == 2
     assert "raise `version` in conf/method/arap.yaml" in capsys.readouterr().err
     assert golden.read_text() == text
-    change(golden, version=0)
+    change(golden, **{name: 0})
     assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
     assert bend(golden)["bend"]["edge"] == right
 
@@ -76,7 +77,8 @@ def test_a_changed_value_fails_until_the_version_rises(golden, capsys):
 def test_a_version_without_its_golden_values_fails(golden, capsys):
     change(golden, version=0)
     assert call("check", ["arap"]) == 1
-    assert "arap  has version 1, its golden values 0" in capsys.readouterr().out
+    told = "has versions {'version': 1, 'measures': 1}, its golden values {'version': 0, 'measures': 1}"
+    assert told in capsys.readouterr().out
 
 
 def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, capsys, monkeypatch):
@@ -145,8 +147,8 @@ def test_an_unknown_method_is_refused(golden, capsys):
 def test_tolerances(tmp_path, method, measure, golden, found, times):
     path = tmp_path / "golden.yaml"
     old, new = ({} if value is None else {measure: value} for value in (golden, found))
-    path.write_text(f"{HEAD}  {method}: {{version: 1, bend: {old}}}\n".replace("'", ""))
-    different = GoldenFile(path).differences(Found(method, 1, {"bend": new}))
+    path.write_text(f"{HEAD}  {method}: {{bend: {old}}}\n".replace("'", ""))
+    different = GoldenFile(path).differences(Found(method, values={"bend": new}))
     assert [one for one, _ in different] == pytest.approx([times] if times > 1 else [])
 
 
@@ -157,5 +159,7 @@ def test_every_method_has_committed_values_of_its_version():
     assert set(file.values) == names - {"external"}
     for name, entry in file.values.items():
         cases = [case for case in file.cases if case.takes(name)]
-        assert set(entry) == {"version", *(case.name for case in cases)} | {"time" for c in cases if c.timed}
+        assert set(entry) == {"version", "measures", *(case.name for case in cases)} | {
+            "time" for c in cases if c.timed
+        }
         assert yaml.safe_load((folder / f"{name}.yaml").read_text()).get("version", 1) == entry["version"]
