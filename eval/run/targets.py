@@ -178,6 +178,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return value in typing.get_args(hint)
     if origin is Callable:
         return callable(value)
+    if origin is list:
+        return isinstance(value, (list, tuple))
     if hint in (bool, str, types.NoneType):
         return isinstance(value, hint)
     if hint in (int, float):
