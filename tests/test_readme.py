@@ -29,19 +29,19 @@ EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}
 
 
 def test_the_page_lists_every_experiment_with_its_split():
-    (rows,) = (block["old"] for block in BLOCK.finditer(LIST) if block["name"] is None)
-    listed = {
-        name: half
-        for line in rows.splitlines()[2:]
-        for name in re.findall(r"`(\w+)`", line.split("|")[1])
-        for half in [line.split("|")[2].strip()]
-    }
+    listed = dict(re.findall(r"^\| `(\w+)` \| (\w+) \|", LIST.partition("<!-- rows -->")[0], re.MULTILINE))
     split = {
         path.stem: re.search(r"^  split: (\w+)$", path.read_text(), re.MULTILINE)
         for path in CONFIGURATION.glob("experiment/*.yaml")
     }
     assert listed == {name: match[1] for name, match in split.items()}
     assert set(listed.values()) <= {*read_splits(), "both"}
+
+
+def test_the_page_lists_all_published_rows():
+    (rows,) = (block["old"] for block in BLOCK.finditer(LIST) if block["name"] is None)
+    listed = re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)
+    assert sorted(listed) == sorted(path.stem for path in ROOT.glob("results/rows/*.csv"))
 
 
 def test_the_numbers_of_the_readme_are_those_of_the_rows():
