@@ -159,7 +159,7 @@ verify = { $(BIN)/sshade-eval run -m $($(2)) dataset.root=$(VERIFY)/$(1) run.exp
 
 table1_lowres := experiment=table1 pose=all dataset.resolution=low method=arap,elastic,arap_sr
 table1 := experiment=table1 pose=all method=arap,elastic,arap_sr,implicit_arap_cpu,paper_plain
-isometric := experiment=isometric pose=all method.frames=triangle method.samplings=10
+isometric := experiment=isometric run.split=both pose=all method.frames=triangle method.samplings=10
 
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'

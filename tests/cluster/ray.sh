@@ -3,7 +3,7 @@
 #
 #   tests/cluster/ray.sh check       leaves its runs in $OUT
 #
-# PYTHON is an interpreter with the project and its extra `ray`. The data: make ci-benchmark builds it.
+# PYTHON is an interpreter with the project and its extra `ray`. The data: sshade-eval check builds it.
 set -eu
 STATE=${STATE:-/tmp/two_node_ray}
 OUT=${OUT:-$STATE/runs}
@@ -59,8 +59,8 @@ check() {
     tail -1 "$OUT.basic.log"
     echo "== through Ray"
     # shellcheck disable=SC2086
-    "$PYTHON" -m eval run -m $SWEEP "paths.runs=$OUT/ray" hydra/launcher=ray_cluster \
-        hydra.launcher.ray.init.address=127.0.0.1:6399
+    "$PYTHON" -m eval run -m $SWEEP "paths.runs=$OUT/ray" hydra/launcher=ray \
+        hydra.launcher.ray.init.address=127.0.0.1:6399 +hydra.launcher.ray.init.object_store_memory=null
     echo "== the same rows"
     "$PYTHON" "$(dirname "$0")/same_rows.py" "$OUT"/basic/* "$OUT"/ray/*
 }

@@ -115,7 +115,6 @@ check() {
     echo "exit code $code"
     [ $code -eq 1 ]
     while [ -n "$(squeue -h)" ]; do sleep 1; done
-    "$PYTHON" -m eval status "$OUT"/slurm/*
 
     echo "== the same command again"
     # shellcheck disable=SC2086
