@@ -57,6 +57,9 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     swept = _swept(config, overrides)
     settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
     cases = {name: values for name, values in swept.items() if name in CASE}
+    if config.hydra.runtime.choices["hydra/launcher"] == "basic":
+        # Hydra composes all runs of a batch before it begins the first: minutes for hundreds of runs.
+        settings.append("hydra.sweeper.max_batch_size=1")
     runs = prod(len(values) for values in swept.values())
     return [
         *flags,
@@ -91,7 +94,7 @@ def _swept(config: DictConfig, overrides: Iterable[Override]) -> dict[str, list[
     }
     asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
     if any(ALL in values for values in asked.values()):
-        if any(name.split(".")[0] == "dataset" and len(values) > 1 for name, values in swept.items()):
+        if any(len(swept.get(name, [])) > 1 for name in ("dataset", "dataset.root", "dataset.cases")):
             raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
         swept |= _listed(config.dataset, asked)
     return swept

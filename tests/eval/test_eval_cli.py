@@ -6,6 +6,7 @@ from eval_program import run_eval
 
 from eval.rows.collect import collect
 from eval.rows.frame import records
+from eval.run.sweep import prepared
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 from tests.files import contents
@@ -92,8 +93,19 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     for other in (["pose=2"], ["subject=1", "pose=all"]):
         (line,) = run_eval(tmp_path, *common, *other).stdout.splitlines()
         assert line.startswith("[1/1] stretching on bumpy_") and line.endswith(", already there")
+    tags = run_eval(tmp_path, *common, "pose=1", "dataset.tag=_a,_b")  # a sweep over the same cases
+    assert [line[:5] for line in tags.stdout.splitlines()] == ["[1/4]", "[2/4]", "[3/4]", "[4/4]"]
     missing = run_eval(tmp_path, *common, "pose=3")
     assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
+
+
+def test_hydra_composes_each_run_when_it_begins_and_all_runs_for_other_launchers():
+    """Hydra composes a batch before its first run, which takes minutes for hundreds of runs."""
+    sweep = ["-m", "dataset=hairpin", "method=identity,arap"]
+    assert prepared(sweep) == [*sweep, "hydra.sweeper.max_batch_size=1", "run.of=2"]
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher", reason="the extra joblib is not installed")
+    joblib = "hydra/launcher=joblib"
+    assert prepared([*sweep, joblib]) == [*sweep, joblib, "run.of=2"]
 
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
