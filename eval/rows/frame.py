@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pandas as pd
@@ -17,15 +16,11 @@ import pandas as pd
 from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
 from eval.rows.store import VALID, Row, in_order
-from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
 OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")
 #: Columns that identify a run of a method.
 CASE = ["task.name", "seed"]
-
-#: Largest difference between the clocks of machines that share runs.
-CLOCKS_APART = timedelta(minutes=10)
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
@@ -62,19 +57,7 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     Two rows have the same task if its name and either its checksum or its source are equal. Equal checksums
     join copies of a dataset in different folders. With equal sources, rows of a rebuilt dataset replace
     rows of the earlier build. Rows of an older version of a method give way to rows of the newest.
-
-    Raises
-    ------
-    InputError
-        When the date of a row is in the future, so that it would stay the latest for a long time.
     """
-    last = rows.sort_values("date", na_position="first").iloc[-1]
-    if (last["date"] or "") > (datetime.now(UTC) + CLOCKS_APART).isoformat():
-        raise InputError(
-            f"the row of {last['method.name']} on {last['task.name']} has a date in the future, "
-            f"{last['date']}: the clock of its machine or of this machine is wrong; remove the row, or set "
-            "the clock"
-        )
     rows = rows.sort_values(["method.version", "measures", "date", "key"], kind="stable")
     for same_task in ("task.checksum", "task.source"):
         run = ["method.name", "method.hash", "task.name", same_task, "seed"]

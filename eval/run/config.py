@@ -106,13 +106,6 @@ def read_config(config: DictConfig) -> RunConfig:
     # The default label is the choice of a method, which may be in a folder.
     if "/" in str(plain["label"]) and "hydra:" not in str(given["label"]):
         raise InputError(f"label={plain['label']} has a '/'; it is a name in tables, and no path")
-    try:
-        json.dumps([label, plain["method"], plain["dataset"]], ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(
-            "the label, the method or the dataset has a name that is not UTF-8, which no table can hold; "
-            "rename it, or set PYTHONUTF8=1"
-        ) from error
     runs = Path(plain["paths"]["runs"], run.folder)
     return RunConfig(label, plain["method"], plain["dataset"], seed, run, runs)
 

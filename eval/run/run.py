@@ -9,7 +9,6 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from time import perf_counter, time
 from typing import NamedTuple
 
 from eval.metrics import MEASURES, Task, measure
@@ -33,9 +32,6 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.problem.task import DeformationTask
-
-#: Largest difference between the system's clock and a steady clock: in seconds, and as a fraction of the run.
-CLOCK_TOLERANCE = 1.0, 1e-3
 
 
 class Outcome(NamedTuple):
@@ -89,8 +85,7 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     Raises
     ------
     InputError
-        When the configuration names an unknown function or parameter, or a method for another kind of task;
-        when the system's clock jumped during the run.
+        When the configuration names an unknown function or parameter, or a method for another kind of task.
     """
     fresh = _require_method(config, task) and (config.run.fresh or config.run.time_limit is not None)
     row = identity(config, task)
@@ -100,7 +95,6 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = config.run.time_limit
-    clock, steady = time(), perf_counter()
     shown = without_answer(task)
     if fresh:
         limit = config.run.time_limit
@@ -109,7 +103,6 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
         done = attempt(config.method, shown, seed=config.seed, progress=progress)
     done = _measured(done, task, progress)
     row |= done.facts
-    _check_clock(time() - clock, perf_counter() - steady, row)
     write_run(folder, row, vertices=done.vertices)
     return Outcome(row, folder)
 
@@ -185,13 +178,3 @@ def _measured(done: Attempt, task: Task, progress: Progress) -> Attempt:
         return Attempt(NOTHING | {"reason": str(error)})
     progress("metrics", 1, 1)
     return done._replace(facts={**done.facts, **found})
-
-
-def _check_clock(by_clock: float, passed: float, row: Row) -> None:
-    """Raise InputError if the system's clock jumped during a run."""
-    seconds, fraction = CLOCK_TOLERANCE
-    if abs(by_clock - passed) > max(seconds, fraction * passed):
-        raise InputError(
-            f"the system's clock went {by_clock:.1f} s while {passed:.1f} s passed in the run of "
-            f"{row['method.name']} on {row['task.name']}: it was set, or the machine slept; run it again"
-        )

@@ -126,7 +126,6 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     ("arguments", "message"),
     [
         (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
-        (["dataset=bumpy", "method=arap", "label='\udcff'"], "a name that is not UTF-8"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),

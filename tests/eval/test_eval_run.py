@@ -1,11 +1,10 @@
 """One run, one row: clock, statuses, keys, the store."""
 
 import json
-import re
 import subprocess
 import sys
 from dataclasses import replace
-from time import sleep, time
+from time import sleep
 
 import numpy as np
 import pytest
@@ -119,18 +118,6 @@ def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, mo
     assert key(method={**STRETCHING, "version": 1}) == keys[0] != key(method={**STRETCHING, "version": 2})
     monkeypatch.setattr(run_module, "MEASURES", 2)
     assert key() not in keys
-
-
-@pytest.mark.parametrize("jump", [-3600.0, 1.5])
-def test_a_clock_that_jumps_in_a_run_is_told(task, tmp_path, monkeypatch, jump):
-    jumps = iter([0.0, jump])
-    monkeypatch.setattr(run_module, "time", lambda: time() + next(jumps))
-    told = "the system's clock went (.*) s while (.*) s passed in the run of s on bumpy_30: it was set"
-    with pytest.raises(InputError, match=told) as refused:
-        run(task, STRETCHING, name="s", root=tmp_path / "runs")
-    went, passed = map(float, re.search(told, str(refused.value)).groups())
-    assert went - passed == pytest.approx(jump, abs=0.11) and passed >= 0  # both are rounded
-    assert not (tmp_path / "runs").exists()
 
 
 def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):

@@ -1,7 +1,6 @@
 """Rows as a pandas table: types in CSV, reading back, the newest of equal runs, labels."""
 
 import csv
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -134,12 +133,6 @@ def test_a_newer_version_replaces_an_older_one_whatever_its_date():
     new, late = row(method__version=2), row(date="2026-01-02")
     assert records(newest(frame(new, late))) == [new]
     assert records(newest(frame(row(measures=2), late))) == [row(measures=2)]
-
-
-def test_a_row_of_the_future_is_not_the_newest():
-    ahead = (datetime.now(UTC) + timedelta(hours=1)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-    with pytest.raises(InputError, match=f"the row of b on t1 has a date in the future, {ahead}: the clock"):
-        newest(frame(row(), row("b", date=ahead), row("c")))
 
 
 @given(st.permutations(range(6)))
