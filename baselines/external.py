@@ -1,7 +1,7 @@
 """A program in any language as a method.
 
-The program gets a mesh file, a file of handles and the name of the file to write. ``docs/external.md`` shows
-the files. The seed and the time limit are in the environment variables ``EVAL_SEED`` and
+The program gets a mesh file, a file of handles and the name of the file to write. ``docs/add_method.md``
+shows the files. The seed and the time limit are in the environment variables ``EVAL_SEED`` and
 ``EVAL_TIME_LIMIT``.
 """
 

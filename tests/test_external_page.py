@@ -1,4 +1,4 @@
-"""docs/external.md: its configuration and its commands work, on a small task in place of the bodies."""
+"""docs/add_method.md: its files and its commands work, on a small task in place of the bodies."""
 
 import os
 import re
@@ -10,79 +10,131 @@ from pathlib import Path
 import pytest
 
 from eval.main import main
+from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
-from eval.run.config import read_choice, resolved
+from eval.run.config import composed, read_choice, resolved
 from sshade.files.task_files import read_handles
 from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs/external.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/add_method.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.M | re.S)
 #: The commands of the page, one a line.
-COMMANDS = "".join(text for kind, text in BLOCKS if not kind).replace("\\\n", "").splitlines()
+COMMANDS = "".join(text for kind, text in BLOCKS if not kind).splitlines()
+#: Settings of a command that choose its cases.
+CASES = ("dataset.root=", "experiment=", "subject=", "pose=")
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="the page is for a shell")
 
 
-def block(kind):
-    (text,) = (text for name, text in BLOCKS if name == kind)
-    return text
+def blocks(kind):
+    return [text for name, text in BLOCKS if name == kind]
 
 
 def commands(*words):
-    return [shlex.split(line) for line in COMMANDS if all(word in line for word in words)]
+    """Return the arguments of the commands that begin with some words."""
+    split = [shlex.split(line) for line in COMMANDS]
+    return [line[len(words) :] for line in split if line[: len(words)] == [*words]]
 
 
 @pytest.fixture
-def clone(tmp_path, monkeypatch):
-    """A folder like a clone, with the folder `mine` of the page beside it."""
-    clone, mine = tmp_path / "clone", tmp_path / "mine"
-    (clone / "docs").mkdir(parents=True)
-    (clone / "docs/examples").symlink_to(ROOT / "docs/examples")
-    monkeypatch.chdir(clone)
-    for command in ("mkdir -p ../mine/conf/method", "cp docs/examples/external/biharmonic.py ../mine/"):
-        assert command in COMMANDS
-        program, *arguments = shlex.split(command)
-        Path(arguments[-1]).mkdir(parents=True) if program == "mkdir" else shutil.copy(*arguments)
-    python = mine / ".venv/bin/python"
-    python.parent.mkdir(parents=True)
-    python.write_text(f'#!/bin/sh\nexec {sys.executable} -I "$@"\n')
-    python.chmod(0o755)
-    assert "`../mine/conf/method/mine.yaml`" in PAGE
-    (mine / "conf/method/mine.yaml").write_text(block("yaml"))
-    return clone
+def mine(tmp_path, monkeypatch):
+    """The folder of the page, beside a folder like a clone, with the files that a reader saves."""
+    mine, examples = tmp_path / "mine", tmp_path / "sshade/docs/examples"
+    examples.parent.mkdir(parents=True)
+    examples.symlink_to(ROOT / "docs/examples")
+    monkeypatch.chdir(tmp_path)
+    for folder in (folder for arguments in commands("mkdir", "-p") for folder in arguments):
+        Path(folder).mkdir(parents=True)
+    monkeypatch.chdir(mine)
+    monkeypatch.syspath_prepend(mine)
+    monkeypatch.delitem(sys.modules, "mymethod", raising=False)
+    shutil.copy(*commands("cp")[0])
+    for name, text in zip(
+        ("mymethod.py", "conf/method/mymethod.yaml", "conf/method/myprogram.yaml"),
+        [*blocks("python"), *blocks("yaml")],
+        strict=True,
+    ):
+        assert f"`{name}`" in PAGE
+        (mine / name).write_text(text)
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    (programs / "python3").write_text(f'#!/bin/sh\nexec {sys.executable} -I "$@"\n')
+    (programs / "python3").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+    return mine
 
 
-@pytest.mark.skipif(os.name != "posix", reason="the page is for a shell")
-def test_the_runs_of_the_page_work(clone):
-    single = [line for line in commands("sshade-eval run", "dataset=") if "-m" not in line]
+def test_the_function_and_the_program_of_the_page_run_on_one_case(mine):
+    single = [words for words in commands("sshade-eval", "run") if "-m" not in words]
     assert len(single) == 2
-    for _, _, *words in single:
-        small = [word for word in words if not word.startswith(("dataset=", "subject=", "pose="))]
-        assert main(["run", *small, "dataset=hairpin"]) == 0
-    rows = [read_row(folder) for folder in run_folders(clone / "out/runs/single")]
-    assert {(row["method.name"], row["status"]) for row in rows} == {("mine", "ok"), ("nearest", "ok")}
-    assert all(row["seconds.startup"] > 0 and row["metric.handle"] < 1e-9 for row in rows)
+    for words in single:
+        assert main(["run", *(word for word in words if not word.startswith(CASES)), "dataset=hairpin"]) == 0
+    function, program = (read_row(folder) for folder in run_folders(mine / "out/runs/single"))
+    for row, name in ((function, "mymethod"), (program, "myprogram")):
+        assert (row["method.name"], row["status"], row["method.version"]) == (name, "ok", 1)
+        assert row["metric.handle"] < 1e-9
+    assert program["seconds.startup"] > 0 and program["iterations"] == 1
+    (note,) = re.findall(r"^note: (.*)$", blocks("yaml")[0], re.M)
+    assert function["method.note"] == note
 
 
-@pytest.mark.skipif(os.name != "posix", reason="the page is for a shell")
-def test_the_sweep_and_the_bench_of_the_page_name_the_same_program(clone, capsys):
-    ((_, _, *words),) = commands("sshade-eval run -m")
-    said = "the dataset folder ./data/defaust_25k does not exist"
-    assert main(["run", "-m", *words]) == 2 and said in capsys.readouterr().err
-    ((*_, method),) = commands("sshade-eval bench")
-    plain = resolved("method", read_choice(method))
-    assert plain["command"] == ["../mine/.venv/bin/python", "../mine/biharmonic.py"]
-    assert [plain[f"{name}_format"] for name in ("mesh", "handles", "output")] == ["off", "txt", "npy"]
+def test_several_values_with_labels_make_a_table(mine):
+    (words,) = (shlex.split(text) for text in re.findall(r"`(-m method\.[^`]+)`", PAGE))
+    several = ["--config-dir", "conf", "method=mymethod", "run.experiment=mine", "dataset=hairpin"]
+    assert main(["run", *words, *several]) == 0
+    assert all(main([command, "mine"]) == 0 for command in ("collect", "tables"))
+    assert set(read_csv("out/rows/mine.csv")["method.name"]) == {"mymethod-1", "mymethod-10"}
 
 
-def test_the_page_builds_the_data_of_the_experiment():
-    (words,) = commands("defaust build")
-    built = resolved("dataset", read_choice("defaust_25k root=data/defaust_25k"))["build"]
-    assert words == [*built.split(), "subjects=[5,6,7,8,9]"]
+def test_the_sweeps_of_the_page_name_experiments_methods_and_the_data_that_the_page_builds(mine, capsys):
+    sweeps = [words for words in commands("sshade-eval", "run") if "-m" in words]
+    assert len(sweeps) == 3
+    for words in sweeps:
+        root = composed([word for word in words if word.startswith("experiment=")]).dataset.root
+        assert main(["run", *words, "subject=all"]) == 2
+        assert f"the dataset folder {root} does not exist" in capsys.readouterr().err
+        (method,) = (word for word in words if word.startswith("method="))
+        for name in method.removeprefix("method=").split(","):
+            assert composed([f"method={name}"], folder=str(mine / "conf")).method.version >= 1
+
+
+def test_collect_and_tables_of_the_page_name_the_experiments_of_its_sweeps():
+    sweeps = [" ".join(words) for words in commands("sshade-eval", "run") if "-m" in words]
+    named = {"mine": "run.experiment=mine", "bodies_25k": "experiment=track"}
+    assert composed(["experiment=track"]).run.experiment == "bodies_25k"
+    for command in ("collect", "tables"):
+        found = [name for (name,) in commands("sshade-eval", command)]
+        assert found == [*named] and all(any(named[name] in words for words in sweeps) for name in found)
+
+
+def test_the_page_builds_the_data_of_its_experiments():
+    quick, track = commands("defaust", "build")
+    for words, experiment in ((quick, "quick"), (track, "track")):
+        root = next(word for word in words if word.startswith("out=")).removeprefix("out=")
+        config = composed([f"experiment={experiment}", f"dataset.root={root}"])
+        built = shlex.split(config.dataset.build)[2:]
+        assert {word for word in built if "subjects" not in word} <= {*words}
+
+
+def test_the_program_with_placeholders_runs(mine):
+    (text,) = re.findall(r"`(\[awk[^`]*\])`", PAGE)
+    shutil.copy(ROOT / "docs/examples/external/nearest.awk", mine)
+    command = f"method.command={text.replace(', ', ',')}"
+    texts = [
+        f"method.{name}_format={value}"
+        for name, value in (("mesh", "off"), ("handles", "txt"), ("output", "txt"))
+    ]
+    assert main(["run", "method=external", "label=nearest", command, *texts, "dataset=hairpin"]) == 0
+    plain = resolved("method", read_choice("external 'command=[awk]'"))
+    for setting in ("mesh", "handles", "output"):
+        assert f"`{setting}_format`" in PAGE and f"{setting}_format" in plain
 
 
 def test_the_handles_of_the_page_are_read(tmp_path):
-    (tmp_path / "handles.json").write_text(block("json"))
+    (text,) = blocks("json")
+    (tmp_path / "handles.json").write_text(text)
     handles = read_handles(tmp_path / "handles.json", bumpy(2))
     assert handles.index.tolist() == [3, 8, 17] and handles.dynamic.tolist() == [False, False, True]
-    line = re.search(r"^17 (.*)$", PAGE, re.M)[1]
+    line = re.search(r"`17 ([^`]*)`", PAGE)[1]
     assert handles.target[2].tolist() == [float(word) for word in line.split()]
