@@ -137,11 +137,6 @@ def name_points(
         axes.legend([line for line in axes.lines if line.get_label() in left], left)
 
 
-def axis_label(name: str, unit: str) -> str:
-    """Return the name of a measure with its unit, if it has a unit."""
-    return f"{name.replace('_', ' ')} ({unit})" if unit not in ("", "-") else name.replace("_", " ")
-
-
 def save(figure: Figure, path: Path, *, small: bool = False) -> None:
     """Write a figure as .svg, .pdf or .png, by the suffix of the path, and print the path.
 

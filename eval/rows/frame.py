@@ -66,12 +66,6 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.sort_values(run, na_position="first").reset_index(drop=True)
 
 
-def split_label(name: str) -> tuple[str, float | None]:
-    """Split a label such as "arap-7000" into the family and the number; None if it ends without a number."""
-    found = re.fullmatch(r"(.+?)-(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|-?inf)", name)
-    return (found[1], float(found[2])) if found else (name, None)
-
-
 def method_names(rows: pd.DataFrame) -> list[str]:
     """Return the methods of rows in the order of a table."""
     return sorted(rows["method.name"].unique(), key=method_order)
