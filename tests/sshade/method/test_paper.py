@@ -115,14 +115,6 @@ def test_an_error_of_the_coarse_method_is_passed_on(body_task, workers, warm_sta
         paper(body_task, vertices=60, samplings=3, coarse=failing, workers=workers, warm_start=warm_start)
 
 
-def test_plain_iterations_reach_the_same_minimum_in_more_steps(body_task):
-    options = {"vertices": 60, "samplings": 1, "start": "rigid", "tolerance": 1e-8}
-    plain, fast = (paper(body_task, accelerate=value, **options) for value in (False, True))
-    assert plain.converged and fast.converged and plain.iterations > 2 * fast.iterations
-    assert np.abs(plain.vertices - fast.vertices).max() < 1e-5 * body_task.mesh.diagonal
-    assert np.array_equal(fast.vertices, paper(body_task, **options).vertices)
-
-
 def test_the_first_result_starts_the_others(body_task):
     """Each later proxy's task carries the first M' at its samples as a guess, on any number of threads."""
     results = {}

@@ -19,7 +19,6 @@ from sshade.problem.options import Options
 from tests.shapes import (
     QUARTER,
     beside,
-    block,
     bumpy,
     end_handles,
     icosphere,
@@ -219,18 +218,6 @@ def test_soft_handles_on_a_seam_leave_no_gap():
     own = Handles(index, target, weight=[np.inf, np.inf, 2, 2, 2, 2, np.inf])
     for method in (fast, fine):
         assert deformed(mesh, own, method).facts.gap < 1e-6
-
-
-def test_rigid_handles_move_what_was_cut_rigidly():
-    R, shift = rotation(4), np.array([0.3, -1, 2])
-    edge = np.zeros((2, 2, 1))
-    edge[0, 0] = edge[1, 1] = 1
-    # The bound is larger where the solver iterates, because its tolerance limits the accuracy.
-    for mesh, close in ((t_fin(), 1e-9), (block(edge, cells=3), 1e-3), (moebius(), 1e-9)):
-        own = Handles(np.arange(0, mesh.n, 9), mesh.V[::9] @ R.T + shift)
-        result = deformed(mesh, own, partial(fast, start="rigid"), vertices=min(60, mesh.n))
-        assert np.abs(result.vertices - mesh.V @ R.T - shift).max() < close * mesh.diagonal
-        assert result.facts.gap < close
 
 
 def bowtie() -> Mesh:

@@ -60,7 +60,6 @@ def test_what_is_bound_or_transferred_has_the_same_samples():
     index = TASK.handles.index
     dragged = Deformer(BODY, index, method="paper")(TASK.handles.target)
     assert dragged.facts.samples == 160
-    assert np.array_equal(dragged.vertices, paper(TASK, samplings=1).vertices)
     assert transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
     assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
 

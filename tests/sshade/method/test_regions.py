@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from baselines.deformation_graph.deformation_graph import deformation_graph
 from defaust.sources.generated.motions import Bend
 from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
@@ -20,7 +19,6 @@ METHODS = {
     "paper": partial(paper, vertices=VERTICES, samplings=2),
     "fast": partial(fast, vertices=VERTICES),
     "fine": partial(fine, vertices=VERTICES),
-    "graph": partial(deformation_graph, nodes=VERTICES),
 }
 
 
@@ -36,13 +34,6 @@ def task() -> DeformationTask:
 @pytest.fixture(scope="module")
 def results(task):
     return {name: method(task) for name, method in METHODS.items()}
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_every_handle_of_a_region_ends_on_its_target(task, results, name):
-    assert len(task.handles) > 5 * VERTICES
-    V = results[name].vertices
-    np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12 * task.mesh.diagonal)
 
 
 def test_a_region_that_grows_takes_its_volume_from_the_rest(task):
@@ -175,5 +166,3 @@ def test_too_few_samples_for_the_edges_and_handles_given_twice_are_refused(task)
         fast(task, vertices=50)
     with pytest.raises(InputError, match="given twice"):
         Deformer(task.mesh, [1, 1], vertices=100)
-    with pytest.raises(InputError, match="need targets of shape"):
-        Deformer(task.mesh, task.handles.index, vertices=VERTICES)(task.handles.target[:5])

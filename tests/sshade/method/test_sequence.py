@@ -187,8 +187,6 @@ def test_poses_with_other_handles_are_refused():
             list(deform_sequence(task, [other], vertices=100))
     with pytest.raises(InputError):
         list(deform_sequence(task, [handles.target[1:]], vertices=100))
-    with pytest.raises(InputError):
-        Sequence(task, method="slow")
     with pytest.raises(InputError, match="pose before"):
         Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))
 
