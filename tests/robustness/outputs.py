@@ -6,7 +6,7 @@ import numpy as np
 
 from sshade.files.meshes import read_arrays
 from tests.robustness.case import Case, nothing, on_a_full_disk, refused, run
-from tests.robustness.inputs import BODY, Given, both, data, garbage, mesh
+from tests.robustness.inputs import BODY, Given, both, data, mesh
 from tests.shapes import bumpy
 
 DEFORM = "sshade deform body.ply pose.json -o {}"
@@ -43,7 +43,6 @@ def _member(offset: int, value: int) -> Given:
 
 NOT_A_MAP = "not a map written by `sshade remesh`"
 MAPS = {
-    "no map": (mesh(np.eye(3), [[0, 1, 2]], "proxy.ply"), "map.npz: no such file"),
     "a map of an archive of a later version": (_member(6, 99), NOT_A_MAP, "zip file version 9.9"),
     "a map that is encrypted": (_member(8, 1), NOT_A_MAP, "encrypted"),
     "a map of an unknown compression": (_member(10, 77), NOT_A_MAP, "compression"),
@@ -73,11 +72,6 @@ FAR = mesh(BODY.V + 100, BODY.F, "extra.ply")
 COMPANIONS = {
     "a missing file": (nothing, "extra.ply: no such file"),
     "a mesh far away": (FAR, "extra.ply: 162 of 162 points are too far from the box of the mesh"),
-    "a mesh with NaN": (
-        mesh(np.full_like(BODY.V, np.nan), BODY.F, "extra.ply"),
-        "extra.ply: point 0 has a NaN",
-    ),
-    "garbage": (garbage("extra.ply"), "extra.ply: not a readable PLY file"),
 }
 
 CASES = [

@@ -239,21 +239,6 @@ def test_numbered_files_never_replace_the_mesh(folder):
     assert_refused("sshade", line, "body_1.ply: is the input body_1.ply")
 
 
-def test_a_failing_pose_leaves_no_part_of_one_file(folder, monkeypatch):
-    real = gltf_morph.write_morphs
-
-    def one_alone(poses):
-        yield next(poses)
-        raise KeyboardInterrupt
-
-    def failing(path, *given, **more):
-        real(path, *(one_alone(one) if hasattr(one, "__next__") else one for one in given), **more)
-
-    monkeypatch.setattr(gltf_morph, "write_morphs", failing)
-    assert main(["deform", "body.ply", *poses(), "-o", "out.glb", *FAST]) == 130
-    assert not list(Path().glob("*out*"))
-
-
 def test_a_glb_that_would_be_too_large_is_refused(folder, monkeypatch):
     monkeypatch.setattr(gltf_morph, "LARGEST", 10_000)
     line = ["deform", "body.ply", *poses(), "-o", "out.glb", *FAST]

@@ -81,7 +81,6 @@ BAD: dict[str, tuple[str, bytes, str]] = {
     "PLY face before": (".ply", sound(".ply", V, beyond(0, 1, -1)), "ids go from"),
     "OBJ face beyond": (".obj", sound(".obj", V, beyond(0, 1, 162)), "ids go from"),
     "OBJ face of number 0": (".obj", sound(".obj", V, beyond(0, 1, -1)), "counted from 1"),
-    "GLB triangle beyond": (".glb", sound(".glb", V, beyond(0, 1, 999)), "refers to vertex 999"),
     "OBJ of points and lines": (".obj", lines(rows("v ", V), ["l 1 2 3"]), "triangle"),
     "STL without facets": (".stl", sound(".stl")[:80] + bytes(4), "triangle"),
     "a million million vertices": (

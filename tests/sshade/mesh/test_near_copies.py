@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-import pyvista
-import trimesh
 
 from sshade import Mesh, deform
-from sshade.files.objects import mesh_in
 from tests.shapes import beside, block, bumpy, double_torus, icosphere, shifted, torus
 
 SHAPES = {
@@ -68,22 +65,6 @@ def test_split_and_noisy_vertices_stay_together(shape, single):
         moved = deform(V, F, b, target, carry_unconstrained=True, vertices=120, **options)
         assert_together(moved, origin)
         assert np.abs(moved - V).max() > 0.05 * np.ptp(mesh.V[:, 1])
-
-
-@pytest.mark.parametrize(
-    "made",
-    [
-        lambda V, F: (V, F),
-        lambda V, F: (trimesh.Trimesh(V, F, process=False),),
-        lambda V, F: (pyvista.PolyData.from_regular_faces(V, F),),
-    ],
-)
-def test_python_joins_the_copies_too(made):
-    mesh = SHAPES["sphere"]
-    V, F, origin = noisy(mesh, whole=True, single=True, rng=np.random.default_rng(5))
-    b = np.array([np.argmax(V[:, 2]), np.argmin(V[:, 2])])
-    moved = deform(*made(V.astype(np.float32), F), b, V[b] * 1.2, vertices=60)
-    assert_together(np.asarray(mesh_in(moved).V if mesh_in(moved) else moved), origin)
 
 
 def assert_together(moved: np.ndarray, origin: np.ndarray) -> None:
