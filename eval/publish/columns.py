@@ -147,7 +147,7 @@ def with_missing(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def begun(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of runs that have begun, without rows of planned runs."""
+    """Return the rows of runs that have begun, without the rows that stand for missing runs."""
     return rows[rows["status"] != MISSING]
 
 
