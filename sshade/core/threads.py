@@ -127,6 +127,10 @@ class ThreadTeam:
     # A queue takes half the time of a ThreadPoolExecutor, which counts for chunks of 100 microseconds.
     def __init__(self, workers: int) -> None:
         self.workers = number_of_workers(workers, default=1)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin without threads, and with a queue that no thread has used."""
         self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._threads: list[Thread] = []
         weakref.finalize(self, self._tasks.put, None)
@@ -168,7 +172,7 @@ class ThreadTeam:
             done.put(None)
 
         if not all(thread.is_alive() for thread in self._threads):
-            self._threads.clear()  # a forked process has none of them
+            self._begin()  # a forked process has no threads, and one of them may have locked the queue
         while len(self._threads) < others:
             thread = Thread(target=_serve, args=(self._tasks,), daemon=True)
             thread.start()

@@ -96,7 +96,7 @@ def square(i):
 with ThreadTeam(3) as team:
     team(square, 3)
     if not (child := os.fork()):
-        signal.alarm(10)  # ends a child that waits for threads of its parent
+        signal.alarm(120)  # ends a child that waits for threads of its parent
         os._exit(team(square, 3) != [0, 1, 4])
     assert os.waitpid(child, 0)[1] == 0
 """
