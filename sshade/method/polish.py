@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.memory import give_back
 from sshade.core.progress import Progress, renamed
 from sshade.core.threads import available_cpus
 from sshade.mesh.adjacency import vertex_graph
@@ -21,6 +20,7 @@ from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, prepare
 from sshade.solver.run import Solution
+from sshade.solver.system import give_back
 
 #: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
 #: better results on six bodies.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eval.run.environment import process_memory
-from sshade.core.memory import give_back
+from sshade.solver.system import give_back
 
 
 @pytest.mark.skipif(
