@@ -100,7 +100,7 @@ def accelerated_arap(
 ) -> DeformationResult:
     """Minimise the spokes energy; see :func:`local_global`.
 
-    If volume or area is constrained, or components without handles are carried, components of the mesh are
+    If volume or area is constrained, or a component has no handles, components of the mesh are
     deformed separately.
     """
     return _solve(task, "spokes", accelerate=accelerate, factorised=factorised, progress=progress, **options)
@@ -122,7 +122,8 @@ def accelerated_elastic(
 
 
 def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **options: Any) -> DeformationResult:
-    if not (options.get("volume") or options.get("area") or task.carry_unconstrained):
+    free = len(task.mesh.components_without(task.handles.index))
+    if not (options.get("volume") or options.get("area") or free):
         return local_global(task, energy=energy, progress=progress, **options)
     pieces = Pieces(task, Options(vertices=task.mesh.n), progress)
     for piece in pieces.in_order():

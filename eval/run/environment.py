@@ -57,7 +57,7 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
             arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)
-        if task.carry_unconstrained:
+        if task.refuse_unconstrained:
             arrays.append(np.ones(1))
     return digest(*(np.ascontiguousarray(array).tobytes() for array in arrays))
 

@@ -168,7 +168,7 @@ class Rig:
         FloatingPointError
             When a position is not finite.
         """
-        task = self._shape.task("blender", self.moved(motions), carry_unconstrained=True)
+        task = self._shape.task("blender", self.moved(motions))
         return self.placed(deform(task, method=method, progress=progress).vertices)
 
     def placed(self, moved: np.ndarray) -> np.ndarray:

@@ -31,8 +31,8 @@ NUMBER = re.compile(r"%(0\d+)?d")
 FORMATS = ", ".join(SUFFIXES)
 #: Descriptions of arguments that several commands take.
 REST, HANDLES = f"rest shape ({FORMATS})", "handle file (.json, .yaml)"
-CARRY = "move components without handles rigidly with the nearest component that has handles, such as eyes "
-CARRY += "with a head"
+REFUSE = "refuse components without handles; by default they move rigidly with the nearest component, as "
+REFUSE += "eyes with a head"
 
 
 def add_files(
@@ -242,5 +242,5 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
     if options.weight is not None:
         soft = options.weight
         poses = [replace(pose, weight=np.where(pose.hard, soft, pose.weight)) for pose in poses]
-    task = shape.task(options.mesh.stem, poses[0], carry_unconstrained=options.carry_unconstrained)
+    task = shape.task(options.mesh.stem, poses[0], refuse_unconstrained=options.refuse_unconstrained)
     return OpenTask(file, shape, given, poses, task)

@@ -27,8 +27,8 @@ written beside OUT, under a name that begins with OUT, with all its contents.
 
 If OUT has the format of MESH, only positions and normals change: texture coordinates, colours, materials,
 groups, polygons and all other contents stay. Vertices at one place along a seam move as one. Components are
-deformed separately, each with its handles. A mesh that is not manifold is cut, and joined again afterwards;
-a one-sided surface is covered twice instead.
+deformed separately, each with its handles. A component without handles moves with the nearest one. A mesh
+that is not manifold is cut, and joined again afterwards; a one-sided surface is covered twice instead.
 
 methods:
   fast         one proxy with volume and area constraints (default)
@@ -50,14 +50,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sshade.cli import along
 from sshade.cli.arguments import (
-    CARRY,
     HANDLES,
+    REFUSE,
     REST,
     add_files,
     add_flags,
@@ -75,11 +75,6 @@ from sshade.files.handle_files import read_handle_file
 from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
-if TYPE_CHECKING:
-    from sshade.problem.task import DeformationTask
-
-#: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
-AT_REST = 1e-9
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
 
@@ -90,14 +85,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
     method = "fast (default), fine, paper or interpolate, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
-    further = ("method", "weight", "raw", "carry_unconstrained")
+    further = ("method", "weight", "raw", "refuse_unconstrained")
     add_options(parser, OPTIONS, further=further)
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
     raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
     raw += "corrected by the snap, rotated with its group"
-    add_flags(parser, {"--raw": raw, "--carry-unconstrained": CARRY})
+    add_flags(parser, {"--raw": raw, "--refuse-unconstrained": REFUSE})
     fps = f"poses per second of several handle files in a .glb or .gltf (default: {FPS:g})"
     parser.add_argument("--fps", type=float, metavar="F", help=fps)
     others = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
@@ -124,7 +119,7 @@ def command(options: argparse.Namespace) -> int:
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
-        from sshade.method.deform import deform_task
+        from sshade.method.deform import deform_task, stays_at_rest
 
         opened = open_task(options, given)
         if sequence:
@@ -148,7 +143,7 @@ def command(options: argparse.Namespace) -> int:
         proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
         tell(options, opened, result.facts, asked=resolved.vertices, error=error, rounding=rounding)
-    if _stays_at_rest(task, resolved):
+    if stays_at_rest(task, resolved):
         say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
     if result.converged is False:
         say(
@@ -177,12 +172,3 @@ def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
     return values, resolved
-
-
-def _stays_at_rest(task: DeformationTask, resolved: Options) -> bool:
-    """Whether no handle moves and nothing else changes the mesh."""
-    handles, mesh = task.handles, task.mesh
-    if handles.has_rotation.any() or resolved.volume_goal:
-        return False
-    moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max()
-    return bool(moved <= AT_REST * mesh.diagonal)

@@ -24,7 +24,7 @@ from time import localtime, strftime
 from typing import TYPE_CHECKING
 
 from sshade.cli.arguments import (
-    CARRY,
+    REFUSE,
     add_flags,
     add_mesh_and_handles,
     add_option_file,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 #: Arguments that a file of options may have. The page switches volume and area.
-OPTIONS = ("method", "volume", "area", "carry_unconstrained", "weld", "repair")
+OPTIONS = ("method", "volume", "area", "refuse_unconstrained", "weld", "repair")
 #: Largest time in seconds for a computation to end before the command does.
 PATIENCE = 10.0
 
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # --overwrite does not apply to the mesh: the saved handles belong to it.
     parser.set_defaults(inputs=("handles",))
     browser = "do not open a browser, only print the address"
-    add_flags(parser, {"--carry-unconstrained": CARRY, "--no-browser": browser})
+    add_flags(parser, {"--refuse-unconstrained": REFUSE, "--no-browser": browser})
     add_option_file(parser, OPTIONS)
     add_repair(parser)
 
@@ -95,7 +95,7 @@ def _edit(options: argparse.Namespace) -> int:
     settings = Settings(require_method(options.method, METHODS), *constrained)
     files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
     with announced_compilation():
-        further = {name: getattr(options, name) for name in ("carry_unconstrained", "weld", "repair")}
+        further = {name: getattr(options, name) for name in ("refuse_unconstrained", "weld", "repair")}
         session = Session(options.mesh, **files, settings=settings, **further)
     for note in session.document.notes:
         say(f"note: {options.mesh}: {note}")

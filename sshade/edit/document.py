@@ -66,8 +66,8 @@ class Document:
     shape : OpenShape, optional
         A mesh in memory, if there is no file `path`, which then determines the names of the files that are
         written.
-    carry : bool
-        The `carry_unconstrained` of :class:`sshade.DeformationTask`.
+    refuse : bool
+        The `refuse_unconstrained` of :class:`sshade.DeformationTask`.
     weld, repair
         See :func:`sshade.mesh.surface.surface`.
 
@@ -96,7 +96,7 @@ class Document:
         output: Path | None,
         handles: Path | None,
         shape: OpenShape | None = None,
-        carry: bool,
+        refuse: bool,
         weld: float = NEAR,
         repair: bool = False,
     ) -> None:
@@ -112,7 +112,7 @@ class Document:
                 self._check(content, given)
                 self._propose(content, given)
         opened = _signature(path)
-        self._carry, self.is_in_memory = carry, shape is not None
+        self._refuse, self.is_in_memory = refuse, shape is not None
         self._file: MeshFile | None = None
         if shape is None:
             self._file = read_file(path)
@@ -124,7 +124,7 @@ class Document:
         self.notes = () if self._file is None else self._file.notes
         self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
-        self._flags |= {"carry_unconstrained": True} if carry else {}
+        self._flags |= {"refuse_unconstrained": True} if refuse else {}
         self.mesh = shape.mesh
         self._id = shape.surface.original  # handle files name the first of the vertices at one place
 
@@ -134,9 +134,9 @@ class Document:
         Raises
         ------
         InputError
-            When there are no handles, or a component has none and may not follow another component.
+            When there are no handles, or a component without handles is refused.
         """
-        return self._shape.task(self.name, state.handles(self.mesh), carry_unconstrained=self._carry)
+        return self._shape.task(self.name, state.handles(self.mesh), refuse_unconstrained=self._refuse)
 
     def read_groups(self, path: Path, *, first: int) -> Given:
         """Read a handle file; `first` is the number of the first group.

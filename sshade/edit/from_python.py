@@ -29,7 +29,7 @@ def edit_handles(
     handles: Handles | None = None,
     *,
     method: str = "fast",
-    carry_unconstrained: bool = False,
+    refuse_unconstrained: bool = False,
     up: Literal["y", "z"] = "y",
     port: int = 0,
 ) -> Handles:
@@ -47,8 +47,8 @@ def edit_handles(
         Handles to begin with.
     method : {"fast", "fine", "paper"}
         Method with which the page shows the mesh at first.
-    carry_unconstrained : bool
-        See :class:`sshade.DeformationTask`. Set it if the mesh has components without handles.
+    refuse_unconstrained : bool
+        See :class:`sshade.DeformationTask`.
     up : {"y", "z"}
         Axis that points up at first.
     port : int
@@ -88,7 +88,7 @@ def edit_handles(
         shape=open_shape(V, F),
         handles=handles,
         settings=settings,
-        carry_unconstrained=carry_unconstrained,
+        refuse_unconstrained=refuse_unconstrained,
     )
     server = Server(session, port=port, up=up)
     try:

@@ -31,7 +31,7 @@ class Session(Grouping):
     output, handles_output : path, optional
         See :class:`sshade.edit.document.Document`.
     settings : Settings
-    carry_unconstrained : bool
+    refuse_unconstrained : bool
         See :class:`sshade.DeformationTask`.
     **options
         ``shape``, ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
@@ -50,10 +50,10 @@ class Session(Grouping):
         output: Path | None = None,
         handles_output: Path | None = None,
         settings: Settings = Settings(),  # noqa: B008  (immutable)
-        carry_unconstrained: bool = False,
+        refuse_unconstrained: bool = False,
         **options: Any,
     ) -> None:
-        options["carry"] = carry_unconstrained
+        options["refuse"] = refuse_unconstrained
         super().__init__(Document(path, output=output, handles=handles_output, **options), settings)
         if handles is not None:
             if isinstance(handles, Handles):

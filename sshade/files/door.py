@@ -88,12 +88,12 @@ class OpenShape:
         name: str,
         handles: Handles,
         *,
-        carry_unconstrained: bool = False,
+        refuse_unconstrained: bool = False,
         meta: Mapping[str, Any] | None = None,
     ) -> DeformationTask:
         """Return the task for handles at vertices of the surface; see :class:`sshade.DeformationTask`."""
-        carry, meta = carry_unconstrained, meta or {}
-        return DeformationTask(name, self.mesh, handles, meta=meta, carry_unconstrained=carry)
+        refuse, meta = refuse_unconstrained, meta or {}
+        return DeformationTask(name, self.mesh, handles, meta=meta, refuse_unconstrained=refuse)
 
     def placed(self, vertices: np.ndarray) -> np.ndarray:
         """Return all positions (n, 3) of the shape, given positions (k, 3) of the surface's vertices.

@@ -54,7 +54,7 @@ def read_task(
     *,
     handles: str,
     raw: bool = False,
-    carry_unconstrained: bool = False,
+    refuse_unconstrained: bool = False,
     weld: float = NEAR,
     repair: bool = False,
 ) -> DeformationTask:
@@ -68,7 +68,7 @@ def read_task(
     mesh, handles : path
     raw : bool
         Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
-    carry_unconstrained : bool
+    refuse_unconstrained : bool
         See :class:`sshade.DeformationTask`.
     weld, repair
         See :func:`sshade.mesh.surface.surface`.
@@ -86,7 +86,7 @@ def read_task(
     with naming(handles):
         own = on_shape(given, shape)
     name = f"{Path(mesh).stem}/{Path(handles).stem}"
-    return shape.task(name, own, carry_unconstrained=carry_unconstrained, meta={"raw": raw})
+    return shape.task(name, own, refuse_unconstrained=refuse_unconstrained, meta={"raw": raw})
 
 
 def write_handles(

@@ -88,8 +88,8 @@ def how_to_constrain(mesh: Mesh, unconstrained: np.ndarray) -> str:
             weld += f"Python {python}), "
             break
     return (
-        f"give each one, {weld}or move them with the nearest component (--carry-unconstrained, in Python "
-        "carry_unconstrained=True)"
+        f"give each one, {weld}or leave --refuse-unconstrained out (in Python refuse_unconstrained=True): "
+        "they then move with the nearest component"
     )
 
 

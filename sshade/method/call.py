@@ -35,7 +35,7 @@ def deform(
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
-    carry_unconstrained: bool = False,
+    refuse_unconstrained: bool = False,
     weld: float = NEAR,
     repair: bool = False,
     **options: Any,
@@ -46,7 +46,7 @@ def deform(
     - ``deform(mesh, b, bc)`` returns another mesh of the same kind,
     - ``deform(task)`` returns a DeformationResult.
 
-    The surface may have several components, each with a handle, a boundary, a single side, edges of more than
+    The surface may have several components, a boundary, a single side, edges of more than
     two faces, duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices
     along a seam, which move as one. Arrays and a trimesh may have faces that repeat a vertex, and vertices in
     no face, which stay.
@@ -80,8 +80,8 @@ def deform(
     rotations : (k, 3, 3) or (3, 3) float64, optional
         Rotation of the surface at each handle, or one rotation for all; NaN where open. A vertex turns the
         surface that is nearer to it than to other vertices of the proxy.
-    carry_unconstrained : bool
-        Move components without a handle rigidly with the nearest component, instead of refusing them. A task
+    refuse_unconstrained : bool
+        Refuse components without a handle, which by default move rigidly with the nearest component. A task
         has weights, rotations and this flag itself.
     weld : float
         Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal; two
@@ -106,7 +106,7 @@ def deform(
         On another number of arguments.
     InputError
         On an invalid mesh, handles that are no vertices of the mesh or have contradictory targets, a
-        component without a handle, an unknown method or option, or a value out of range.
+        component without a handle that is refused, an unknown method or option, or a value out of range.
     FloatingPointError
         When a deformed position is not finite.
 
@@ -123,10 +123,10 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         _expect(arrays, "a task", 0)
-        has = weight is not None or rotations is not None or carry_unconstrained
+        has = weight is not None or rotations is not None or refuse_unconstrained
         if has or repair or weld != NEAR:
             raise TypeError(
-                "a task has weights, rotations and carry_unconstrained itself, and its mesh is not welded"
+                "a task has weights, rotations and refuse_unconstrained itself, and its mesh is not welded"
             )
         return result_of(shape, run(shape, **options))
     if (mesh := mesh_in(shape)) is not None:
@@ -141,7 +141,7 @@ def deform(
     if values is not None and not isinstance(values, str):
         options["frame_function"] = opened.surface.picked(vertex_values(values, len(opened.V)))
     handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
-    task = opened.task("mesh", opened.on_surface(handles), carry_unconstrained=carry_unconstrained)
+    task = opened.task("mesh", opened.on_surface(handles), refuse_unconstrained=refuse_unconstrained)
     return opened.moved(result_of(task, run(task, **options)).vertices)
 
 

@@ -29,6 +29,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import common_motion
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.pieces import Piece, Pieces, both
 from sshade.method.polish import Polish
@@ -46,6 +47,8 @@ GOAL_AREA = 0.1
 FLAT = 1e-5
 #: Relative error of a goal from which on a warning is logged.
 MISSED = 0.01
+#: Largest move of a handle that is rounding, as a fraction of the bounding-box diagonal.
+AT_REST = 1e-9
 
 
 def deform_task(
@@ -76,6 +79,7 @@ def deform_task(
         See :func:`sshade.deform`.
     """
     whole = resolve(method, values)
+    warn_if_nothing_is_fixed(task, whole)
     if method == "interpolate":
         return interpolate_handles(task, progress=progress)
     pieces = Pieces(task, whole, progress)
@@ -143,6 +147,28 @@ def options_of_piece(piece: Piece, method: str, values: Mapping[str, Any]) -> Op
     if has_regions(mesh, piece.task.handles.index, options):
         options = resolve(method, given, regions=True)
     return with_goal(mesh, options, area=values.get("area") is not None)
+
+
+def warn_if_nothing_is_fixed(task: DeformationTask, options: Options) -> None:
+    """Warn if all handles make one rigid motion, because the mesh then moves as a whole."""
+    if stays_at_rest(task, options):
+        return
+    handles = task.handles
+    free = handles.has_rotation.any() or options.volume_goal is not None
+    if not free and common_motion(task.mesh.V[handles.index], handles.target) is not None:
+        log.warning(
+            "nothing is fixed: all handles make the same move, so that the mesh moves as a whole; fix some "
+            "vertices"
+        )
+
+
+def stays_at_rest(task: DeformationTask, options: Options) -> bool:
+    """Whether no handle moves and nothing else changes the mesh."""
+    handles, mesh = task.handles, task.mesh
+    if handles.has_rotation.any() or options.volume_goal:
+        return False
+    moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1).max()
+    return bool(moved <= AT_REST * mesh.diagonal)
 
 
 def _hard_error(task: DeformationTask, V: np.ndarray) -> float:

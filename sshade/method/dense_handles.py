@@ -38,8 +38,8 @@ DENSE = 0.05
 def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -> DeformationResult:
     """Deform the mesh of a task by a smooth map of space through its handles.
 
-    The faces play no part, so every mesh is allowed. Components without handles move with the map, or
-    rigidly if the task carries them.
+    The faces play no part, so every mesh is allowed. Components without handles move rigidly with the nearest
+    component.
 
     Parameters
     ----------
@@ -73,8 +73,7 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     V = interpolate(splines, mesh.V - mesh.origin)
     V[handles.index] = handles.target
     facts = Facts(residual=0.0, hard_handle_error=0.0)
-    if task.carry_unconstrained:
-        unconstrained = mesh.components_without(handles.index)
+    if len(unconstrained := mesh.components_without(handles.index)):
         move_rigidly(mesh, V, unconstrained)
         contact = contacts(mesh, unconstrained)
         contact.warn()

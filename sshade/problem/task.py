@@ -35,14 +35,14 @@ class DeformationTask(Shown):
         lattices ignore it.
     meta : mapping
         Plain values for the row of a table (subject, pose, ...).
-    carry_unconstrained : bool
-        Move components without handles rigidly with the nearest component, as eyes with a head. The methods
-        of this package support it; others may fail.
+    refuse_unconstrained : bool
+        Refuse components without handles. By default the methods of this package move them rigidly with the
+        nearest component, as eyes with a head; other methods may fail.
 
     Raises
     ------
     InputError
-        When a handle is no vertex of the mesh, a component has no handle without `carry_unconstrained`, or
+        When a handle is no vertex of the mesh, a component without handles is refused, or
         `truth` or `guess` differ in shape from the vertices.
     """
 
@@ -52,15 +52,15 @@ class DeformationTask(Shown):
     truth: np.ndarray | None = None
     guess: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
-    carry_unconstrained: bool = False
+    refuse_unconstrained: bool = False
 
     def __post_init__(self) -> None:
         require_mesh(self.mesh, "DeformationTask")
         if not isinstance(self.handles, Handles):
             raise TypeError(f"DeformationTask takes Handles, not a {type(self.handles).__name__}")
-        index, everywhere = self.handles.index, not self.carry_unconstrained
+        index = self.handles.index
         self.mesh.require_handles(index, everywhere=False)
-        if everywhere and len(free := self.mesh.components_without(index)):
+        if self.refuse_unconstrained and len(free := self.mesh.components_without(index)):
             self.mesh.require_handles(index, advice=how_to_constrain(self.mesh, free))
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         for name in ("truth", "guess"):

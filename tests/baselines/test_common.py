@@ -95,7 +95,7 @@ def test_a_component_without_a_handle_is_refused(method):
     task, other = held_ends(bumpy(1)), icosphere(1)
     both = beside(task.mesh, Mesh(other.V + 5, other.F))
     with pytest.raises(InputError, match="1 of the mesh's 2 components has no handle"):
-        method(DeformationTask("two", both, task.handles, carry_unconstrained=True))
+        method(DeformationTask("two", both, task.handles))
 
 
 @pytest.mark.parametrize("method", [deformation_graph, lattice_arap])

@@ -48,7 +48,7 @@ def test_bash_completes_commands_options_choices_and_files(capsys, here):
     (here / "body.ply").touch()
     text = script(capsys, "sshade", "bash")
     assert completed(text, "sshade", "trans") == ["transfer-pose"]
-    assert completed(text, "sshade", "deform", "--carry") == ["--carry-unconstrained"]
+    assert completed(text, "sshade", "deform", "--refuse") == ["--refuse-unconstrained"]
     assert completed(text, "sshade", "deform", "--frames", "blended_") == ["blended_affine"]
     assert completed(text, "sshade", "deform", "bo") == ["body.ply"]
     for program in PROGRAMS:

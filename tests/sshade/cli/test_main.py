@@ -126,8 +126,9 @@ BAND = moebius()
         (V, F, Handles(POSE.index + 1, POSE.target), "", "3 faces that repeat a vertex or another face were"),
         (V, F, Handles(POSE.index + 1, POSE.target), "", "2 vertices without a face stay in place"),
         (*torn(BODY)[:2], Handles(POSE.index + 1, POSE.target), "", "share their place with another vertex"),
-        (TWO.V, TWO.F, POSE, "--carry-unconstrained", "1 component without handles follows the nearest"),
+        (TWO.V, TWO.F, POSE, "", "1 component without handles follows the nearest"),
         (TWO.V, TWO.F, Handles([0, BODY.n], TWO.V[[0, BODY.n]]), "", "2 components move rigidly"),
+        (BODY.V, BODY.F, Handles([0, 9], BODY.V[[0, 9]] + 0.3), "", "nothing is fixed: all handles make the"),
     ],
 )
 def test_what_is_unusual_is_told(sound, capsys, V, F, handles, options, words):

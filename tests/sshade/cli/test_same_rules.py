@@ -38,7 +38,7 @@ TAKEN = {
     "triangles that share no vertex": (V[F].reshape(-1, 3), np.arange(F.size).reshape(-1, 3)),
 }
 COMMANDS = (
-    "deform rest.ply pose.json -o out.ply --vertices 60 --carry-unconstrained",
+    "deform rest.ply pose.json -o out.ply --vertices 60",
     "show rest.ply pose.json --deformed rest.ply -o out.png",
     "remesh rest.ply -o proxy.ply --map map.npz --vertices 60",
     "carry rest.ply map.npz proxy.ply -o carried.ply",
@@ -74,11 +74,9 @@ def refusals(here, capsys):
             assert code == (2 if said.startswith("error: ") else 0), said
             reason[command] = said.removeprefix("error: ").rstrip() if code else ""
         for name, call in {
-            "the editor": lambda: Session(
-                Path("rest.ply"), handles=Path("pose.json"), carry_unconstrained=True
-            ),
-            "a task": lambda: read_task("rest.ply", handles="pose.json", carry_unconstrained=True),
-            "Python": lambda: deform(V, F, used, target, carry_unconstrained=True, vertices=60),
+            "the editor": lambda: Session(Path("rest.ply"), handles=Path("pose.json")),
+            "a task": lambda: read_task("rest.ply", handles="pose.json"),
+            "Python": lambda: deform(V, F, used, target, vertices=60),
         }.items():
             try:
                 call()
@@ -115,10 +113,9 @@ def test_every_command_welds_and_repairs(here, capsys):
     task = read_task("rest.ply", handles="pose.json", weld=1e-6, repair=True)
     assert session.mesh.n == task.mesh.n == len(V) - 1
     for command in COMMANDS:
-        command = command.removesuffix(" --carry-unconstrained")
         assert main([*command.split(), "--repair", "--weld", "1e-6"]) == 0
     session.save("handles", "rest_handles.json")
     assert main(session.document.command.split()[1:]) == 0
     capsys.readouterr()
     assert main(COMMANDS[3].split()) == 2 and "the --weld and --repair that" in capsys.readouterr().err
-    assert main(COMMANDS[0].removesuffix(" --carry-unconstrained").split()) == 2
+    assert main([*COMMANDS[0].split(), "--refuse-unconstrained"]) == 2

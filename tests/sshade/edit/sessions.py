@@ -116,7 +116,7 @@ def switched(*, single: bool) -> Session:
     V, F, _ = torn(BODY)
     V[BODY.n + 1 :] += 3e-7  # a seam that opened
     pair = beside(Mesh(V[1:], F - 1), shifted(BODY, [4, 0, 0]))
-    session = begun(pair, carry_unconstrained=True, weld=1e-6, repair=True)
+    session = begun(pair, weld=1e-6, repair=True)
     assert session.mesh.n == 2 * BODY.n < pair.n
     unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
     for name, (direction, fields) in SWITCHED.items():

@@ -31,7 +31,7 @@ def test_every_kind_of_group_comes_back_bit_by_bit(single, monkeypatch):
     session.set_up(Settings("fine", volume=False))
     session.select(np.arange(7), "replace")
     abandoned(session, monkeypatch)
-    again = Session(Path("body.ply"), carry_unconstrained=True, weld=1e-6, repair=True)
+    again = Session(Path("body.ply"), weld=1e-6, repair=True)
     (offer,) = again.recovery.offers
     assert offer.path == session.recovery.path and offer.groups == len(SWITCHED)
     again.recover()

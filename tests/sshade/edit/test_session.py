@@ -187,7 +187,7 @@ def test_free_constraints_change_the_shape_and_are_written_down():
 
 def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
-    session = begun(mesh, carry_unconstrained=True)
+    session = begun(mesh)
     left = np.flatnonzero(mesh.V[:, 0] < 2)
     added(session, left[mesh.V[left, 2] < -0.6], "static")
     number = added(session, left[mesh.V[left, 2] > 0.6], "moving")
@@ -198,7 +198,7 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     settled(session, number, LIFT)
     assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
     assert session.save("handles", "pose.json") and session.save("mesh", "posed.ply")
-    arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply", "--carry-unconstrained"]
+    arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply"]
     assert main(arguments) == 0 and Path("again.ply").read_bytes() == Path("posed.ply").read_bytes()
 
 

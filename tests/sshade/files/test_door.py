@@ -48,7 +48,7 @@ def test_a_task_has_handles_of_the_shape_at_vertices_of_the_surface(shape):
     assert len(copies) == 2
     handles = shape.on_surface(Handles(copies, V[copies] + [0, 0, 1], group=[4, 4]))
     task = shape.task("lift", handles)
-    assert (task.name, task.mesh) == ("lift", shape.mesh) and not task.carry_unconstrained
+    assert (task.name, task.mesh) == ("lift", shape.mesh) and not task.refuse_unconstrained
     assert np.array_equal(task.mesh.V[task.handles.index], V[copies[:1]])
     again = shape.on_copies(task.handles)
     assert again.index.tolist() == copies.tolist() and again.group.tolist() == [4, 4]

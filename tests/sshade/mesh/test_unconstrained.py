@@ -40,15 +40,15 @@ def test_an_opening_is_the_distance_between_vertices_that_touched():
     ("noise", "advice"),
     [
         (0.0, "weld the vertices in which 319 of them touch other components (sshade deform --repair, in Py"),
-        (3e-7, "(sshade deform --repair --weld 1e-06, in Python repair=True, weld=1e-06), or move them"),
-        (1e-4, "give each one, or move them with the nearest component (--carry-unconstrained, in Python"),
+        (3e-7, "(sshade deform --repair --weld 1e-06, in Python repair=True, weld=1e-06), or leave"),
+        (1e-4, "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=True)"),
     ],
 )
 def test_the_advice_fits_the_mesh(noise, advice):
     mesh = jittered(unjoined(BODY), noise * BODY.diagonal)
     assert advice in how_to_constrain(mesh, mesh.components_without(np.array([0, 1])))
     with pytest.raises(InputError) as refused:
-        DeformationTask("m", mesh, Handles([0], mesh.V[:1]))
+        DeformationTask("m", mesh, Handles([0], mesh.V[:1]), refuse_unconstrained=True)
     assert "319 of the mesh's 320 components have no handle" in str(refused.value)
     assert advice in str(refused.value)
 
@@ -65,12 +65,12 @@ def test_components_that_come_apart_are_named_before(caplog):
     mesh, b = unjoined(BODY), np.array([0, 1, 2])
     target = mesh.V[b] @ rotation(1).T
     seen = []
-    task = DeformationTask("m", mesh, Handles(b, target), carry_unconstrained=True)
+    task = DeformationTask("m", mesh, Handles(b, target))
     result = deform(task, progress=lambda *_: seen.append(len(caplog.records)))
     words = "319 components without handles touch other components, and come apart from them where"
     assert words in caplog.text and min(seen, default=1) == 1
     assert result.facts.touching == 319 and result.facts.opening < 1e-12  # all follow one triangle
     target[2] += 0.3
     two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
-    result = deform(DeformationTask("m", mesh, two, carry_unconstrained=True))
+    result = deform(DeformationTask("m", mesh, two))
     assert result.facts.opening > 0.01

@@ -151,9 +151,9 @@ def test_a_frame_function_has_a_value_for_each_vertex_that_is_given():
 
 def test_a_component_without_handles_is_refused_or_follows():
     both = beside(BODY, shifted(BODY, 20))
-    with pytest.raises(InputError, match=r"1 of the mesh's 2 components has no handle.*carry"):
-        deform(both.V, both.F, B, BC)
-    U = deform(both.V, both.F, B, BODY.V[B] + 1, carry_unconstrained=True)
+    with pytest.raises(InputError, match=r"1 of the mesh's 2 components has no handle.*leave --refuse"):
+        deform(both.V, both.F, B, BC, refuse_unconstrained=True)
+    U = deform(both.V, both.F, B, BODY.V[B] + 1)
     assert np.abs(U - both.V - 1).max() < 1e-12 * both.diagonal
 
 

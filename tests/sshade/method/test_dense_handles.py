@@ -58,7 +58,7 @@ def test_an_elastic_surface_fights_dense_handles_that_change_the_volume():
 def test_a_component_without_handles_moves_rigidly_if_the_task_carries_it():
     ball = shifted(Mesh(icosphere(2).V * 0.3, icosphere(2).F), [1, 0, 1])
     handles = task(bent, 60).handles
-    both = DeformationTask("ball", beside(BODY, ball), handles, carry_unconstrained=True)
+    both = DeformationTask("ball", beside(BODY, ball), handles)
     rest, moved = both.mesh.V[BODY.n :], deform(both, method="interpolate").vertices[BODY.n :]
     R, t = rigid_motion(rest, moved)
     assert np.abs(rest @ R.T + t - moved).max() < 1e-12
@@ -67,7 +67,7 @@ def test_a_component_without_handles_moves_rigidly_if_the_task_carries_it():
 def test_a_component_that_comes_apart_is_counted():
     flap = Mesh(np.concatenate([BODY.V[[10, 500]], [[0, 0, 2]]]), np.array([[0, 1, 2]]))
     mesh = beside(BODY, flap)
-    carried = DeformationTask("flap", mesh, task(bent, 300).handles, carry_unconstrained=True)
+    carried = DeformationTask("flap", mesh, task(bent, 300).handles)
     result = deform(carried, method="interpolate")
     assert result.facts.unconstrained == result.facts.touching == 1
     gap = np.linalg.norm(result.vertices[[10, 500]] - result.vertices[-3:-1], axis=1).max()

@@ -45,8 +45,8 @@ def in_pieces(task, deform, options, *, progress) -> DeformationResult:
     return pieces.together()
 
 
-def deformed(mesh, handles, method, *, carry_unconstrained=False, **options) -> DeformationResult:
-    return method(DeformationTask("m", mesh, handles, carry_unconstrained=carry_unconstrained), **options)
+def deformed(mesh, handles, method, *, refuse_unconstrained=False, **options) -> DeformationResult:
+    return method(DeformationTask("m", mesh, handles, refuse_unconstrained=refuse_unconstrained), **options)
 
 
 def ends(mesh: Mesh, *, lift=(0.3, 0.0, 0.2)) -> Handles:
@@ -61,7 +61,7 @@ OF_PAIR = of_all((ends(BODY), 0), (ends(shifted(BODY, 9)), BODY.n))
 def test_a_component_beside_an_unconstrained_one_is_as_alone(method):
     task = DeformationTask("body", BODY, ends(BODY))
     assert method(task, vertices=60, seed=3).facts.components == 1
-    both = deformed(PAIR, ends(BODY), method, carry_unconstrained=True)
+    both = deformed(PAIR, ends(BODY), method)
     alone = method(task, vertices=6000)
     assert np.array_equal(both.vertices[: BODY.n], alone.vertices) and both.facts.unconstrained == 1
 
@@ -346,12 +346,12 @@ def test_a_component_without_handles_is_refused_by_its_size_and_place():
     mesh, own = three()
     words = r"1 of the mesh's 3 components has no handle \(the first has 42 vertices, one of them 324\)"
     with pytest.raises(InputError, match=words):
-        deformed(mesh, own, METHOD, vertices=80)
+        deformed(mesh, own, METHOD, refuse_unconstrained=True, vertices=80)
 
 
 def test_or_it_follows_the_nearest_component_rigidly():
     mesh, own = three()
-    result = deformed(mesh, own, METHOD, vertices=80, carry_unconstrained=True)
+    result = deformed(mesh, own, METHOD, vertices=80)
     assert result.facts.unconstrained == 1 and result.facts.components == 2
     rest, moved = mesh.V[2 * BODY.n :], result.vertices[2 * BODY.n :]
     assert np.allclose(pdist(moved), pdist(rest), atol=1e-12)
@@ -364,7 +364,7 @@ def test_or_it_follows_the_nearest_component_rigidly():
 def test_an_unconstrained_component_that_was_cut_stays_together():
     mesh, fin = BODY, t_fin()
     fin = Mesh(0.02 * fin.V + BODY.V[np.argmax(BODY.V[:, 2])], fin.F)
-    result = deformed(beside(mesh, fin), ends(mesh), METHOD, vertices=60, carry_unconstrained=True)
+    result = deformed(beside(mesh, fin), ends(mesh), METHOD, vertices=60)
     rest, moved = fin.V, result.vertices[mesh.n :]
     assert np.allclose(pdist(moved), pdist(rest), atol=1e-12) and result.facts.unconstrained == 1
 
