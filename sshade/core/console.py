@@ -58,6 +58,15 @@ def progress_bar(*, remaining: str = "") -> Iterator[Progress]:
 
 @contextmanager
 def announced_compilation() -> Iterator[None]:
+    """Report compilation as :func:`compilation_told`, and print warnings as notes."""
+    with warnings.catch_warnings(record=True) as found, compilation_told():
+        yield
+    for warning in found:
+        say(f"note: {warning.message}")
+
+
+@contextmanager
+def compilation_told() -> Iterator[None]:
     """Report on standard error when kernels are compiled, at their first use, and how long it took."""
     from numba.core import event
 
@@ -75,12 +84,10 @@ def announced_compilation() -> Iterator[None]:
             super().on_start(event)
 
     listener = CompilationTimer()
-    with event.install_listener("numba:compile", listener), warnings.catch_warnings(record=True) as found:
+    with event.install_listener("numba:compile", listener):
         yield
     if listener.done:
-        say(f"compiled in {listener.duration:.1f} s" + ("" if found else "; later calls start at once"))
-    for warning in found:
-        say(f"note: {warning.message}")
+        say(f"compiled in {listener.duration:.1f} s")
 
 
 def missing_library(error: BaseException, extras: Mapping[str, str] | None = None) -> str | None:

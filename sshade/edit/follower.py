@@ -203,6 +203,7 @@ class Follower:
             regional = {name: REGIONS["fast"][name] for name in ("area", "bending") if is_region}
             options = {"volume": VOLUME, **regional, **options}
         options["method"] = "paper" if settings.method == "paper" else "fast"
-        deformer = Deformer(mesh, vertices=VERTICES, **options, **part.binding)
+        binding = dict(part.binding)
+        deformer = Deformer(mesh, binding.pop("index"), vertices=VERTICES, **options, **binding)
         self._bound = _Bound(part.component, settings, deformer, key)
         return self._bound

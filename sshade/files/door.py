@@ -6,13 +6,14 @@ command, Python, the editor and Blender open shapes here, make their tasks here,
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.atomic import naming
 from sshade.files.handle_files import HandleFile, HandleGroup
 from sshade.files.implicit_arap import implicit_arap_frame
@@ -141,6 +142,48 @@ def open_shape(
             raise InputError(f"there is no mesh in an object of type {type(shape).__name__}")
         V, F, made = found.V, found.F, found.moved
     return OpenShape(V, F, surface(V, F, weld=weld, rounding=rounding, repair=repair), made)
+
+
+def open_arguments(
+    shape: Any, arrays: tuple[Any, ...], names: tuple[str, ...], **options: Any
+) -> tuple[OpenShape, tuple[Any, ...]]:
+    """Open the shape in the arguments of a function: a mesh, or vertices with the faces as first array.
+
+    Parameters
+    ----------
+    shape : object
+    arrays : tuple
+        The further arguments.
+    names : tuple of str
+        Names of the arguments that follow the shape.
+    **options
+        See :func:`open_shape`.
+
+    Returns
+    -------
+    opened : OpenShape
+    arrays : tuple
+        The arguments that follow the shape.
+
+    Raises
+    ------
+    TypeError
+        On another number of arguments, or a path in place of the shape.
+    InputError
+        See :func:`open_shape`.
+    """
+    if isinstance(shape, (str, os.PathLike)):
+        raise TypeError(f"{os.fspath(shape)!r} is a path; read the file: V, F = sshade.read(path)")
+    mesh = mesh_in(shape)
+    own = 1 if mesh is None else 0
+    if len(arrays) != own + len(names):
+        what, others = "a mesh" if mesh else "vertices", " and ".join(names)
+        given = counted(len(arrays), "more argument was", "more arguments were")
+        raise TypeError(
+            f"{what} and {given} given; pass a mesh with {others}, or vertices V and faces F with these"
+        )
+    opened = open_shape(shape, arrays[0], **options) if mesh is None else open_shape(mesh, **options)
+    return opened, arrays[own:]
 
 
 def _positions(V: np.ndarray) -> np.ndarray:

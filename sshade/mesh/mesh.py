@@ -33,7 +33,7 @@ class Topology(NamedTuple):
     boundary_loops: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Shown):
     """A triangle mesh.
 
@@ -58,6 +58,9 @@ class Mesh(Shown):
 
     V: np.ndarray
     F: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"<Mesh: {self.n} vertices, {self.m} faces>"
 
     def __post_init__(self) -> None:
         V, F = np.ascontiguousarray(self.V, dtype=np.float64), np.asarray(self.F)

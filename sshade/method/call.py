@@ -8,10 +8,11 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from sshade.files.door import open_shape
-from sshade.files.objects import mesh_in
+from sshade.core.console import compilation_told
+from sshade.files.door import open_arguments
 from sshade.mesh.weld import NEAR
 from sshade.method.deform import deform_task
+from sshade.problem.handle_checks import ids_of
 from sshade.problem.options import accepted, require_method, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
 from sshade.proxy.kinds import vertex_values
@@ -20,11 +21,44 @@ ShapeT = TypeVar("ShapeT")
 
 
 @overload
-def deform(task: DeformationTask, /, **options: Any) -> DeformationResult: ...
+def deform(
+    task: DeformationTask,
+    /,
+    *,
+    method: str | Callable[..., DeformationResult] = "fast",
+    **options: Any,
+) -> DeformationResult: ...
 @overload
-def deform(V: np.ndarray, F: np.ndarray, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> np.ndarray: ...
+def deform(
+    V: np.ndarray,
+    F: np.ndarray,
+    b: np.ndarray,
+    bc: np.ndarray,
+    /,
+    *,
+    method: str | Callable[..., DeformationResult] = "fast",
+    weight: np.ndarray | float | None = None,
+    rotations: np.ndarray | None = None,
+    refuse_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
+    **options: Any,
+) -> np.ndarray: ...
 @overload
-def deform(mesh: ShapeT, b: np.ndarray, bc: np.ndarray, /, **options: Any) -> ShapeT: ...
+def deform(
+    mesh: ShapeT,
+    b: np.ndarray,
+    bc: np.ndarray,
+    /,
+    *,
+    method: str | Callable[..., DeformationResult] = "fast",
+    weight: np.ndarray | float | None = None,
+    rotations: np.ndarray | None = None,
+    refuse_unconstrained: bool = False,
+    weld: float = NEAR,
+    repair: bool = False,
+    **options: Any,
+) -> ShapeT: ...
 
 
 @takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"), task=DeformationTask)
@@ -62,8 +96,8 @@ def deform(
         colours and metadata. A scene, as ``trimesh.load`` makes it from a .glb, has one mesh; `bc` and the
         deformation are in the coordinates of the scene. A PolyData has triangles; its normals are dropped.
     task : DeformationTask
-    b : (k,) int
-        Handle vertices.
+    b : (k,) int or (n,) bool
+        Handle vertices: their ids, or a mask of all vertices.
     bc : (k, 3) float64
         Their targets.
     method : {"fast", "fine", "paper", "interpolate"} or callable
@@ -103,7 +137,7 @@ def deform(
     Raises
     ------
     TypeError
-        On another number of arguments.
+        On another number of arguments, or a path in place of a mesh.
     InputError
         On an invalid mesh, handles that are no vertices of the mesh or have contradictory targets, a
         component without a handle that is refused, an unknown method or option, or a value out of range.
@@ -122,33 +156,22 @@ def deform(
     """
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
-        _expect(arrays, "a task", 0)
         has = weight is not None or rotations is not None or refuse_unconstrained
-        if has or repair or weld != NEAR:
+        if arrays or has or repair or weld != NEAR:
             raise TypeError(
-                "a task has weights, rotations and refuse_unconstrained itself, and its mesh is not welded"
+                "a task has handles, weights, rotations and refuse_unconstrained itself, and its mesh is not "
+                "welded"
             )
-        return result_of(shape, run(shape, **options))
-    if (mesh := mesh_in(shape)) is not None:
-        b, bc = _expect(arrays, "a mesh", 2)
-        opened = open_shape(mesh, weld=weld, repair=repair)
-    else:
-        F, b, bc = _expect(arrays, "vertices", 3)
-        opened = open_shape(shape, F, weld=weld, repair=repair)
-    if rotations is not None and np.ndim(rotations) == 2:
-        rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
-    values = options.get("frame_function")
-    if values is not None and not isinstance(values, str):
-        options["frame_function"] = opened.surface.picked(vertex_values(values, len(opened.V)))
-    handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
-    task = opened.task("mesh", opened.on_surface(handles), refuse_unconstrained=refuse_unconstrained)
-    return opened.moved(result_of(task, run(task, **options)).vertices)
-
-
-def _expect(arrays: tuple[Any, ...], what: str, count: int) -> tuple[Any, ...]:
-    if len(arrays) != count:
-        raise TypeError(
-            f"{what} and {len(arrays)} arguments were given: deform takes a task, a mesh with handles b and "
-            "targets bc, or vertices V and faces F with b and bc"
-        )
-    return arrays
+        with compilation_told():
+            return result_of(shape, run(shape, **options))
+    with compilation_told():
+        opened, (b, bc) = open_arguments(shape, arrays, ("handles b", "targets bc"), weld=weld, repair=repair)
+        b = ids_of(b, len(opened.V))
+        if rotations is not None and np.ndim(rotations) == 2:
+            rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
+        values = options.get("frame_function")
+        if values is not None and not isinstance(values, str):
+            options["frame_function"] = opened.surface.picked(vertex_values(values, len(opened.V)))
+        handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
+        task = opened.task("mesh", opened.on_surface(handles), refuse_unconstrained=refuse_unconstrained)
+        return opened.moved(result_of(task, run(task, **options)).vertices)

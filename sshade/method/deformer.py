@@ -7,18 +7,19 @@ from copy import deepcopy
 from dataclasses import replace
 from math import inf
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import ThreadTeam
+from sshade.files.door import OpenShape, open_arguments
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.method.deform import with_goal
 from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
-from sshade.problem.handle_checks import checked_index
+from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.binding import Binding
@@ -38,10 +39,13 @@ class Deformer:
 
     Parameters
     ----------
-    mesh : Mesh
-        M: manifold, oriented, one component.
-    index : (h,) int
-        Handle vertices, each once. Their targets come with each call, in this order.
+    V, F : (n, 3) float64 and (m, 3) int, or mesh
+        M: manifold, oriented, one component. Arrays, and a mesh of trimesh or pyvista, are opened as
+        :func:`sshade.deform` opens them: copies of a vertex along seams move as one. A :class:`sshade.Mesh`
+        is taken as it is.
+    index : (h,) int or (n,) bool
+        Handle vertices: ids, each once, or a mask of all vertices. Their targets come with each call, in this
+        order.
     group : (h,) int, optional
         Landmark of each handle, see :class:`sshade.Handles`; by default all handles have the same.
     weight : (h,) float64 or float
@@ -75,11 +79,39 @@ class Deformer:
     True
     """
 
+    @overload
     def __init__(
         self,
-        mesh: Mesh,
+        mesh: Any,
         index: np.ndarray,
+        /,
         *,
+        group: np.ndarray | None = None,
+        weight: np.ndarray | float = inf,
+        method: Literal["fast", "paper"] = "fast",
+        progress: Progress = silent,
+        **options: Any,
+    ) -> None: ...
+    @overload
+    def __init__(
+        self,
+        V: np.ndarray,
+        F: np.ndarray,
+        index: np.ndarray,
+        /,
+        *,
+        group: np.ndarray | None = None,
+        weight: np.ndarray | float = inf,
+        method: Literal["fast", "paper"] = "fast",
+        progress: Progress = silent,
+        **options: Any,
+    ) -> None: ...
+
+    def __init__(
+        self,
+        shape: Any,
+        /,
+        *arrays: Any,
         group: np.ndarray | None = None,
         weight: np.ndarray | float = inf,
         method: Literal["fast", "paper"] = "fast",
@@ -90,7 +122,14 @@ class Deformer:
         names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "accelerate")]
         self._method, self._values = method, checked(options, names, subject="Deformer")
         self._values.setdefault("samplings", 1)
-        self.mesh, self._rest = mesh, _at_rest(mesh, index, group=group, weight=weight)
+        self._shape: OpenShape | None = None
+        if isinstance(shape, Mesh) and len(arrays) == 1:
+            mesh, index = shape, arrays[0]
+        else:
+            self._shape, (index,) = open_arguments(shape, arrays, ("handles b",))
+            mesh = self._shape.mesh
+        self.mesh = mesh
+        self._rest = self._at_rest(index, group=group, weight=weight)
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
@@ -102,7 +141,7 @@ class Deformer:
 
     @property
     def index(self) -> np.ndarray:
-        """(h,) int64: the handle vertices."""
+        """(k,) int64: the handle vertices of `mesh`."""
         return self._rest.index
 
     @property
@@ -136,7 +175,7 @@ class Deformer:
             of two groups with different targets. The Deformer keeps its handles then. A later call may raise
             the same.
         """
-        rest = _at_rest(self.mesh, index, group=group, weight=weight)
+        rest = self._at_rest(index, group=group, weight=weight)
         self._proxies.rebind(rest)
         self._rest, self._last_handles = rest, None
 
@@ -193,7 +232,7 @@ class Deformer:
             ``seconds`` has ``solve`` and ``carry``. ``facts`` has the largest ``residual`` and the mean
             ``energy`` of the proxies.
         """
-        handles = self._rest.at(targets, rotations)
+        handles = self._at(targets, rotations)
         stop = self._stopping(tolerance, max_iterations, out)
         self._last_handles = handles
         return self._deformed(handles, stop, out)
@@ -252,7 +291,7 @@ class Deformer:
             As for a call, and where all vertices are handles.
         """
         begin = perf_counter()
-        handles, stopping = self._rest.at(targets, rotations), self._stopping(tolerance, max_iterations)
+        handles, stopping = self._at(targets, rotations), self._stopping(tolerance, max_iterations)
         if self._proxies.covered:
             raise InputError("all vertices are handles: there is no proxy")
         self._last_handles = handles
@@ -271,27 +310,43 @@ class Deformer:
     ) -> Options:
         """Return the options with another stopping rule; None keeps the option's value. Check `out`, too."""
         if out is not None:
-            checked_out(out, self.mesh.V.shape)
+            checked_out(out, self.mesh.V.shape if self._shape is None else self._shape.V.shape)
         names = {"tolerance": tolerance, "max_iterations": max_iterations}
         return replace(self._options, **checked(names, names, subject="Deformer"))
 
     def _deformed(
         self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
-        task = self._task.at(handles)
+        task, shape = self._task.at(handles), self._shape
+        whole = shape is None or len(shape.V) == self.mesh.n
         if self._proxies.covered:
             result = all_on_targets(task)
         else:
-            result = self._proxies.deform(handles, options=options, settle=settle, team=self._team, out=out)
+            own = out if whole else None
+            result = self._proxies.deform(handles, options=options, settle=settle, team=self._team, out=own)
+        if shape is not None and not whole:
+            result = replace(result, vertices=shape.placed(result.vertices))
         if out is not None and result.vertices is not out:
             out[:] = result.vertices
             result = replace(result, vertices=out)
-        return result.of(task)
+        return result.of(task) if whole else result
 
+    def _at_rest(self, index: np.ndarray, **binding: Any) -> Handles:
+        """Return the handles at rest. Copies of a vertex along a seam are one handle."""
+        if self._shape is None:
+            require_mesh(self.mesh, "Deformer")
+            self._given = checked_index(ids_of(index, self.mesh.n), once=True)
+        else:
+            ids = checked_index(ids_of(index, len(self._shape.V)), once=True)
+            self._given = self._shape.surface.places(ids)
+        self.mesh.require_handles(self._given)
+        handles = Handles(self._given, self.mesh.V[self._given], **binding)
+        return DeformationTask("drag", self.mesh, handles).handles
 
-def _at_rest(mesh: Mesh, index: np.ndarray, **binding: Any) -> Handles:
-    require_mesh(mesh, "Deformer")
-    index = checked_index(index, once=True)
-    mesh.require_handles(index)
-    handles = Handles(index, mesh.V[index], **binding)
-    return DeformationTask("drag", mesh, handles).handles
+    def _at(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
+        """Return the handles at targets (h, 3), in the order in which their vertices were given."""
+        if len(self._given) > len(self._rest):
+            rows = np.sort(np.unique(self._given, return_index=True)[1])
+            targets = checked_target(targets, self._given)[rows]
+            rotations = None if rotations is None else np.asarray(rotations)[rows]
+        return self._rest.at(targets, rotations)

@@ -28,7 +28,8 @@ def checked_index(index: Any, *, once: bool = False) -> np.ndarray:
     """
     index = np.asarray(index)
     if index.ndim != 1 or (index.size and not np.issubdtype(index.dtype, np.integer)):
-        raise InputError(f"handle ids must be integers (k,), not {index.dtype} of shape {index.shape}")
+        given = f"not {index.dtype} of shape {index.shape}"
+        raise InputError(f"handle ids must be integers (k,), or a mask with a value a vertex, {given}")
     if len(index) == 0:
         raise InputError(NO_HANDLES)
     if index.min() < 0:
@@ -38,6 +39,12 @@ def checked_index(index: Any, *, once: bool = False) -> np.ndarray:
     if once and len(np.unique(index)) < len(index):
         raise InputError("a handle vertex is given twice")
     return index.astype(np.int64)
+
+
+def ids_of(vertices: Any, n: int) -> Any:
+    """Return vertex ids for a mask (n,) of the vertices; ids stay as they are."""
+    mask = np.asarray(vertices)
+    return np.flatnonzero(mask) if mask.dtype == bool and mask.shape == (n,) else vertices
 
 
 def checked_target(target: Any, index: np.ndarray) -> np.ndarray:

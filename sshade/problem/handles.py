@@ -27,7 +27,7 @@ from sshade.problem.snapping import EXPLAINED, corrected_targets, merged_by_vert
 LEAST_AREA = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Handles:
     """Vertices with prescribed positions and, optionally, prescribed rotations.
 
@@ -118,6 +118,9 @@ class Handles:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def __repr__(self) -> str:
+        return f"<Handles: {len(self)} vertices, {int(self.dynamic.sum())} of them moved>"
 
     @property
     def hard(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from sshade.problem.facts import Facts, Joint
 from sshade.problem.handles import Handles
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DeformationTask(Shown):
     """One deformation problem: a rest mesh and handles.
 
@@ -54,6 +54,9 @@ class DeformationTask(Shown):
     meta: Mapping[str, Any] = field(default_factory=dict)
     refuse_unconstrained: bool = False
 
+    def __repr__(self) -> str:
+        return f"<DeformationTask {self.name!r}: {self.mesh.n} vertices, {len(self.handles)} handles>"
+
     def __post_init__(self) -> None:
         require_mesh(self.mesh, "DeformationTask")
         if not isinstance(self.handles, Handles):
@@ -75,7 +78,7 @@ class DeformationTask(Shown):
         return task
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransferTask(Shown):
     """One pose transfer: put an edited shape into the pose of the shape that it was made from.
 
@@ -109,6 +112,9 @@ class TransferTask(Shown):
     truth: np.ndarray | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<TransferTask {self.name!r}: {self.mesh.n} vertices>"
+
     def __post_init__(self) -> None:
         for mesh in (self.mesh, self.rest):
             require_mesh(mesh, "TransferTask")
@@ -119,7 +125,7 @@ class TransferTask(Shown):
                 object.__setattr__(self, name, self.mesh.checked(positions, f"{name} shape"))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DeformationResult(Shown):
     """Deformed vertices, and a record of the computation.
 
@@ -155,8 +161,12 @@ class DeformationResult(Shown):
     converged: bool | None
     seconds: Mapping[str, float] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
-    facts: Facts = field(default_factory=Facts, repr=False)
-    task: DeformationTask | TransferTask | None = field(default=None, repr=False)
+    facts: Facts = field(default_factory=Facts)
+    task: DeformationTask | TransferTask | None = None
+
+    def __repr__(self) -> str:
+        ended = {None: "", True: ", converged", False: ", not converged"}[self.converged]
+        return f"<DeformationResult: {len(self.vertices)} vertices, {self.iterations:.4g} iterations{ended}>"
 
     def __post_init__(self) -> None:
         V = np.asarray(self.vertices)

@@ -105,7 +105,6 @@ def test_a_wrong_argument_is_refused(name, here):
 
 
 NO_MESH = {
-    "drag": lambda: Deformer(BODY.V, HELD),
     "bind": lambda: sshade.bind((BODY.V, BODY.F)),
     "along": lambda: sshade.move_along((BODY.V, BODY.F), BODY.V, BODY.V),
     "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),

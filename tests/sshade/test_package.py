@@ -33,6 +33,7 @@ def test_extras_have_names_that_older_pips_find():
 
 def test_names_of_the_package_are_found_when_they_are_asked_for():
     assert set(sshade.__all__) == set(sshade._HOME) <= set(dir(sshade))
+    assert set(dir(sshade)) == {*sshade.__all__, "__version__"}
     for name in sshade.__all__:
         value = getattr(sshade, name)
         assert value.__name__ == name

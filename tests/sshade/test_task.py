@@ -181,3 +181,13 @@ def test_handles_at_other_targets_equal_new_ones():
             rest.at(wrong)
     with pytest.raises(InputError, match="rotation"):
         rest.at(target, np.full((3, 3, 3), 2.0))
+
+
+def test_what_is_shown_of_an_object_is_short(body):
+    handles = Handles([0, 1], body.V[:2], dynamic=[True, False])
+    task = DeformationTask("lift", body, handles)
+    result = DeformationResult(body.V, 7, True)
+    assert repr(body) == f"<Mesh: {body.n} vertices, {body.m} faces>"
+    assert repr(handles) == "<Handles: 2 vertices, 1 of them moved>"
+    assert repr(task) == f"<DeformationTask 'lift': {body.n} vertices, 2 handles>"
+    assert repr(result) == f"<DeformationResult: {body.n} vertices, 7 iterations, converged>"

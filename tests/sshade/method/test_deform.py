@@ -168,9 +168,11 @@ def loses_a_vertex(task, *, seed, progress=None):
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda: deform(BODY, B), TypeError, "a mesh and 1 arguments were given"),
-        (lambda: deform(BODY.V, BODY.F, B), TypeError, "vertices and 2 arguments"),
-        (lambda: deform(TASK, B), TypeError, "a task and 1 arguments"),
+        (lambda: deform(BODY, B), TypeError, "a mesh and 1 more argument was given"),
+        (lambda: deform(BODY.V, BODY.F, B), TypeError, "vertices and 2 more arguments"),
+        (lambda: deform(TASK, B), TypeError, "a task has handles"),
+        (lambda: deform("body.ply", B, BC), TypeError, "'body.ply' is a path; read the file"),
+        (lambda: deform(BODY, BODY.V[1:, 0] > 0, BC), InputError, "a mask with a value a vertex, not bool"),
         (lambda: deform(BODY, B, BC[1:]), InputError, r"16 handles need targets of shape \(16, 3\)"),
         (lambda: deform(BODY, B + BODY.n, BC), InputError, "out of range: the mesh has 162"),
         (lambda: deform(BODY, B - 99, BC), InputError, "negative"),

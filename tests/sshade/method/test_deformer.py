@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Deformer, InputError, Mesh
+from sshade import DeformationTask, Deformer, InputError, Mesh, deform
 from sshade.method import proxy as proxy_module
 from tests.shapes import bumpy, end_handles, moved_parts, tube
 from tests.sshade.method.calls import fast, paper
@@ -39,6 +40,23 @@ def test_a_drag_takes_fewer_iterations_and_ends_where_a_cold_solve_does(mesh, he
     assert max(steps) < cold.iterations
     assert np.abs(released.vertices - cold.vertices).max() < 1e-5 * mesh.diagonal
     assert released.facts.energy == pytest.approx(cold.facts.energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["arrays", "trimesh", "soup"])
+def test_a_drag_takes_what_deform_takes(mesh, held, kind):
+    V, F = mesh.V, mesh.F
+    mask, target = np.isin(np.arange(mesh.n), held), V.copy()
+    target[held] = lifted(mesh, held, 0.4)
+    if kind == "soup":
+        V, mask, target, F = V[F].reshape(-1, 3), mask[F].ravel(), target[F].reshape(-1, 3), F
+        F = np.arange(len(V)).reshape(-1, 3)
+    shape = (trimesh.Trimesh(V, F, process=False),) if kind == "trimesh" else (V, F)
+    expected = deform(V, F, mask, target[mask], vertices=150)
+    drag, out = Deformer(*shape, mask, vertices=150), np.empty_like(V)
+    np.testing.assert_array_equal(drag(target[mask], out=out).vertices, expected)
+    np.testing.assert_array_equal(out, expected)
+    drag.rebind_handles(np.flatnonzero(mask))
+    assert np.abs(drag(target[mask]).vertices - expected).max() < 0.01 * mesh.diagonal
 
 
 def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
