@@ -1,6 +1,6 @@
 """Update tables of the pages: ``python -m docs.pages``.
 
-Run the script after rows or times were published, or options changed. It rewrites four kinds of blocks, and
+Run the script after rows or times were published, or options changed. It rewrites five kinds of blocks, and
 a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
@@ -9,6 +9,8 @@ a test compares the blocks with the results and the code:
   are the best of the whole table.
 - ``<!-- differences NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of the table of
   differences to a reference method, below a caption.
+- ``<!-- paper NAME: HEADING, ... -->`` to ``<!-- end -->`` has columns of the paper's numbers beside ours:
+  numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
 - ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.problem.options`.
@@ -22,6 +24,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from docs.blocks import markdown
+from eval.publish.paper import beside
+from eval.rows.files import read_conf
 from eval.rows.frame import numbers, read_csv, valid
 from sshade.core.errors import counted
 from sshade.problem.options import GROUPS, REGIONS, default, described
@@ -30,7 +34,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
-    r"((?P<kind>table|differences) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
+    r"((?P<kind>table|differences|paper) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
     r"|rows|(?P<options>options))"
     r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
@@ -88,8 +92,8 @@ def filled_page(page: Path) -> str:
 def table(path: Path, headings: list[str], *, kind: str, chosen: list[str] | None, link: str) -> str:
     """Return columns of the tables of a file below a caption, or nothing if the file does not exist.
 
-    The `kind` "differences" takes the table of differences, "table" all others. `chosen` are the methods to
-    take, in this order; None takes all.
+    The `kind` "differences" takes the table of differences, "table" all others, and "paper" has the paper's
+    numbers beside ours. `chosen` are the methods to take, in this order; None takes all.
     """
     if not path.is_file():
         return ""
@@ -100,10 +104,19 @@ def table(path: Path, headings: list[str], *, kind: str, chosen: list[str] | Non
     else:
         text = " ".join(caption_notes(notes))
         grids = [grid for title, grid in tables.items() if title not in apart]
+        if kind == "paper":
+            grids = [beside_the_paper(path.stem, path.parents[1] / "rows")]
     # All grids have the same methods in the same order.
     joined = [sum(parts, []) for parts in zip(*grids, strict=True)]
     caption = f"[{path.stem}]({link}/tables/{path.name}): {text}\n\n"
     return f"{caption}{columns_of(joined, headings, path=path, chosen=chosen)}\n"
+
+
+def beside_the_paper(experiment: str, folder: Path) -> list[list[str]]:
+    """Return the paper's numbers of an experiment beside ours, as lines of cells."""
+    methods = next(own[experiment] for own in read_conf("paper").values() if experiment in own)
+    head, *body = beside(methods, folder / f"{experiment}.csv")
+    return [head, [], *body]
 
 
 def tables_of(path: Path) -> tuple[dict[str, list[list[str]]], str]:

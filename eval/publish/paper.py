@@ -1,15 +1,13 @@
-"""The paper's numbers beside yours: ``sshade-eval tables --paper faust tosca``.
+"""The paper's numbers beside ours: ``sshade-eval tables --paper faust tosca``, and in ``docs/paper.md``.
 
-A dataset has a table with a line for each number in ``conf/paper.yaml``. A line has
-the number of the paper, the mean of the valid rows in ``out/rows``, and the number of cases of the mean.
-`make verify FAUST=DIR TOSCA=DIR` makes the rows first.
+An experiment in ``conf/paper.yaml`` has a table with a line for each method. A cell has the number of the
+paper, and the mean of the valid rows. `make verify FAUST=DIR TOSCA=DIR` makes the rows in ``out/rows`` first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -24,31 +22,36 @@ MEASURES = {
     column.heading: column
     for column in (*COLUMNS, *TRANSFER_COLUMNS, Column("time", "s", "seconds.total", 1))
 }
-HEAD = ("experiment", "method", "measure", "paper", "yours", "cases")
+#: A number that is missing.
+NONE = "-"
 
 
-def table(dataset: str, paper: dict[str, Any], folder: Path) -> str:
-    """Return the table of a dataset in Markdown.
+def beside(methods: dict[str, dict[str, float]], path: Path) -> list[list[str]]:
+    """Return the lines of an experiment's table, the head first.
 
     Parameters
     ----------
-    dataset : str
-        Tag of the rows: the CSV is ``<experiment>_<dataset>.csv``.
-    paper : dict
-        The paper's numbers by experiment, method and measure.
-    folder : path
-        Folder of the CSV files. A method without rows has an empty mean.
+    methods : dict
+        The paper's numbers by method and measure.
+    path : path
+        CSV of the rows. Without this file, the table has the paper's numbers alone.
     """
-    body = []
-    for experiment, methods in paper.items():
-        rows = _rows(folder / f"{experiment}_{dataset}.csv")
-        for method, measures in methods.items():
-            for measure, number in measures.items():
-                column = MEASURES[measure]
-                found = numbers(rows[rows["method.name"] == method], column.source).dropna()
-                mean = column.text(found.mean()) if len(found) else ""
-                body.append((experiment, method, column.label, column.text(number), mean, str(len(found))))
-    return markdown_table(HEAD, body, left=HEAD[:3])
+    rows = _rows(path)
+    columns = [MEASURES[name] for name in dict.fromkeys(name for own in methods.values() for name in own)]
+    lines = [["method", "cases", *(column.label for column in columns)]]
+    for method, measures in methods.items():
+        own = rows[rows["method.name"] == method]
+        cells = [_pair(column, measures.get(column.heading), own) for column in columns]
+        lines.append([method, str(len(own)), *cells])
+    return lines
+
+
+def _pair(column: Column, number: float | None, rows: pd.DataFrame) -> str:
+    """Return the number of the paper and the mean of rows."""
+    if number is None:
+        return NONE
+    mean = numbers(rows, column.source).mean()
+    return f"{column.text(number)} / {NONE if pd.isna(mean) else column.text(mean)}"
 
 
 def _rows(path: Path) -> pd.DataFrame:
@@ -80,9 +83,13 @@ def paper_tables(datasets: Sequence[str]) -> str:
         On an unknown dataset, or without rows.
     """
     known = read_conf("paper")
+    text = "The number of the paper / your mean; cases: your cases.\n"
     for dataset in datasets:
         if dataset not in known:
             raise InputError(f"the paper has no numbers of {dataset}; name one of {', '.join(known)}")
         if not list(ROWS.glob(f"*_{dataset}.csv")):
             raise InputError(f"{ROWS} has no rows of {dataset}; `make verify` makes them")
-    return "\n".join(f"### {dataset}\n\n{table(dataset, known[dataset], ROWS)}\n" for dataset in datasets)
+        for experiment, methods in known[dataset].items():
+            head, *body = beside(methods, ROWS / f"{experiment}_{dataset}.csv")
+            text += f"\n### {experiment}, {dataset}\n\n{markdown_table(head, body, left=head[:1])}\n"
+    return text

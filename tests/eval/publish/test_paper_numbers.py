@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eval.main import main
-from eval.publish.paper import MEASURES, table
+from eval.publish.paper import MEASURES, beside
 from eval.rows.files import read_conf
 from eval.rows.frame import to_frame, write_csv
 from sshade.core.errors import InputError
@@ -23,35 +23,31 @@ def write(folder, name, *rows):
 
 def test_means_are_over_the_valid_rows_of_a_method(tmp_path):
     rows = [row("a", f"t{k}", metric__volume=v, seconds__total=60.0) for k, v in enumerate((1, 2, 6))]
-    others = [row("b", metric__volume=0.125), lost("a", "t3")]
-    write(tmp_path, "one_own", *rows, *others)
-    write(tmp_path, "two_own", row("a", metric__hausdorff=0.01))
-    paper = {
-        "one": {"a": {"volume": 12.4, "time": 435}, "b": {"volume": 0.99}, "c": {"FA": 0.517}},
-        "two": {"a": {"d_H": 5.66e-3, "d_C": 3.76e-8}},
-        "three": {"a": {"EL": 1}},
-    }
-    found = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in table("own", paper, tmp_path).splitlines()
+    others = [row("b", metric__hausdorff=0.01), lost("a", "t3")]
+    write(tmp_path, "one", *rows, *others)
+    paper = {"a": {"volume": 12.4, "time": 435}, "b": {"d_H": 5.66e-3, "d_C": 3.76e-8}, "c": {"volume": 1.29}}
+    assert beside(paper, tmp_path / "one.csv") == [
+        ["method", "cases", "volume (%)", "time (s)", "d_H", "d_C"],
+        ["a", "3", "12.40 / 3.00", "435.0 / 60.0", "-", "-"],
+        ["b", "1", "-", "-", "5.66e-03 / 1.00e-02", "3.76e-08 / -"],
+        ["c", "0", "1.29 / -", "-", "-", "-"],
     ]
-    assert found[0] == ["experiment", "method", "measure", "paper", "yours", "cases"]
-    assert found[2:] == [
-        ["one", "a", "volume (%)", "12.40", "3.00", "3"],
-        ["one", "a", "time (s)", "435.0", "60.0", "3"],
-        ["one", "b", "volume (%)", "0.99", "0.12", "1"],
-        ["one", "c", "FA (deg)", "0.517", "", "0"],
-        ["two", "a", "d_H", "5.66e-03", "1.00e-02", "1"],
-        ["two", "a", "d_C", "3.76e-08", "", "0"],
-        ["three", "a", "EL (%)", "1.00", "", "0"],
-    ]
+
+
+def test_the_page_has_each_number_of_the_papers_table_beside_ours():
+    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    for method, measures in PAPER["faust"]["table1"].items():
+        line = re.search(rf"^\| {method} \|.+", page, re.M)[0]
+        both = dict(re.findall(r"([\d.]+) / ([\d.]+)", line))
+        numbers = [MEASURES[name].text(value) for name, value in measures.items() if name != "time"]
+        assert list(both) == numbers and all(float(ours) > 0 for ours in both.values())
 
 
 def test_rows_of_two_builds_are_refused(tmp_path):
     two = [row("a", task__checksum=name, task__source=name, key=name) for name in ("one", "two")]
     write(tmp_path, "one_own", *two)
     with pytest.raises(InputError, match=r"has two rows of a on t1, .*; remove out/runs/one_own and "):
-        table("own", {"one": {"a": {"EL": 1}}}, tmp_path)
+        beside({"a": {"EL": 1}}, tmp_path / "one_own.csv")
 
 
 def test_make_verify_runs_each_experiment_of_the_paper():
@@ -71,7 +67,7 @@ def test_the_command_prints_the_tables_or_says_what_is_missing(here, capsys):
     write(here / "out" / "rows", "table1_faust", row("elastic", metric__volume=16.75))
     assert main(["tables", "--paper", "faust"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("### faust\n\n| experiment |")
-    assert "| table1 | elastic | volume (%) | 12.25 | 16.75 | 1 |\n" in out
-    assert "| table1_lowres | elastic | volume (%) | 1.29 |  | 0 |\n" in out
+    assert "\n### table1_lowres, faust\n\n| method | cases | volume (%) |\n" in out
+    assert "| elastic | 0 | 1.29 / - |\n" in out
+    assert "| elastic | 1 | 12.25 / 16.75 | 0.45 / " in out
     assert main(["tables", "--paper", "mars"]) == 2 and "faust" in capsys.readouterr().err
