@@ -10,7 +10,7 @@ import numpy as np
 
 from defaust.tasks import load_task
 from sshade import Handles, Mesh
-from sshade.plotting.pictures import TOWARDS, UP, draw
+from sshade.plotting.pictures import draw
 
 DATA = Path(__file__).parents[1] / "data" / "defaust_20k"
 
@@ -23,7 +23,7 @@ def body(*, pose: int) -> tuple[Mesh, Handles]:
 
 def picture(mesh: Mesh, V: np.ndarray, handles: Handles) -> str:
     """Return a picture as HTML: the rest shape with its handles, and the deformed shape with its errors."""
-    plotter = draw(mesh, handles, deformed=V, towards=np.array(TOWARDS), up=np.array(UP), window=False)
+    plotter = draw(mesh, handles, [V], colour="stretch")
     with tempfile.NamedTemporaryFile(suffix=".png") as file:
         plotter.screenshot(file.name)
         data = base64.b64encode(Path(file.name).read_bytes()).decode()

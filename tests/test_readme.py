@@ -63,7 +63,7 @@ def folder(tmp_path_factory):
     for page in PAGES:
         for handles in blocks(page, "json"):
             (path / "handles.json").write_text(handles)
-    programs = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    programs = {"BROWSER": "true", "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     for line in dict.fromkeys(
         "".join("".join(blocks(page)) for page in PAGES).replace("\\\n", "").splitlines()
     ):

@@ -3,7 +3,7 @@
 {commands}
 
   sshade deform body.ply pose.json -o posed.ply
-  sshade show body.ply pose.json --deformed posed.ply -o posed.png
+  sshade show body.ply pose.json posed.ply
 
 `defaust example DIR` writes such a body and handle files, to try.
 
@@ -19,7 +19,7 @@ from sshade.core.console import Program
 COMMANDS = {
     "deform": ("sshade.cli.deform", "deform a mesh so that its handles reach their targets"),
     "edit": ("sshade.cli.edit", "pick and drag regions of a mesh in a browser"),
-    "show": ("sshade.cli.show", "show a mesh, its handles and a result"),
+    "show": ("sshade.cli.show", "show a mesh, its handles and results in the browser"),
     "remesh": ("sshade.cli.remesh", "write a proxy of a mesh, and the map back to the mesh"),
     "carry": ("sshade.cli.carry", "carry an edited proxy back to the mesh"),
     "reconstruct": ("sshade.cli.reconstruct", "rebuild a known pose from its samples"),

@@ -1,93 +1,118 @@
-"""Show a mesh in a window, or write a picture with -o.
+"""Show shapes in the browser, or write a page or a picture with -o.
 
-HANDLES are drawn in blue (fixed) and yellow (movable), with pale targets of movable handles. --deformed adds
-a second shape beside the mesh, coloured by the change of edge length at each vertex.
+FILES are the mesh, shapes with the same vertices such as a result, and a handle file. Buttons on the page
+switch between the shapes. Handles are dots, in blue (fixed) and yellow (moved), with pale targets.
 
-example:
-  sshade show body.ply pose.json --deformed posed.ply -o posed.png
+examples:
+  sshade show body.ply
+  sshade show body.ply pose.json posed.ply
+  sshade show body.ply posed.ply --colour stretch -o posed.html
 
-Pictures need the extra figures, for example by pip install '.[figures]' in a clone.
+Pages need nothing else. Pictures (-o posed.png) need the extra figures, for example by
+pip install '.[figures]' in a clone.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import sys
+import tempfile
+import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sshade.cli.arguments import (
-    add_mesh_and_handles,
-    add_repair,
-    check_outputs,
-    open_mesh,
-    read,
-)
+import numpy as np
+
+from sshade.cli.arguments import FORMATS, HANDLES, add_flags, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.handle_files import read_handle_file
 from sshade.files.mesh_file import SUFFIXES, check_input
-from sshade.plotting.pictures import TOWARDS, UP, draw
 
-#: Suffixes of pictures.
-PICTURES = (".png", ".jpg", ".jpeg")
+#: Suffixes of pages and of pictures.
+PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
+#: What colours can show.
+COLOURS = ("stretch", "distance")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_mesh_and_handles(parser, output="PICTURE", text=f"picture to write ({', '.join(PICTURES)})")
-    parser.add_argument("--deformed", type=Path, metavar="OUT", help="deformed shape, with the same vertices")
-    parser.set_defaults(inputs=("mesh", "handles", "deformed"))
+    text = f"meshes ({FORMATS}) with the same vertices, and a {HANDLES}"
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help=text)
+    text = f"page or picture to write ({', '.join(PAGES + PICTURES)}); by default a page opens in the browser"
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help=text)
+    text = "colour the shapes after the first by the change of edge length, or by the distance from the first"
+    parser.add_argument("--colour", choices=COLOURS, help=text)
     for name, default, text in (
-        ("towards", TOWARDS, "direction to the camera"),
-        ("up", UP, "upward direction"),
+        ("towards", (0.5, 0.25, 1.0), "direction to the camera"),
+        ("up", (0.0, 1.0, 0.0), "upward direction"),
     ):
         about: dict[str, Any] = {"default": default, "metavar": ("X", "Y", "Z")}
         about["help"] = f"{text} (default: {' '.join(f'{x:g}' for x in default)})"
         parser.add_argument(f"--{name}", type=float, nargs=3, **about)
+    add_flags(parser, {"--overwrite": "allow the output to replace an input"})
     add_repair(parser)
+    parser.set_defaults(inputs=("files",))
 
 
 def command(options: argparse.Namespace) -> int:
-    """Show the shapes, or write the picture; return the exit code."""
-    path = options.output
-    if path is None and not has_display():
-        raise InputError("there is no display for a window; write a picture with -o, such as -o picture.png")
-    check_outputs(options, output=PICTURES)
-    check_input(options.mesh, SUFFIXES)
-    if options.deformed is not None:
-        check_input(options.deformed, SUFFIXES)
-    given = None if options.handles is None else read_handle_file(options.handles)
+    """Show the shapes, or write the page or picture; return the exit code."""
+    check_outputs(options, output=PAGES + PICTURES)
+    meshes, handle_files = _sorted(options.files)
+    for path in meshes:
+        check_input(path, SUFFIXES)
+    given = [read_handle_file(path) for path in handle_files]
     from sshade.files.door import on_shape
 
+    options.mesh = meshes[0]
     _, shape = open_mesh(options)
-    mesh = shape.mesh
-    with naming(options.handles):
-        handles = None if given is None else on_shape(given, shape)
-    deformed = None
-    if options.deformed is not None:
-        deformed = corresponding(read(options.deformed), options.deformed, shape, options.mesh)
-        deformed = mesh.checked(deformed, f"file {options.deformed}")
-    window = path is None
-    plotter = draw(mesh, handles, deformed=deformed, window=window, towards=options.towards, up=options.up)
-    if path is None:
-        plotter.show(title=f"sshade show {options.mesh}")
-        return 0
+    handles = None
+    for path, file in zip(handle_files, given, strict=True):
+        with naming(path):
+            handles = on_shape(file, shape)
+    poses = {}
+    for path in meshes[1:]:
+        V = corresponding(read(path), path, shape, options.mesh)
+        name = path.stem if path.stem not in poses else str(path)
+        poses[name] = shape.mesh.checked(V, f"file {path}")
+    look = {"colour": options.colour, "towards": options.towards, "up": options.up}
+    path = options.output
+    if path is not None and path.suffix.lower() in PICTURES:
+        _write_picture(path, shape.mesh, handles, poses, look)
+    else:
+        from sshade.plotting.figure import figure_of
+
+        figure = figure_of(shape.mesh, handles, poses, **look)
+        if path is None:
+            path = Path(tempfile.gettempdir(), f"sshade_{options.mesh.stem}.html").absolute()
+        figure.save(path)
+        if options.output is None and not webbrowser.open(path.as_uri()):
+            say("no browser was found; open the page yourself")
+    say(str(path))
+    return 0
+
+
+def _sorted(files: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the files of meshes, and the file of handles if there is one."""
+    meshes = [path for path in files if path.suffix.lower() in SUFFIXES]
+    others = [path for path in files if path.suffix.lower() not in SUFFIXES]
+    if not meshes:
+        raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
+    if len(others) > 1:
+        raise InputError(f"{others[0]} and {others[1]} are no meshes; show takes one handle file")
+    return meshes, others
+
+
+def _write_picture(
+    path: Path, mesh: Any, handles: Any, poses: dict[str, np.ndarray], look: dict[str, Any]
+) -> None:
+    from sshade.plotting.pictures import draw
+
+    plotter = draw(mesh, handles, list(poses.values()), **look)
     from PIL import Image  # after pyvista, which brings it
 
     pixels = plotter.screenshot(return_img=True)
     with replacing(path) as temporary:
         Image.fromarray(pixels).save(temporary)  # pyvista knows no upper-case suffix
     plotter.close()
-    say(str(path))
-    return 0
-
-
-def has_display() -> bool:
-    """Whether a window can be opened. On Linux the environment says so, elsewhere it is assumed."""
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

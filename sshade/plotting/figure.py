@@ -7,7 +7,7 @@ import gzip
 import html
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -25,7 +25,7 @@ from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, SurfaceFacts, cleaned
 from sshade.plotting import part, ramp, style, threejs
-from sshade.plotting.pictures import TOWARDS, UP, colour_range, edge_error
+from sshade.plotting.pictures import COLOUR_LABELS, TOWARDS, UP, colour_range, colour_values
 from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
@@ -139,21 +139,66 @@ def plot(
     mesh = scene.mesh
     if mesh is None:
         raise InputError(f"there is no mesh to plot: plot takes {TAKEN}")
+    poses = {pose.name: pose.V for pose in _named(scene.poses, names)}
+    towards, upward = CAMERAS[up]
+    if values is None:
+        return figure_of(mesh, scene.handles, poses, colour="stretch", towards=towards, up=upward)
+    colours = scene.values(values)
+    shapes = [ViewShape(name, "", V, colours) for name, V in {"rest": mesh.V, **poses}.items()]
+    bounds = float(colours.min()), float(colours.max())
+    return _figure(mesh, scene.handles, shapes, bounds, label, towards=towards, up=upward)
+
+
+def figure_of(
+    mesh: Mesh,
+    handles: Handles | None,
+    poses: Mapping[str, np.ndarray],
+    *,
+    colour: str | None = None,
+    towards: Sequence[float] = TOWARDS,
+    up: Sequence[float] = UP,
+) -> Figure:
+    """Return a figure of a rest shape and its poses by name.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    handles : Handles, optional
+    poses : mapping of (n, 3) float64
+    colour : str, optional
+        What the colours of the poses show, a key of :data:`sshade.plotting.pictures.COLOUR_LABELS`. By
+        default shapes are plain.
+    towards, up : (3,) float
+        Direction to the camera, and upward direction.
+
+    Raises
+    ------
+    InputError
+        When all vertices coincide.
+    """
+    shapes, top, label = [ViewShape(name, "", V) for name, V in poses.items()], 1.0, ""
+    if colour and shapes:
+        values = [colour_values(mesh, shape.V, colour) for shape in shapes]
+        top, label = colour_range(values), COLOUR_LABELS[colour]
+        shapes = [shape._replace(values=own) for shape, own in zip(shapes, values, strict=True)]
+    rest = ViewShape("rest", "", mesh.V)
+    return _figure(mesh, handles, [rest, *shapes], (0.0, top), label, towards=towards, up=up)
+
+
+def _figure(
+    mesh: Mesh,
+    handles: Handles | None,
+    shapes: Sequence[ViewShape],
+    bounds: tuple[float, float],
+    label: str,
+    **camera: Sequence[float],
+) -> Figure:
     if mesh.diagonal == 0:
         raise InputError("all vertices of the mesh coincide; there is nothing to see")
-    poses, bottom, top = _named(scene.poses, names), 0.0, 1.0
-    shapes = [ViewShape("rest", "", mesh.V), *poses]
-    if values is not None:
-        colours = scene.values(values)
-        shapes = [shape._replace(values=colours) for shape in shapes]
-        bottom, top = float(colours.min()), float(colours.max())
-    elif poses:
-        label = "change of edge length (%)"
-        shapes[1:] = [shape._replace(values=edge_error(mesh, shape.V)) for shape in poses]
-        top = colour_range(shape.values for shape in shapes[1:] if shape.values is not None)
+    bottom, top = bounds
     top = top if top > bottom else bottom + max(1.0, abs(bottom))
-    view = packed_view(mesh, shapes, handles=scene.handles, bottom=bottom, top=top, label=label)
-    return Figure(_page(view, up), " and ".join(shape.name for shape in shapes))
+    view = packed_view(mesh, shapes, handles=handles, bottom=bottom, top=top, label=label)
+    return Figure(_page(view, camera), " and ".join(shape.name for shape in shapes))
 
 
 class _Scene:
@@ -279,10 +324,9 @@ def _named(poses: list[ViewShape], names: Sequence[str]) -> list[ViewShape]:
     return [pose._replace(name=str(name)) for pose, name in zip(poses, chosen, strict=True)]
 
 
-def _page(view: dict[str, Any], up: str) -> str:
+def _page(view: dict[str, Any], camera: Mapping[str, Sequence[float]]) -> str:
     """Return the page of a packed view."""
     data = view.pop("data")
-    camera = dict(zip(("towards", "up"), CAMERAS[up], strict=True))
     cases = json.dumps({"cases": [{**view, "id": "figure", "title": ""}], "camera": camera})
     return Template(part("figure.html")).substitute(
         style=style(),

@@ -1,11 +1,11 @@
-"""Draw shapes with handles, in blue (static) and yellow (dynamic), and with errors of edges in colours.
+"""Draw shapes with handles, in blue (fixed) and yellow (moved), plain or in colours.
 
 The functions that draw need pyvista, from the extra ``figures``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -29,7 +29,12 @@ COLOURS = "magma_r"
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
 
 #: Radius of the sphere of a handle, over the bounding-box diagonal.
-SPHERE = 0.006
+SPHERE = 0.0025
+#: What the colours of a shape can show, with the unit.
+COLOUR_LABELS = {
+    "stretch": "change of edge length (%)",
+    "distance": "distance from the first shape (% of the diagonal)",
+}
 
 #: Width of a panel, and its greatest height, in pixels.
 PANEL = 900
@@ -103,6 +108,13 @@ def edge_error(rest: Mesh, vertices: np.ndarray) -> np.ndarray:
     return 100 * total / np.bincount(ends, minlength=rest.n)
 
 
+def colour_values(rest: Mesh, vertices: np.ndarray, colour: str) -> np.ndarray:
+    """Return the values (n,) of a shape that a colour of :data:`COLOUR_LABELS` shows."""
+    if colour == "distance":
+        return 100 * np.linalg.norm(vertices - rest.V, axis=1) / rest.diagonal
+    return edge_error(rest, vertices)
+
+
 def colour_range(errors: Iterable[np.ndarray]) -> float:
     """Return the upper end of a common colour scale for several shapes.
 
@@ -152,26 +164,41 @@ def _require_renderer() -> None:
 
 
 def draw(
-    mesh: Mesh, handles: Handles | None, *, deformed: np.ndarray | None, window: bool, **look: np.ndarray
+    mesh: Mesh,
+    handles: Handles | None,
+    poses: Sequence[np.ndarray] = (),
+    *,
+    colour: str | None = None,
+    **look: ArrayLike,
 ) -> Any:
-    """Return a pyvista plotter with the rest shape and the deformed shape side by side, with linked views.
+    """Return a pyvista plotter with the rest shape and its poses side by side, with linked views.
 
-    The directions `towards` and `up` are those of :meth:`View.of`.
+    Parameters
+    ----------
+    mesh : Mesh
+        Rest shape.
+    handles : Handles, optional
+    poses : sequence of (n, 3) float64
+    colour : str, optional
+        What colours show, a key of :data:`COLOUR_LABELS`. By default shapes are plain.
+    **look
+        The directions `towards` and `up` of :meth:`View.of`.
     """
-    shapes = [mesh.V] if deformed is None else [mesh.V, deformed]
+    shapes = [mesh.V, *poses]
     view = View.of(shapes if handles is None else [*shapes, handles.target], **look)
-    if deformed is not None:
+    values = [colour_values(mesh, V, colour) for V in poses] if colour else []
+    if values:
         view = view.with_foot(0.12)  # for the colour bar
     width, height = view.pixels(PANEL)
     scale = min(1.0, PANEL / height)
-    least = 0 if deformed is None else LEAST  # for the words of the colour bar
+    least = LEAST if values else 0  # for the words of the colour bar
     size = (len(shapes) * max(round(scale * width), least), round(scale * height))
-    plotter = new_plotter(off_screen=not window, shape=(1, len(shapes)), window_size=size)
+    plotter = new_plotter(shape=(1, len(shapes)), window_size=size)
+    top = colour_range(values) if values else 1.0
     for column, V in enumerate(shapes):
         plotter.subplot(0, column)
-        error = edge_error(mesh, V) if column else None
-        top = 1.0 if error is None else colour_range([error])
-        bar = "edge length change (%)" if column else None
+        error = values[column - 1] if column and values else None
+        bar = COLOUR_LABELS[colour] if colour and error is not None else None
         panel(plotter, mesh, V, view, error=error, top=top, bar=bar, handles=handles, targets=not column)
     plotter.link_views()
     return plotter

@@ -107,7 +107,7 @@
   }
 
   function spheres(count, entry, opacity) {
-    const ball = new THREE.SphereGeometry(0.006 * entry.diagonal, 12, 8);
+    const ball = new THREE.SphereGeometry(0.0025 * entry.diagonal, 12, 8);
     const matter = new THREE.MeshLambertMaterial({ transparent: opacity < 1, opacity });
     const instances = new THREE.InstancedMesh(ball, matter, count);
     instances.frustumCulled = false;

@@ -91,7 +91,7 @@ CASES = [
     on_a_full_disk(CARRY, remeshed),
     on_a_full_disk("sshade reconstruct body.ply body.ply -o out.ply"),
     on_a_full_disk("sshade transfer-pose body.ply body.ply body.ply -o out.ply"),
-    on_a_full_disk("sshade show body.ply -o out.png"),
+    on_a_full_disk("sshade show body.ply -o out.html"),
     Case("an extension that is no zip", "sshade blender -o out.tar", says=("out.tar", "use .zip")),
     Case("an extension nowhere", "sshade blender -o no/out.zip", says=("the folder no does not exist",)),
 ]

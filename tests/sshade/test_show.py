@@ -1,5 +1,9 @@
 """Pictures of shapes and ``sshade show``: places and colours of the drawn objects."""
 
+import json
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib import pyplot
@@ -76,27 +80,41 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
 def test_show_writes_a_picture_with_targets_and_errors(sound, capsys):
     write_mesh("posed.ply", BODY.V * [1, 1, 1.5], BODY.F)
     write_handles("pose.json", end_handles(BODY.V, count=2, shift=[0, 0, 2.0]))
-    line = "show body.ply pose.json --deformed posed.ply -o both.PNG --towards 1 0 0 --up 0 0 1"
-    assert main(line.split()) == 0
-    assert "both.PNG" in capsys.readouterr().err
-    pixels = (255 * pyplot.imread("both.PNG")[..., :3]).astype(int)
-    left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
-    for half in (left, right):
+    line = "show body.ply pose.json posed.ply -o both.PNG --towards 1 0 0 --up 0 0 1"
+    pictures = []
+    for colour in ("", " --colour stretch"):
+        assert main((line + colour).split()) == 0 and "both.PNG" in capsys.readouterr().err
+        pixels = (255 * pyplot.imread("both.PNG")[..., :3]).astype(int)
+        pictures.append((pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]))
+    for half in (half for picture in pictures for half in picture):
         assert coloured(half, **BLUE).any() and coloured(half, **YELLOW).any()
-    # Only the picture with errors is coloured.
-    assert (np.ptp(right, axis=2) > 100).sum() > 10 * (np.ptp(left, axis=2) > 100).sum()
+    # Only the result is coloured, on request.
+    bright = [[(np.ptp(half, axis=2) > 100).sum() for half in picture] for picture in pictures]
+    assert bright[1][1] > 10 * max(*bright[0], bright[1][0])
+
+
+def test_show_opens_a_page_in_the_browser(sound, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
+    write_mesh("posed.ply", BODY.V * [1, 1, 1.5], BODY.F)
+    write_handles("pose.json", end_handles(BODY.V, count=2, shift=[0, 0, 2.0]))
+    for line, label in (("", ""), (" --colour distance", "distance from the first shape")):
+        assert main(f"show body.ply pose.json posed.ply{line}".split()) == 0
+        page = Path(tmp_path, "sshade_body.html")
+        assert opened[-1] == page.as_uri()
+        cases = re.search('id="turn-cases" type="application/json">(.*?)</script>', page.read_text())[1]
+        (case,) = json.loads(cases)["cases"]
+        assert [shape["name"] for shape in case["shapes"]] == ["rest", "posed"]
+        assert [shape["error"] for shape in case["shapes"]] == [False, bool(label)]
+        assert label in case["label"] and len(case["handles"]) == 4
+    said = capsys.readouterr().err
+    assert said.count(str(page)) == 2 and said.count("no browser was found") == 1
 
 
 def test_a_view_along_the_upward_direction_is_refused(sound):
     line = "show body.ply -o shape.png --towards 0 2 0"
     assert_refused("sshade", line.split(), "looks along the upward direction")
-
-
-def test_without_a_display_a_picture_is_asked_for(sound, monkeypatch):
-    monkeypatch.setattr("sys.platform", "linux")
-    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(variable, raising=False)
-    assert_refused("sshade", ["show", "body.ply"], "no display")
 
 
 def test_with_nothing_to_draw_with_the_libraries_are_told(sound, monkeypatch):

@@ -173,7 +173,7 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
         ([], "a command is missing"),
         (["bend"], "'bend'"),
         (["deform", "body.ply", "pose.json"], "-o/--output; see `sshade deform --help`"),
-        (["show", "body.ply", "--deformed", "less.ply", "-o", "a.png"], "less.ply has 3 vertices"),
+        (["show", "body.ply", "less.ply", "-o", "a.html"], "less.ply has 3 vertices"),
         (["reconstruct", "body.ply", "less.ply", "-o", "a.ply"], "they must correspond"),
     ],
 )

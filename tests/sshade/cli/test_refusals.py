@@ -95,8 +95,10 @@ LIGHT = {
     "edit body.ply target.json": "entry 0: 2 handles have 1 targets",
     "edit body.ply --handles-out a.ply": "unknown format '.ply'",
     "show gone.ply -o a.png": "gone.ply: no such file",
-    "show body.ply --deformed gone.ply -o a.png": "gone.ply: no such file",
+    "show body.ply gone.ply -o a.html": "gone.ply: no such file",
     "show body.ply -o a.exr": "'.exr'",
+    "show pose.json": "no file is a mesh",
+    "show body.ply pose.json pose.json": "show takes one handle file",
     "show body.ply -o no/a.png": "no does not exist",
 }
 #: Command lines whose checks may import heavy libraries, but must not compile a kernel.

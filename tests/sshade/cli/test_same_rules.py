@@ -39,7 +39,7 @@ TAKEN = {
 }
 COMMANDS = (
     "deform rest.ply pose.json -o out.ply --vertices 60",
-    "show rest.ply pose.json --deformed rest.ply -o out.png",
+    "show rest.ply pose.json rest.ply -o out.html",
     "remesh rest.ply -o proxy.ply --map map.npz --vertices 60",
     "carry rest.ply map.npz proxy.ply -o carried.ply",
     "reconstruct rest.ply rest.ply -o rebuilt.ply --vertices 60 --samplings 2",
