@@ -10,12 +10,14 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
 from typing import NamedTuple, NoReturn
@@ -36,7 +38,15 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         if len(message) > LONGEST_MESSAGE:
             message = message.partition(" (choose from")[0]
-        raise InputError(f"{message}; see `{self.prog} --help`")
+        unknown = re.match("unrecognized arguments: .*?(--[^ =]+)", message)
+        near = "" if unknown is None else meant(unknown[1], self._option_string_actions)
+        raise InputError(f"{message}{near}; see `{self.prog} --help`")
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """Return a question about the word that is nearest to an unknown one; "" if none is near."""
+    near = get_close_matches(word, known, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 def say(text: str) -> None:
@@ -232,7 +242,7 @@ class Program(NamedTuple):
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
-        name, *arguments = (sys.argv[1:] if argv is None else argv) or [""]
+        name, *arguments = (sys.argv[1:] if argv is None else argv) or ["--help"]
         try:
             if name in ("-h", "--help", "--version"):
                 return run_command(lambda: self.tell(name))
@@ -292,8 +302,8 @@ class Program(NamedTuple):
             On a mistake in the arguments or in a named file.
         """
         if name not in self.commands:
-            found = f"{name!r} is no command" if name else "a command is missing"
-            raise InputError(f"{found}; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`")
+            near = meant(name, self.commands) or f"; use {self.name} {'|'.join(self.commands)}"
+            raise InputError(f"{name!r} is no command{near}; see `{self.name} --help`")
         module = import_module(self.commands[name][0])
         if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]

@@ -21,7 +21,7 @@ def test_each_command_tells_its_arguments_and_refuses_others_in_one_sentence(nam
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [([], "a command is missing"), (["tabels"], "'tabels' is no command")]
+    ("arguments", "words"), [(["tabels"], "'tabels' is no command"), (["tbles"], "did you mean tables?")]
 )
 def test_no_such_command(arguments, words, here):
     assert_refused("sshade-eval", arguments, words, "tables")
