@@ -19,7 +19,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from functools import cached_property
 from math import inf
@@ -138,6 +138,8 @@ class GoldenFile:
     def write(self, results: Sequence[Found]) -> None:
         """Write the values of methods, and their versions; entries that agree stay as they are.
 
+        An entry gains the values of measures that none of its cases has: a new measure changes no result.
+
         Raises
         ------
         InputError
@@ -145,7 +147,7 @@ class GoldenFile:
         """
         entries = dict(self.values)
         for found in results:
-            old, changed = self.values.get(found.method), bool(self.differences(found))
+            old, changed = self.values.get(found.method), bool(self.differences(self._without_new(found)))
             rose = old is None or any(found.versions[name] > old[name] for name in found.versions)
             if changed and not rose:
                 raise InputError(
@@ -155,8 +157,22 @@ class GoldenFile:
             if changed or rose or self.too_slow(found):
                 time = {} if found.time is None else {"time": _rounded(found.time, OF_TIME)}
                 entries[found.method] = found.versions | time | found.values
+            elif old is not None:
+                entries[found.method] = old | {
+                    case: {**values, **old.get(case, {})} for case, values in found.values.items()
+                }
         text = yaml.safe_dump(entries, default_flow_style=None, width=114)
         write_text(self.path, self.head + VALUES + indent(text, "  "))
+
+    def _without_new(self, found: Found) -> Found:
+        """Return what a method gave, without measures that its entry has in no case."""
+        entry = self.values.get(found.method, {})
+        known = {name for case in found.values for name in entry.get(case, {})}
+        values = {
+            case: {name: value for name, value in own.items() if name in known}
+            for case, own in found.values.items()
+        }
+        return replace(found, values=values)
 
 
 def run_method(method: str, golden: GoldenFile) -> Found:

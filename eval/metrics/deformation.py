@@ -11,16 +11,20 @@ import numpy as np
 
 from eval.metrics.deformed import Deformed
 from eval.metrics.registry import metric
-from eval.metrics.shape import weighted_percentile
+from eval.metrics.shape import MeasuredShape, weighted_percentile
 
 
 @metric("%", "|V_M - V_M'| / V_M (closed meshes only)")
 def volume(deformed: Deformed) -> float:
     """Relative change of the enclosed volume in percent; NaN unless M is closed and oriented."""
-    rest = deformed.rest.volume
-    if not (deformed.mesh.is_closed and deformed.mesh.is_oriented) or rest == 0:
+    return volume_change(deformed, deformed.rest)
+
+
+def volume_change(deformed: Deformed, other: MeasuredShape) -> float:
+    """Return the difference of the volumes of M' and of another shape of M, in percent of the latter."""
+    if not (deformed.mesh.is_closed and deformed.mesh.is_oriented) or other.volume == 0:
         return np.nan
-    return 100 * abs(deformed.shape.volume - rest) / abs(rest)
+    return 100 * abs(deformed.shape.volume - other.volume) / abs(other.volume)
 
 
 @metric("%", "|A_M - A_M'| / A_M")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from eval.metrics.deformation import volume_change
 from eval.metrics.deformed import Deformed
 from eval.metrics.registry import metric
 from eval.metrics.shape import angle_between
@@ -55,6 +56,12 @@ def truth_normal(deformed: Deformed) -> float:
     angle = angle_between(deformed.shape.face_normals, deformed.truth.face_normals)
     weight = np.where(deformed.shape.face_areas > 0, deformed.truth.face_areas, 0.0)
     return float(np.degrees((weight * angle).sum() / weight.sum())) if weight.any() else np.nan
+
+
+@metric("%", "|V_M' - V_true| / V_true (closed meshes only)", "truth")
+def truth_volume(deformed: Deformed) -> float:
+    """Return the difference of the volume to the true one in percent; NaN unless M is closed and oriented."""
+    return volume_change(deformed, deformed.truth)
 
 
 @metric("%", "mean over edges of |length - true length| / longest true edge", "truth")

@@ -22,8 +22,8 @@ SUCCESS = "success"
 DEFINITIONS = {
     "extra.far_share": "vertices that follow a proxy triangle more than 2 covering radii away along the "
     "proxy",
-    SUCCESS: f"planned runs whose handles are on average within {REACHED:g} % of the diagonal of their "
-    "targets",
+    SUCCESS: f"runs, also missing ones, whose handles are on average within {REACHED:g} % of the diagonal of "
+    "their targets",
 }
 
 
@@ -40,7 +40,7 @@ class Column(NamedTuple):
     ranked : bool
         Mark the lowest values.
     optional : bool
-        Leave the column out if the rows have no value other than zero.
+        Leave the column out if the rows have no value.
     scientific : bool
         Print with a power of ten.
     further : bool
@@ -74,6 +74,7 @@ MISSING = "missing"
 
 COLUMNS = (
     Column("volume", "%", "metric.volume", 2, main=True),
+    Column("true volume", "%", "metric.truth_volume", 2, optional=True, main=True),
     Column("area", "%", "metric.area", 2, main=True),
     Column("EL", "%", "metric.edge", 2, main=True),
     Column("FA", "deg", "metric.angle", 3, main=True),
@@ -99,15 +100,15 @@ COLUMNS = (
     Column("success", "%", SUCCESS, 1, ranked=False, further=True),
 )
 
-#: Columns of pose transfers with ground truth.
+#: Columns of pose transfers with ground truth. They rank nobody, because the input has the pose.
 TRANSFER_COLUMNS = (
-    Column("d_H", "", "metric.hausdorff", 2, scientific=True, main=True),
-    Column("d_C", "", "metric.chamfer", 2, scientific=True, main=True),
-    Column("distance", "%", "metric.truth_distance", 4, main=True),
-    Column("EL to truth", "%", "metric.truth_edge", 3, main=True),
-    Column("FA to truth", "deg", "metric.truth_angle", 3),
-    Column("distance 95", "%", "metric.truth_distance_95", 4, further=True),
-    Column("normal", "deg", "metric.truth_normal", 3, further=True),
+    Column("d_H", "", "metric.hausdorff", 2, ranked=False, scientific=True),
+    Column("d_C", "", "metric.chamfer", 2, ranked=False, scientific=True),
+    Column("distance", "%", "metric.truth_distance", 4, ranked=False),
+    Column("EL to truth", "%", "metric.truth_edge", 3, ranked=False),
+    Column("FA to truth", "deg", "metric.truth_angle", 3, ranked=False),
+    Column("distance 95", "%", "metric.truth_distance_95", 4, ranked=False, further=True),
+    Column("normal", "deg", "metric.truth_normal", 3, ranked=False, further=True),
 )
 
 
@@ -129,7 +130,7 @@ def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
 def _is_shown(column: Column, values: pd.Series) -> bool:
     if column.further:
         return values.notna().any()
-    return not column.optional or values.fillna(0).any()
+    return not column.optional or values.notna().any()
 
 
 def with_missing(rows: pd.DataFrame) -> pd.DataFrame:
