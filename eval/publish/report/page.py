@@ -19,10 +19,10 @@ from eval.publish.columns import SUCCESS, begun
 from eval.publish.html import configuration, facts, render, svg_uri
 from eval.publish.plotting import add_camera, camera
 from eval.publish.report.cases import show_case
-from eval.publish.summary import converged_runs, make_table
+from eval.publish.summary import make_table
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out, write_text
-from eval.rows.frame import method_names, numbers, records, valid
+from eval.rows.frame import method_names, records, valid
 from sshade import plotting
 from sshade.core.console import progress_bar
 from sshade.core.errors import InputError
@@ -111,32 +111,12 @@ def _section(
         "table": table,
         "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
         "chart": svg_uri(figure) if (figure := chart_of(rows)) else "",
-        "convergence": _convergence(experiment),
         "cases": shown,
         "columns": [column for column in table.columns if column.source != SUCCESS],
         "failures": records(rows.drop(valid(rows).index)),
         "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],
         "facts": facts(runs),
     }
-
-
-def _convergence(experiment: Experiment) -> list[list[str]]:
-    """Return headings and one line per iterative method; columns without a number are left out."""
-    lines = [["method", "converged", "iterations", "last residual", "energy"]]
-    rows = valid(experiment.rows)
-    rows = rows[numbers(rows, "iterations") > 0]
-    for method in method_names(rows):
-        own = rows[rows["method.name"] == method]
-        ranges = [_range(numbers(own, f"extra.{name}"), "{:.3g}") for name in ("residual", "energy")]
-        iterations = _range(numbers(own, "iterations"), "{:,.0f}")
-        lines.append([method, converged_runs(own["converged"]), iterations, *ranges])
-    kept = [i for i in range(len(lines[0])) if any(line[i] != "-" for line in lines[1:])]
-    return [[line[i] for i in kept] for line in lines]
-
-
-def _range(values: pd.Series, form: str) -> str:
-    """Return the smallest, median and largest number."""
-    return " / ".join(map(form.format, values.quantile([0, 0.5, 1]))) if values.notna().any() else "-"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
