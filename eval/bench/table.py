@@ -15,8 +15,8 @@ from eval.rows.frame import distinct, numbers
 
 #: What is timed, the column ``kind`` of rows.
 SPEED, DRAG, SCALING, WHOLE = "speed", "drag", "scaling", "whole"
-#: Method of the column "times faster".
-REFERENCE = "elastic"
+#: Columns with the ratio of the time of a method to that of a line, and these methods.
+FACTORS = {"speed_up": "elastic", "speed_up_accelerated": "accelerated_elastic"}
 #: Columns that identify a line.
 LINE = ["task.name", "task.checksum", "method.name"]
 #: Columns ``env.*`` with numbers of threads.
@@ -41,6 +41,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "seconds.max": ("max", _seconds),
     "repeats": ("repeats", _count),
     "speed_up": ("times faster", _seconds),
+    "speed_up_accelerated": ("times faster than accelerated", _seconds),
     "seconds.method": ("method alone (s)", _seconds),
     "seconds.precompute": ("precomputation (s)", _seconds),
     "seconds.solve": ("solve (s)", _seconds),
@@ -90,10 +91,11 @@ def time_lines(rows: pd.DataFrame) -> pd.DataFrame:
     lines["peak_mib"] = groups["peak_mib"].max()
     per_vertex = lines["peak_mib"] * 2**20 / lines["vertices"].astype(float)
     lines["bytes_per_vertex"] = per_vertex.where(lines["kind"] == SCALING)
-    reference = lines.xs(REFERENCE, level="method.name") if REFERENCE in set(lines["method"]) else None
-    if reference is not None and "seconds.total" in lines:
-        times = reference["seconds.total"].reindex(lines.index.droplevel("method.name"))
-        lines["speed_up"] = times.to_numpy() / lines["seconds.total"]
+    for column, method in FACTORS.items():
+        if method in set(lines["method"]) and "seconds.total" in lines:
+            reference = lines.xs(method, level="method.name")["seconds.total"]
+            times = reference.reindex(lines.index.droplevel("method.name"))
+            lines[column] = times.to_numpy() / lines["seconds.total"]
     return lines.reset_index(drop=True)
 
 

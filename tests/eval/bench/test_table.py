@@ -49,6 +49,19 @@ def test_median_range_and_ratio_of_the_kept_repeats():
     assert "rejected repeats: 1 (noise)" in told
 
 
+def test_both_factors_of_speed_are_columns(tmp_path):
+    """A method against 1,000 iterations of libigl, and against the accelerated Elastic at its minimum."""
+    both = pd.concat([rows(), to_frame([row("accelerated_elastic", 16.4)])], ignore_index=True)
+    lines = time_lines(both).set_index("method")
+    assert lines.at["fast", "speed_up"] == pytest.approx(200 / 0.41)
+    assert lines.at["fast", "speed_up_accelerated"] == pytest.approx(16.4 / 0.41)
+    text = write_tables(both, tmp_path / "speed")
+    head = next(line for line in text.splitlines() if line.startswith("| method"))
+    for heading in ("times faster", "times faster than accelerated", "iterations", "cores used"):
+        assert f"| {heading} |" in head
+    assert "speed_up_accelerated" not in time_lines(rows())
+
+
 def test_cases_are_compared_each_with_its_own_reference():
     small = rows(**{"task.checksum": "c2", "task.vertices": 5000})
     small["seconds.total"] = small["seconds.total"].where(small["method.name"] == "fast", 41.0)
