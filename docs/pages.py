@@ -1,6 +1,6 @@
 """Update tables of the pages: ``python -m docs.pages``.
 
-Run the script after rows or times were published, or options changed. It rewrites five kinds of blocks, and
+Run the script after rows or times were published, or options changed. It rewrites six kinds of blocks, and
 a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
@@ -11,6 +11,9 @@ a test compares the blocks with the results and the code:
   differences to a reference method, below a caption.
 - ``<!-- paper NAME: HEADING, ... -->`` to ``<!-- end -->`` has columns of the paper's numbers beside ours:
   numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``.
+- ``<!-- poses NAME: METHOD, ...; METHOD, RIVAL, ... -->`` to ``<!-- end -->`` has the mean distance to the
+  true pose of methods in each pose, from ``results/rows/NAME.csv``, and the number of cases in which the
+  first method after the semicolon is nearer than each of its rivals.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
 - ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.problem.options`.
@@ -23,8 +26,13 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+import pandas as pd
+
 from docs.blocks import markdown
+from eval.publish.columns import TRUTH
+from eval.publish.comparison import poses_of
 from eval.publish.paper import beside
+from eval.publish.summary import by_half
 from eval.rows.files import read_conf
 from eval.rows.frame import numbers, read_csv, valid
 from sshade.core.errors import counted
@@ -34,7 +42,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
-    r"((?P<kind>table|differences|paper) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
+    r"((?P<kind>table|differences|paper|poses) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
     r"|rows|(?P<options>options))"
     r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
@@ -55,7 +63,10 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
     """Return a page's text with its blocks rewritten; `link` is the path from the page to the results."""
 
     def new(block: re.Match[str]) -> str:
-        if block["name"]:
+        if block["kind"] == "poses":
+            path = results / "rows" / f"{block['name']}.csv"
+            body = by_pose(path, block["columns"].split(", "), block["lines"].split(", "), link=link)
+        elif block["name"]:
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
             headings = block["columns"].split(", ")
@@ -119,6 +130,33 @@ def beside_the_paper(experiment: str, folder: Path) -> list[list[str]]:
     return [head, [], *body]
 
 
+def by_pose(path: Path, methods: list[str], rivals: list[str], *, link: str) -> str:
+    """Return the mean distances to the true pose by pose, or nothing if the file of rows does not exist.
+
+    The cases are those of the first half that all named methods have. The last column counts the cases in
+    which the first of `rivals` is nearer than each of the others.
+    """
+    if not path.is_file():
+        return ""
+    rows = valid(next(iter(by_half(read_csv(path)).values())))
+    case = [rows["task.name"].map(poses_of(rows)).rename("pose"), rows["task.name"], rows["method.name"]]
+    truth = numbers(rows, TRUTH).groupby(case).mean().unstack()
+    truth = truth[[*dict.fromkeys([*methods, *rivals])]].dropna()
+    first, *others = rivals
+    nearer = pd.DataFrame({other: truth[first] < truth[other] for other in others})
+
+    def line(name: str, cases: pd.Index) -> list[str]:
+        counts = " / ".join(map(str, nearer.loc[cases].sum()))
+        means = [f"{mean:.2f}" for mean in truth.loc[cases, methods].mean()]
+        return [name, *means, f"{counts} of {len(cases)}"]
+
+    body = [line(pose, own.index) for pose, own in truth.groupby("pose")]
+    head = ["pose", *methods, f"{first} nearer than {' / '.join(others)}"]
+    text = "mean distance to the true pose (% of the diagonal), and cases in which {} is nearer"
+    table = markdown(head, [*body, line("all", truth.index)])
+    return f"[{path.stem}]({link}/rows/{path.name}): {text.format(first)}.\n\n{table}\n"
+
+
 def tables_of(path: Path) -> tuple[dict[str, list[list[str]]], str]:
     """Return the first tables of a file by their headings, each a list of lines of cells, and their notes."""
     paragraphs = path.read_text(encoding="utf-8").split("\n\n")
@@ -153,7 +191,7 @@ def caption_notes(text: str) -> list[str]:
     else:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace(" ", f" {half}", 1))]
-    chosen += ["No ranks: too few subjects." for note in notes if note.startswith("No ranks")]
+    chosen += ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
     return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
 
 

@@ -24,9 +24,6 @@ from sshade.mesh.rigid import rigid_motion
 
 PAGE = Path(__file__).with_suffix(".md")
 ROWS = PAGE.with_suffix(".csv")
-PUBLISHED = PAGE.parents[1] / "results" / "rows"
-#: Experiments whose distances to the ground truth are compared pose by pose, and Elastic's name there.
-COMPARED = {"noisy_2mm": "elastic", "noisy_170k": "accelerated_elastic"}
 PICTURE = PAGE.parent / "figures" / "tracks_poses.png"
 #: Subjects of the picture, one of each half.
 DRAWN = (1, 6)
@@ -102,21 +99,7 @@ def tables() -> dict[str, str]:
                 }
             )
         found[block] = markdown(list(lines[0]), [list(line.values()) for line in lines])
-    return found | {f"truth {name}": _by_pose(name, elastic) for name, elastic in COMPARED.items()}
-
-
-def _by_pose(experiment: str, elastic: str) -> str:
-    """Return the table of mean distances to the ground truth in each held-out pose, from published rows."""
-    pose, truth, method = "task.meta.source_pose", "metric.truth_distance", "method.name"
-    others = [elastic, "deformation_graph", "paper"]
-    rows = pd.read_csv(PUBLISHED / f"{experiment}.csv", usecols=["task.name", pose, truth, method])
-    cases = rows.pivot(index=[pose, "task.name"], columns=method, values=truth)[[*others, "fast", "fine"]]
-    nearest = cases["fast"] < cases[others].min(axis=1)
-    lines = []
-    for name, own in cases.groupby(pose):
-        means = [f"{value:.2f}" for value in own.mean()]
-        lines.append([str(name), *means, f"{nearest[own.index].sum()}/{len(own)}"])
-    return markdown(["pose", *(f"`{name}`" for name in cases.columns), "`fast` nearest"], lines)
+    return found
 
 
 def picture() -> None:

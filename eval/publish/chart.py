@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from eval.publish.columns import reference_rows
+from eval.publish.columns import TRUTH, reference_rows
 from eval.publish.comparison import RUN, means
 from eval.publish.plotting import look, name_points, new_figure, plot_points, style
 from eval.rows.frame import distinct, method_names, numbers, valid
@@ -17,8 +17,8 @@ from sshade.core.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Columns of the two axes.
-TIME, TRUTH = "seconds.total", "metric.truth_distance"
+#: Column of the times.
+TIME = "seconds.total"
 
 Point = tuple[float, float]
 

@@ -16,6 +16,8 @@ REFERENCES = {
 }
 #: Largest mean distance of the handles to their targets for a success, % of the bounding-box diagonal.
 REACHED = 0.1
+#: Column of the mean distance to the true pose.
+TRUTH = "metric.truth_distance"
 #: Column that :func:`with_success` adds.
 SUCCESS = "success"
 #: Definitions of columns that are no metrics.
@@ -84,7 +86,7 @@ COLUMNS = (
     Column("crossings", "", "metric.self_intersections", 1, ranked=False, optional=True),
     Column("far", "%", "extra.far_share", 3, optional=True),
     Column("iterations", "", "iterations", 0, ranked=False),
-    Column("truth", "%", "metric.truth_distance", 2, further=True, main=True),
+    Column("truth", "%", TRUTH, 2, further=True, main=True),
     Column("truth 95", "%", "metric.truth_distance_95", 2, further=True),
     Column("normal", "deg", "metric.truth_normal", 2, further=True, main=True),
     # Neither D nor D max is ranked: a single face decides both.
@@ -104,7 +106,7 @@ COLUMNS = (
 TRANSFER_COLUMNS = (
     Column("d_H", "", "metric.hausdorff", 2, ranked=False, scientific=True),
     Column("d_C", "", "metric.chamfer", 2, ranked=False, scientific=True),
-    Column("distance", "%", "metric.truth_distance", 4, ranked=False),
+    Column("distance", "%", TRUTH, 4, ranked=False),
     Column("EL to truth", "%", "metric.truth_edge", 3, ranked=False),
     Column("FA to truth", "deg", "metric.truth_angle", 3, ranked=False),
     Column("distance 95", "%", "metric.truth_distance_95", 4, ranked=False, further=True),

@@ -3,8 +3,7 @@
 A case is a task. A method has a case if all begun runs of the method on the task have a result; its value is
 the mean over the seeds. Means are over common cases only: otherwise a method that failed on the hardest cases
 would look better. Methods with the fewest cases are left out until the remaining methods have at least half
-of all cases in common. A method with few results therefore removes no cases of other methods. Differences
-between methods are over subjects: the value of a subject is the mean over its common cases.
+of all cases in common. A method with few results therefore removes no cases of other methods.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from eval.publish.columns import Column, begun, reference_rows
+from eval.publish.intervals import Resampling
 from eval.rows.frame import method_names, numbers
 from eval.rows.store import VALID
 
@@ -28,7 +28,7 @@ class Comparison(NamedTuple):
     Parameters
     ----------
     cases : Index
-        All planned tasks.
+        All tasks.
     common : Index
         Tasks that every compared method has.
     finished : Series
@@ -39,8 +39,8 @@ class Comparison(NamedTuple):
         Rows of the compared methods and references on the common cases.
     values : DataFrame
         Means over seeds, by method and task; NaN if a seed lacks the number. One column per heading.
-    of_subjects : DataFrame
-        Means of `values` over the cases of a subject, by method and subject.
+    resampling : Resampling
+        Of the common cases, for intervals.
     spread : DataFrame
         Standard deviation over seeds of the mean over the cases, by method; NaN without a second seed.
     """
@@ -51,13 +51,8 @@ class Comparison(NamedTuple):
     ranked: list[str]
     runs: pd.DataFrame
     values: pd.DataFrame
-    of_subjects: pd.DataFrame
+    resampling: Resampling
     spread: pd.DataFrame
-
-    @property
-    def subjects(self) -> int:
-        """The number of subjects of the common cases."""
-        return self.of_subjects.index.unique("subject").size
 
     @property
     def compared(self) -> list[str]:
@@ -80,7 +75,7 @@ def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
     of_runs = pd.DataFrame({column.heading: numbers(runs, column.source) for column in columns})
     of_runs.index = pd.MultiIndex.from_frame(runs[RUN])
     values = means(of_runs, RUN[:2])
-    subject = values.index.get_level_values("task.name").map(subjects_of(runs))
+    subjects, poses = subjects_of(rows), poses_of(rows)
     return Comparison(
         cases=complete.columns,
         common=common,
@@ -88,7 +83,7 @@ def compare(rows: pd.DataFrame, columns: Sequence[Column]) -> Comparison:
         ranked=[name for name in compared if name not in references],
         runs=runs,
         values=values,
-        of_subjects=means(values.set_index(subject.rename("subject"), append=True), [RUN[0], "subject"]),
+        resampling=Resampling.of([subjects[task] for task in common], [poses[task] for task in common]),
         spread=_spread(of_runs, cases=len(common)),
     )
 
@@ -99,11 +94,25 @@ def subjects_of(rows: pd.DataFrame) -> dict[str, str]:
     Datasets number their subjects: a body, an animal or a shape is one subject, in all of its poses and with
     all kinds of handles. The subject of any other task is the first part of its name, the name of the mesh.
     """
-    facts = rows.reindex(columns=["task.name", "task.meta.subject"]).drop_duplicates("task.name")
+    facts = _facts(rows, ["task.meta.subject"])
+    return {task: task.split("/")[0] if pd.isna(own) else str(own) for task, own in facts.itertuples()}
+
+
+def poses_of(rows: pd.DataFrame) -> dict[str, str]:
+    """Return the pose of each task: its name in the source of the dataset, otherwise its number.
+
+    Poses of one name are one pose, also of several subjects. A task without either is a pose of its own.
+    """
+    facts = _facts(rows, ["task.meta.source_pose", "task.meta.pose"])
     return {
-        task: task.split("/")[0] if pd.isna(subject) else str(subject)
-        for task, subject in facts.itertuples(index=False)
+        task: str(next((own for own in names if not pd.isna(own)), task))
+        for task, *names in facts.itertuples()
     }
+
+
+def _facts(rows: pd.DataFrame, columns: list[str]) -> pd.DataFrame:
+    """Return columns of each task; the first value of each counts, because missing runs have none."""
+    return rows.reindex(columns=["task.name", *columns]).groupby("task.name").first()
 
 
 def _common(complete: pd.DataFrame) -> tuple[list[str], pd.Index]:

@@ -7,7 +7,16 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from eval.metrics import METRICS
-from eval.publish.columns import DEFINITIONS, REFERENCES, SUCCESS, Column, begun, reference_rows
+from eval.publish.columns import (
+    DEFINITIONS,
+    REFERENCES,
+    SUCCESS,
+    TRANSFER_COLUMNS,
+    TRUTH,
+    Column,
+    begun,
+    reference_rows,
+)
 from eval.publish.comparison import Comparison, subjects_of
 from eval.publish.intervals import LEAST
 from eval.rows.frame import distinct, method_order, numbers
@@ -90,8 +99,6 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
     if few:
         reason = "with them, fewer than half of the cases would be common to all"
         notes.append(f"Without means and ranks, because {reason}: {', '.join(few)}.")
-    planned = rows.groupby("method.name")["task.name"].nunique()
-    notes += [f"{name}: planned on {n} of {cases} cases." for name, n in planned[planned < cases].items()]
     notes += _lost(rows)
     seeds = rows.groupby("method.name")["seed"].nunique()
     if seeds.max() > 1:
@@ -137,20 +144,24 @@ def rank_note(comparison: Comparison, columns: Sequence[Column]) -> list[str]:
     """Return the note on ranks, or on why there are none; nothing if there is nothing to rank."""
     if len(comparison.ranked) < 2 or not any(column.ranked for column in columns):
         return []
-    if comparison.subjects < LEAST:
-        count = f"{comparison.subjects} subject{'s' * (comparison.subjects > 1)}"
-        return [f"No ranks and no intervals: the means are over {count}, and at least {LEAST} are needed."]
-    return [
+    over = str(comparison.resampling)
+    if not comparison.resampling.enough:
+        least = " and ".join(f"{LEAST[name]} {name}" for name in comparison.resampling.counts)
+        return [f"No ranks and no intervals: the means are over {over}, and at least {least} are needed."]
+    notes = [
         "Best in bold, second best underlined. A method shares the mark of a better one if the 95 % interval "
-        f"of their paired difference over the {comparison.subjects} subjects contains zero; differences with "
-        "such an interval are in italics. Two methods with different marks need not differ."
+        f"of their paired difference over {over} contains zero; differences with such an interval are in "
+        "italics. Two methods with different marks need not differ."
     ]
+    if any(column.source == TRUTH for column in columns):
+        notes.append("nearer: cases in which the method is nearer to the true pose than the reference.")
+    return notes
 
 
 def legend(columns: Sequence[Column]) -> str:
     """Return the definitions of the columns in one note, and which numbers are better."""
     end = "Lower is better"
-    if not any(column.ranked for column in columns):
+    if not any(column.ranked or column in TRANSFER_COLUMNS for column in columns):
         end = "The pose itself changes these measures; without ground truth its part is unknown"
     elif any(column.source == SUCCESS for column in columns):
         end += ", except for success"

@@ -1,6 +1,6 @@
 """The numbers of a table from rows: one line per method, with means over the common cases.
 
-Differences to a reference method and ranks are over subjects (:mod:`eval.publish.intervals`).
+Differences to a reference method and ranks count subjects and poses (:mod:`eval.publish.intervals`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pandas as pd
 
 from eval.publish.columns import (
     SUCCESS,
+    TRUTH,
     Column,
     are_transfers,
     begun,
@@ -22,7 +23,7 @@ from eval.publish.columns import (
     with_success,
 )
 from eval.publish.comparison import Comparison, compare, means
-from eval.publish.intervals import LEAST, differences, kind_of_interval, places, reference_of
+from eval.publish.intervals import differences, places, reference_of
 from eval.publish.notes import case_notes, common_notes, rank_note, require_one_version, version_note
 from eval.rows.frame import CASE, distinct, method_names
 from eval.rows.splits import HELD_OUT, TUNING, split_of
@@ -46,7 +47,7 @@ class Table(NamedTuple):
     columns : sequence of Column
         Columns of the first and of the second table.
     lines : DataFrame
-        By method: ``runs``, planned runs; ``valid``, runs with a result; ``cases`` of the means;
+        By method: ``runs``, with missing ones; ``valid``, runs with a result; ``cases`` of the means;
         ``converged``, such as "5/8", or "-" for methods without a stopping rule; ``outcome``, printed if
         there are no means; ``competes``, whether the method is ranked.
     means : DataFrame
@@ -56,12 +57,12 @@ class Table(NamedTuple):
     places : DataFrame
         By method and heading: rank, NaN without one.
     differences : dict
-        Heading -> by method, its mean difference to the reference and the ends of its interval. Empty if
-        there are too few subjects or methods.
+        Heading -> by method, the columns of :func:`eval.publish.intervals.differences`. Empty if there are
+        too few subjects, poses or methods.
     reference : str
         Method to which the differences are.
-    subjects : int
-        Number of subjects of the differences.
+    over : str
+        What the intervals count, such as "5 subjects and 6 poses".
     notes : list of str
     parts : sequence of Table
     label : str
@@ -76,7 +77,7 @@ class Table(NamedTuple):
     places: pd.DataFrame
     differences: Mapping[str, pd.DataFrame] = {}
     reference: str = ""
-    subjects: int = 0
+    over: str = ""
     notes: Sequence[str] = ()
     parts: Sequence[Table] = ()
     label: str = ""
@@ -95,13 +96,20 @@ class Table(NamedTuple):
         return [view for view in views if view[1]]
 
     @property
+    def nearer(self) -> pd.Series | None:
+        """By method: the cases in which it is nearer to the true pose than the reference, such as "29/40"."""
+        truth = next((column.heading for column in self.columns if column.source == TRUTH), None)
+        if truth not in self.differences or self.differences[truth]["difference"].isna().all():
+            return None
+        cases = self.lines["cases"].max()
+        return self.differences[truth]["smaller"].map(f"{{:d}}/{cases}".format)
+
+    @property
     def difference_view(self) -> tuple[str, list[Column]] | None:
         """Heading and columns of the table of differences, None if there are no differences."""
         if not self.differences:
             return None
-        kind = kind_of_interval(self.subjects)
-        heading = f"{self.title}: difference to {self.reference}"
-        heading += f", with its 95 % interval over {self.subjects} subjects ({kind})"
+        heading = f"{self.title}: difference to {self.reference}, with its 95 % interval over {self.over}"
         found = {name for name, own in self.differences.items() if own["difference"].notna().any()}
         return heading, [column for column in self.columns if column.main and column.heading in found]
 
@@ -131,9 +139,7 @@ def make_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) 
     transfers = are_transfers(rows)
     rows = rows if transfers else with_success(rows)
     columns = columns_of(rows)
-    splits = rows["task.name"].map(split_of)
-    of_half = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
-    (half, first), *others = [(half, with_missing(own)) for half, own in of_half.items() if len(own)]
+    (half, first), *others = [(half, with_missing(own)) for half, own in by_half(rows).items()]
     comparison = compare(first, columns)
     named = _parts(first, comparison.common)
     parts = [table_of(name, columns, part, compare(part, columns)) for name, part in named.items()]
@@ -151,6 +157,13 @@ def make_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) 
     notes = [*case_notes(first, comparison, half=half), *table.notes, version_note(rows)]
     notes += common_notes(rows, columns=columns)
     return table._replace(notes=notes, parts=parts, label=HALVES[half] if half else "")
+
+
+def by_half(rows: pd.DataFrame) -> dict[str | None, pd.DataFrame]:
+    """Split rows by the halves of the benchmark that they have, the headline first."""
+    splits = rows["task.name"].map(split_of)
+    halves = {half: rows[splits.isna() if half is None else splits == half] for half in HALVES}
+    return {half: own for half, own in halves.items() if len(own)}
 
 
 def worst_case(comparison: Comparison, rows: pd.DataFrame, columns: Sequence[Column]) -> list[Table]:
@@ -200,7 +213,7 @@ def _table(
     """Return the table of rows and their comparison, with the note on ranks."""
     lines = _lines(rows, comparison)
     values = means(comparison.values, "method.name").reindex(lines.index)
-    if SUCCESS in rows:  # over all planned runs, not only the common cases
+    if SUCCESS in rows:  # over all runs, also missing ones, not only the common cases
         values[SUCCESS] = rows.groupby("method.name")[SUCCESS].mean()
     spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
     notes = rank_note(comparison, columns)
@@ -209,20 +222,19 @@ def _table(
 
 
 def _with_differences(table: Table, comparison: Comparison, wanted: str | None) -> Table:
-    """Add the differences to a reference and the ranks, if there are enough subjects and methods."""
-    methods = comparison.ranked
-    if comparison.subjects < LEAST or len(methods) < 2:
+    """Add the differences to a reference and the ranks, if there are enough subjects, poses and methods."""
+    methods, resampling = comparison.ranked, comparison.resampling
+    if len(methods) < 2 or not resampling.enough:
         return table
     reference = wanted if wanted in methods else reference_of(methods)
     found, ranks = {}, table.places.copy()
     for column in (column for column in table.columns if column.ranked):
         name = column.heading
-        of_subjects = comparison.of_subjects[name].unstack("method.name")[methods]
-        found[name] = differences(of_subjects, reference)
+        of_cases = comparison.values[name].unstack("method.name").loc[comparison.common, methods]
+        found[name] = differences(of_cases, reference, resampling)
         means = table.means.loc[methods, name].dropna()
-        ranks[name] = places(of_subjects, means, means.map(column.text).astype(float))
-    subjects = comparison.subjects
-    return table._replace(places=ranks, differences=found, reference=reference, subjects=subjects)
+        ranks[name] = places(of_cases, means, means.map(column.text).astype(float), resampling)
+    return table._replace(places=ranks, differences=found, reference=reference, over=str(resampling))
 
 
 def _lines(rows: pd.DataFrame, comparison: Comparison) -> pd.DataFrame:

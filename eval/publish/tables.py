@@ -23,6 +23,8 @@ from eval.rows.collect import read_experiments
 from eval.rows.files import PUBLISHED, ROWS_HELP, add_out, rows_file, write_text
 from sshade.core.errors import InputError
 
+#: Heading of the counts of cases in which a method is nearer to the true pose than the reference.
+NEARER = "nearer"
 #: Key of the mark of a difference whose interval contains zero.
 TIE = -1
 #: Characters that LaTeX does not print as they are.
@@ -34,7 +36,8 @@ _ESCAPES = str.maketrans(
 def to_csv(table: Table) -> str:
     """Return numbers with six digits, without marks. If there are parts, a first column names them.
 
-    Columns ``difference of``, ``low of`` and ``high of`` hold the differences and their intervals.
+    Columns ``difference of``, ``low of`` and ``high of`` hold the differences and their intervals, and
+    ``smaller of`` counts the cases in which a method has a smaller number than the reference.
     """
     tables = {"all": table} | {part.title: part for part in table.parts}
     labels = {c.heading: f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in table.columns}
@@ -81,8 +84,9 @@ def to_latex(table: Table) -> str:
     for part in parts:
         if part.difference_view:
             heading, columns = part.difference_view
+            labels = ["method"] if part.nearer is None else ["method", NEARER]
             body = difference_cells(part, columns, marks, escape=_escape)
-            out += _tabular(heading, ["method"], columns, {part.title: body})
+            out += _tabular(heading, labels, columns, {part.title: body})
     return "\n".join(out) + "\n"
 
 
@@ -117,25 +121,29 @@ def printed(
         yield heading, labels, cells(table, columns, marks, **form)
     if table.difference_view:
         heading, columns = table.difference_view
+        labels = ["method"] if table.nearer is None else ["method", NEARER]
         body = difference_cells(table, columns, marks, escape=form.get("escape", str))
-        yield heading, ["method", *(column.label for column in columns)], body
+        yield heading, [*labels, *(column.label for column in columns)], body
 
 
 def difference_cells(
     table: Table, columns: Sequence[Column], marks: Mapping[int, str], *, escape: Callable[[str], str] = str
 ) -> list[list[str]]:
-    """Return the differences to the reference with their intervals, a line for each other method."""
-    body = []
+    """Return the differences to the reference with their intervals, a line for each other method.
+
+    The count of cases in which the method is nearer to the true pose stands after its name, if there is one.
+    """
+    body, nearer = [], table.nearer
     for name in table.lines.index[table.lines["competes"]].drop(table.reference):
         of_method = {column: table.differences[column.heading].loc[name] for column in columns}
         texts = [difference_text(column, found, marks[TIE]) for column, found in of_method.items()]
-        body.append([escape(name), *texts])
+        body.append([escape(name), *([] if nearer is None else [nearer[name]]), *texts])
     return body
 
 
 def difference_text(column: Column, found: pd.Series, tie: str) -> str:
     """Return a difference with its interval, in the format `tie` if the interval contains zero."""
-    if found.isna().any():
+    if np.isnan(found["difference"]):
         return "-"
     difference, low, high = (column.text(found[end], "+") for end in ("difference", "low", "high"))
     return (tie if found["low"] <= 0 <= found["high"] else "{}").format(f"{difference} [{low}, {high}]")

@@ -49,10 +49,10 @@ def lost(method: str, task: str = "t1", *, status: str = "failed", reason: str =
     return row(method, task, status=status, reason=reason) | NOTHING
 
 
-def planned(method: str, task: str = "t1", *, seed: int = 0) -> Row:
-    """Return the row of a run that was planned and never started."""
+def missing(method: str, task: str = "t1", *, seed: int = 0) -> Row:
+    """Return the row that stands for a missing run."""
     run = {"method.name": method, "task.name": task, "seed": seed}
-    return run | {"status": "missing", "reason": "planned, never run"}
+    return run | {"status": "missing", "reason": "never run"}
 
 
 def frame(*rows: Row) -> pd.DataFrame:

@@ -20,15 +20,15 @@ def on(method, volumes, **changes):
 
 def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
     """Only method a finished the worst case. Means over all finished cases would make b look better."""
-    rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0, 3.0, 3.0, 1.0, None])]
+    rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0, 3.0, 3.0, 3.0, 1.0, None])]
     table = table_of(*rows)
-    assert table.means["volume"].tolist() == [2.0, 2.5]
-    assert table.lines["cases"].tolist() == [4, 4] and table.lines["competes"].all()
+    assert table.means["volume"].tolist() == [2.0, 2.6]
+    assert table.lines["cases"].tolist() == [5, 5] and table.lines["competes"].all()
     text = to_markdown(table)
-    assert "| a | 5 | 2.00 |" in text and "| b | 4/5 | 2.50 |" in text  # no marks: the means are too close
-    assert "| b | *+0.50 [-1.09, +2.09]* |" in text and table.subjects == 4
-    assert "means over 4 of 5, the cases for which every compared method has a result." in table.notes[0]
-    assert "b: 1 failed (ValueError: no): t4." in table.notes
+    assert "| a | 6 | 2.00 |" in text and "| b | 5/6 | 2.60 |" in text  # no marks: the means are too close
+    assert "| b | *+0.60 [-0.60, +1.00]* |" in text and table.over == "5 cases (each subject has one pose)"
+    assert "means over 5 of 6, the cases for which every compared method has a result." in table.notes[0]
+    assert "b: 1 failed (ValueError: no): t5." in table.notes
     (worst,) = table.parts
     assert worst.means["volume"].tolist() == [2.0, 3.0] and worst.places.isna().all(axis=None)
 
@@ -42,7 +42,7 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
     assert "few: 4 missing (never run): t1, t2, t3, t4." in table.notes
     text = to_markdown(table)
     assert "| poor | 2/5 | failed |" in text and "| few | 1/5 | missing |" in text
-    assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of the planned runs
+    assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of all runs
 
 
 def test_methods_that_lost_as_many_cases_as_each_other_are_kept():

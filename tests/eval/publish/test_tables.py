@@ -1,7 +1,7 @@
 """Tables: a small table by hand, marks, notes, and rows that must not be mixed."""
 
 import pytest
-from eval_rows import lost, planned, row, table_of
+from eval_rows import lost, missing, row, table_of
 
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
@@ -58,9 +58,9 @@ def test_every_measure_has_a_place_in_a_table():
     assert METRICS.keys() - shown == {"angle_relative", "zero_area_faces"}
 
 
-def test_success_is_the_share_of_planned_runs_that_reach_their_handles():
+def test_success_is_the_share_of_all_runs_that_reach_their_handles():
     cases = [("t1", REACHED), ("t2", 1.01 * REACHED), ("t3", None)]
-    rows = [row("a", task, metric__handle=gap) for task, gap in cases] + [lost("a", "t4"), planned("a", "t5")]
+    rows = [row("a", task, metric__handle=gap) for task, gap in cases] + [lost("a", "t4"), missing("a", "t5")]
     assert table_of(*rows).means["success"].tolist() == [20.0]
 
 
@@ -88,7 +88,7 @@ def test_pose_transfers_by_class_and_edit():
         for kind, pose in (("cat", {"task__meta__source_pose": "cat1"}), ("dog", {}))
         for edit in ("fin", "horns")
     ]
-    parts = [part.title for part in table_of(*two, planned("z", "cat fin")).parts]
+    parts = [part.title for part in table_of(*two, missing("z", "cat fin")).parts]
     # A pose that only some classes have gets no part of the table.
     assert parts == ["class: cat", "class: dog", "edit: fin", "edit: horns"]
     assert table_of(*two[:1]).parts == []
@@ -125,3 +125,15 @@ def test_two_rows_of_one_case_are_refused():
     with pytest.raises(InputError, match="several rows for t1, seed 0"):
         table_of(row("a"), row("a", "t2"), row("a"))
     table_of(row("a"), row("a", seed=1))
+
+
+def test_crossings_and_the_true_volume_are_columns_of_the_first_table():
+    """Both show what methods lose that keep the volume of the rest shape."""
+    new = {"metric__self_intersections": 0.0, "metric__truth_volume": 1.5}
+    lines = to_markdown(table_of(row("a", **new), row("b", metric__self_intersections=3.0))).splitlines()
+    columns = (
+        "volume (%) | true volume (%) | area (%) | EL (%) | FA (deg) | handle (%) | crossings | iterations"
+    )
+    assert lines[2] == f"| method | runs | {columns} |"
+    assert lines[4].startswith("| a | 1 | 1.00 | 1.50 |") and "| 0.0 |" in lines[4]
+    assert lines[5].startswith("| b | 1 | 1.00 | n/a |") and "| 3.0 |" in lines[5]
