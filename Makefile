@@ -141,7 +141,7 @@ cover: $(READY) data/cover/dataset.json
 	$(BIN)/sshade-eval run -m dataset.root=data/cover subject=6 pose=8 method=elastic,fast,fine \
 	  run.experiment=cover run.split=held_out
 	$(BIN)/sshade-eval collect cover
-	$(BIN)/sshade-eval figures cover
+	$(BIN)/python -m docs.cover
 
 # BUILD and RUN have further settings, such as BUILD=subjects=[0,1] and RUN="subject=0 pose=1" for a first look.
 verify: $(READY)

@@ -1,18 +1,21 @@
 """Tables of pages agree with the committed results, links work, and each picture is shown once."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from docs import artefacts, beyond, blender, blocks, measures, scaling, tracks
+from docs import artefacts, beyond, blender, blocks, cover, measures, scaling, tracks
 from docs.pages import PAGES, ROOT, by_pose, filled, filled_page, reference
 from eval.metrics import METRICS
+from eval.publish.figures import Case
 from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import IDENTITY
 from sshade.problem.options import GROUPS, described
-from tests.shapes import icosphere
+from tests.shapes import bumpy, held_ends, icosphere
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -114,6 +117,18 @@ def test_links_lead_to_files_and_headings(page):
         if not target.exists() or (anchor and anchor not in headings(target)):
             broken.append(link)
     assert broken == []
+
+
+def test_the_picture_of_the_readme_has_values_of_rows_below_shapes_of_one_scale():
+    task = held_ends(bumpy(2))
+    task = replace(task, truth=1.1 * task.mesh.V)
+    row = {"seconds.total": 1.0, "metric.volume": 7.04, "metric.truth_distance": 0.2}
+    rest, a, truth, _ = cover.draw(Case(task, {"fast": 2 * task.mesh.V}, {"fast": row})).axes
+    assert [axes.get_title() for axes in (rest, a, truth)] == ["Rest shape", "sshade fast", "True pose"]
+    assert a.texts[0].get_text() == "1.0 s\nvolume changed by 7.0 %\n0.2 % from the true pose"
+    assert "162 vertices" in rest.texts[0].get_text()
+    heights, widths = zip(*(axes.images[0].get_array().shape[:2] for axes in (rest, a, truth)), strict=True)
+    assert np.ptp(heights) <= 2 and widths[1] == pytest.approx(2 * widths[0], rel=0.05)
 
 
 def test_every_measure_is_explained():

@@ -5,17 +5,16 @@ pose. The picture ``out/figures/<experiment>.png`` shows shapes, if there are ru
 each case, with the rest shape and its handles (blue: fixed, yellow: moved), then the result of each method,
 coloured by the change of edge lengths at a vertex. A run that failed shows its reason. Pose transfers have a
 second row with the place of the largest error. ``conf/pictures.yaml`` holds the cases, methods and camera of
-some experiments; options override it. With captions, a row shows one case and its ground truth, coloured by
-the distance to it, above values of rows.
+some experiments; options override it.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,9 +29,6 @@ from eval.rows.store import VALID, Row
 from eval.run.config import load_task
 from sshade.core.errors import InputError
 from sshade.plotting.pictures import colour_range
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Case(NamedTuple):
@@ -144,9 +140,6 @@ def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     cases = read_cases(folder, names=names, methods=methods, worst=options.worst)
     view = camera(options, entry)
     out = options.out or FIGURES / f"{folder.name}.png"
-    if "captions" in entry:
-        save(captioned(cases[0], entry, view), out, small=True)
-        return
     rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **view)]
     found = ((case.task, V) for case in cases for V in case.results.values() if isinstance(V, np.ndarray))
     top = colour_range(panels.error_of(task, V) for task, V in found)
@@ -154,20 +147,3 @@ def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     legend = "  (handles: blue stay, yellow move)" if any(row.handles for row in rows) else ""
     figure = panels.draw(rows, title=entry.get("title", folder.name) + legend, top=top, label=label)
     save(figure, out, small=True)
-
-
-def captioned(case: Case, entry: Mapping[str, Any], view: Mapping[str, np.ndarray]) -> Figure:
-    """Return the picture of a case with the titles and captions of an entry of ``conf/pictures.yaml``.
-
-    Raises
-    ------
-    InputError
-        If the case has no ground truth, or a method no result.
-    """
-    if case.task.truth is None or any(isinstance(result, str) for result in case.results.values()):
-        raise InputError(f"{case.task.name}: captions need the ground truth and a result of each method")
-    captions = {"rest": f"{case.task.mesh.n:,} vertices\nblue handles stay,\nyellow handles move"} | {
-        name: "\n".join(form.format(row[column]) for column, form in entry["captions"].items())
-        for name, row in case.rows.items()
-    }
-    return panels.draw_captioned(case.task, case.results, titles=entry["titles"], captions=captions, **view)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from textwrap import fill, shorten
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from eval.metrics import Task
 from eval.publish.plotting import new_figure, picture, style
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error
-from sshade.problem.task import DeformationTask, Handles, TransferTask
+from sshade.plotting.pictures import COLOURS, View, edge_error
+from sshade.problem.task import Handles, TransferTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +29,6 @@ CLOSE_UP = 0.06
 #: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
 #: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
-#: Colour map of distances to the ground truth above captions; its pale colours keep shapes visible.
-DISTANCES = "OrRd"
 #: Largest number of characters of the text in an empty panel.
 REASON = 125
 _MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
@@ -145,6 +143,9 @@ def _at_one_scale(views: list[View]) -> list[View]:
 @style()
 def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figure:
     """Draw rows of panels with a colour bar, labelled `label`, from 0 to `top`."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     columns = max(len(row.shapes) for row in rows)
     heights = [row.views[0].size[1] / row.views[0].size[0] for row in rows]
     inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
@@ -165,72 +166,9 @@ def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figur
             panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
         beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
         panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)
-    bar = _colour_bar(figure, axes, COLOURS, top=top, shrink=0.6, pad=0.01)
+    colours = ScalarMappable(Normalize(0, top), COLOURS)
+    bar = figure.colorbar(colours, ax=axes, extend="max", shrink=0.6, pad=0.01)
     bar.set_label(label)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)
-    return figure
-
-
-def _colour_bar(figure: Figure, axes: np.ndarray, colours: str, *, top: float, **place: Any) -> Any:
-    """Add a colour bar from 0 to `top` beside axes."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    return figure.colorbar(ScalarMappable(Normalize(0, top), colours), ax=axes, extend="max", **place)
-
-
-@style()
-def draw_captioned(
-    task: DeformationTask,
-    results: Mapping[str, np.ndarray],
-    *,
-    titles: Mapping[str, str],
-    captions: Mapping[str, str],
-    towards: np.ndarray,
-    up: np.ndarray,
-) -> Figure:
-    """Draw the rest shape with its handles, the results and the ground truth, with a text below each.
-
-    Colour shows the distance of a result to the ground truth, % of the diagonal. Panels have one scale and
-    the width of their shapes.
-
-    Parameters
-    ----------
-    task : DeformationTask
-        It has a ground truth.
-    results : mapping
-        Method -> shape (n, 3).
-    titles, captions : mapping
-        Texts by panel: `rest`, a method, or `truth`.
-    towards, up : (3,) float64
-        See :func:`rows_of`.
-    """
-    shapes = {"rest": task.mesh.V, **results, "truth": task.truth}
-    moves = {name: results.get(name, task.truth) - task.truth for name in shapes}
-    errors = {name: 100 * np.linalg.norm(V, axis=1) / task.mesh.diagonal for name, V in moves.items()}
-    top = colour_range(errors[name] for name in results)
-    whole = View.of(shapes.values(), towards=towards, up=up)
-    right = whole.axes[0]
-    views = {}
-    for name, V in shapes.items():
-        own = View.of([V], towards=towards, up=up)
-        centre = whole.centre + (own.centre - whole.centre) @ right * right
-        views[name] = replace(whole, centre=centre, size=np.array([own.size[0], *whole.size[1:]]))
-    widths = [view.size[0] for view in views.values()]
-    inches = WIDEST / sum(widths)
-    figure = new_figure(WIDEST + 0.5, inches * whole.size[1] + 1.5)
-    axes = figure.subplots(1, len(shapes), width_ratios=widths)
-    below = {"ha": "center", "va": "top", "fontsize": 12, "linespacing": 1.4}
-    for panel, (name, view) in zip(axes, views.items(), strict=True):
-        panel.set_axis_off()
-        width = round(PIXELS / INCHES * inches * view.size[0])
-        handles = task.handles if name == "rest" else None
-        form = {"error": errors[name], "top": top, "colours": DISTANCES, "handles": handles}
-        panel.imshow(picture(task.mesh, shapes[name], view=view, width=width, **form))
-        panel.set_title(titles.get(name, name), fontsize=13, fontweight="bold")
-        panel.text(0.5, -0.01, captions.get(name, ""), transform=panel.transAxes, **below)
-    bar = _colour_bar(figure, axes, DISTANCES, top=top, location="bottom", shrink=0.4, aspect=40)
-    bar.set_label("distance to the true pose (% of the bounding-box diagonal)", fontsize=11)
-    bar.ax.tick_params(labelsize=10)
     return figure

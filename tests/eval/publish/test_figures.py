@@ -1,7 +1,6 @@
 """The comparison picture shows stored runs of the chosen cases and methods; it runs no method."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from eval.rows.frame import read_csv
 from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import read_row, run_folders
 from sshade.core.errors import InputError
-from tests.shapes import bumpy, held_ends
 
 
 def shown(cases):
@@ -53,7 +51,7 @@ def test_what_the_configuration_says_of_pictures_names_published_runs():
     """A picture can be made from published runs only if the rows have its cases and methods."""
     told = yaml.safe_load((CONFIGURATION / "pictures.yaml").read_text())
     for name, picture in told.items():
-        assert set(picture) <= {"title", "titles", "captions", "tasks", "methods", "towards", "up"}
+        assert set(picture) <= {"title", "tasks", "methods", "towards", "up"}
         assert picture == read_picture(name)
         path = PUBLISHED / "rows" / f"{name}.csv"
         if path.is_file():
@@ -77,23 +75,6 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
     assert call("figures", [str(tiny_runs), "--cases", "bumpy_10", "--up", "0", "1", "0"]) == 0
     (row,) = drawn["rows"]
     assert row.label.startswith("bumpy_10") and row.views[0].axes[1].argmax() == 1
-
-
-def test_captions_are_values_of_the_rows_below_shapes_of_one_scale():
-    task = held_ends(bumpy(2))
-    task = replace(task, truth=1.1 * task.mesh.V)
-    rows = {"a": {"metric.volume": 7.04}, "unused": {"metric.volume": 1.0}}
-    case = figures.Case(task, {"a": 2 * task.mesh.V}, rows)
-    entry = {"titles": {"a": "A", "rest": "At rest"}, "captions": {"metric.volume": "volume {:.1f} %"}}
-    view = {"towards": np.array([0.0, 0, 1]), "up": np.array([0.0, 1, 0])}
-    rest, a, truth, bar = figures.captioned(case, entry, view).axes
-    assert [axes.get_title() for axes in (rest, a, truth)] == ["At rest", "A", "truth"]
-    assert a.texts[0].get_text() == "volume 7.0 %" and "162 vertices" in rest.texts[0].get_text()
-    heights, widths = zip(*(axes.images[0].get_array().shape[:2] for axes in (rest, a, truth)), strict=True)
-    assert np.ptp(heights) <= 2 and widths[1] == pytest.approx(2 * widths[0], rel=0.05)
-    for broken in (replace(task, truth=None), task):
-        with pytest.raises(InputError, match="captions need the ground truth and a result"):
-            figures.captioned(case._replace(task=broken, results={"a": "no result"}), entry, view)
 
 
 def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
