@@ -35,7 +35,7 @@ class LocalStep:
     Attributes
     ----------
     R : (n, 9) float64
-        The rotations, first the identity; each call overwrites them.
+        The rotations, first the identity; each call of :meth:`rotations` overwrites them.
     """
 
     def __init__(self, elements: Elements, n: int) -> None:
@@ -50,8 +50,8 @@ class LocalStep:
         return self.R
 
     def forces(self, u: np.ndarray) -> np.ndarray:
-        """Fit the rotations, and return the forces (n, 3) of the elements."""
-        self._elements.forces(u, self.rotations(u), self._B, 0, len(u))
+        """Return the forces (n, 3) of the elements with the present rotations."""
+        self._elements.forces(u, self.R, self._B, 0, len(u))
         return self._B
 
 

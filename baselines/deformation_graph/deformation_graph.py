@@ -111,6 +111,7 @@ def deformation_graph(
     local = LocalStep(spokes(P, edges, weights), len(P))
 
     def advance(q: np.ndarray, out: np.ndarray) -> None:
+        local.rotations(q)
         linear.solve(local.forces(q), out)
         out += q
 

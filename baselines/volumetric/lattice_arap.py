@@ -107,6 +107,7 @@ def lattice_arap(
     q = grid.V @ R0.T + t0
 
     def advance(q: np.ndarray, out: np.ndarray) -> None:
+        local.rotations(q)
         out[:] = q + factor.solve(local.forces(q) + pull * (C.T @ (handles.target - C @ q)))
 
     state = Plain(advance, q, diagonal=mesh.diagonal)

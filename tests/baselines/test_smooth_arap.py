@@ -1,45 +1,104 @@
-"""Smooth ARAP against ARAP, against its energy written out, and against spikes."""
+"""Smooth ARAP against results of its authors' program, against ARAP, and against its energy written out."""
 
+from pathlib import Path
+from typing import NamedTuple
+
+import igl
 import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
-from baselines.smooth_arap import smooth_arap
+from baselines.smooth_arap import mixed_voronoi_areas, smooth_arap
+from sshade.mesh.mesh import Mesh
+from sshade.problem.task import DeformationTask, Handles
 from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
-from tests.shapes import bumpy, held_ends
-from tests.sshade.naive import vertex_areas
+from tests.shapes import bumpy, held_ends, jittered, strip
+
+ORACLES = sorted(Path(__file__).parent.glob("oracles/smooth_arap_*.npz"))
 
 
-@pytest.mark.parametrize("energy", ["spokes", "spokes_and_rims"])
-def test_without_smoothness_it_is_arap(energy):
+class Oracle(NamedTuple):
+    """A task of ours, and the results of the authors' program: converged, and at its own stop."""
+
+    task: DeformationTask
+    smoothness: float
+    converged: np.ndarray
+    stopped: np.ndarray
+
+
+@pytest.fixture(params=ORACLES, ids=lambda path: path.stem)
+def oracle(request):
+    with np.load(request.param) as file:
+        handles = Handles(file["handles"], file["targets"])
+        task = DeformationTask("oracle", Mesh(file["V"], file["F"].astype(int)), handles)
+        return Oracle(task, float(file["smoothness"]), file["converged"], file["stopped"])
+
+
+def largest(difference, mesh):
+    return np.abs(difference).max() / mesh.diagonal
+
+
+def test_there_are_two_results_of_the_authors_program():
+    assert len(ORACLES) == 2
+
+
+def test_converges_to_the_result_of_the_authors_program(oracle):
+    ours = smooth_arap(oracle.task, smoothness=oracle.smoothness, tolerance=1e-10)
+    assert ours.converged
+    assert largest(ours.vertices - oracle.converged, oracle.task.mesh) < 1e-6
+
+
+def test_equals_the_authors_program_at_its_own_stop(oracle):
+    task = oracle.task
+    step, before = {"smoothness": oracle.smoothness, "tolerance": 0, "max_iterations": 1}, task.mesh.V
+    now = smooth_arap(task, **step).vertices
+    while np.linalg.norm(now - before) > 1e-4 * np.linalg.norm(task.mesh.V):
+        again = DeformationTask("again", task.mesh, task.handles, guess=now)
+        before, now = now, smooth_arap(again, **step).vertices
+    assert largest(now - oracle.stopped, task.mesh) < 1e-7
+    assert largest(oracle.converged - oracle.stopped, task.mesh) > 1e-5  # the stop makes a difference
+
+
+def test_without_smoothness_it_is_arap_with_spokes_and_rims():
     task = held_ends(bumpy(2))
     assert (smooth_arap(task, max_iterations=0).extra["rotations"] == np.eye(3)).all()
-    ours = smooth_arap(task, smoothness=0.0, energy=energy, tolerance=0, max_iterations=25)
-    arap = local_global(task, energy=energy, accelerate=False, tolerance=0, max_iterations=25)
+    task = DeformationTask("guess", task.mesh, task.handles, guess=task.mesh.V)  # rotations are fitted first
+    ours = smooth_arap(task, smoothness=0.0, tolerance=0, max_iterations=25)
+    arap = local_global(task, accelerate=False, tolerance=0, max_iterations=25)
     assert np.abs(ours.vertices - arap.vertices).max() < 1e-11 * task.mesh.diagonal
 
 
+@pytest.mark.parametrize("mesh", [bumpy(2), jittered(strip(8, 3), 0.3)], ids=["closed", "boundary"])
+def test_areas_are_the_mixed_voronoi_areas_of_libigl(mesh):
+    h = half_cotangents(mesh)
+    assert (h < 0).any()  # obtuse triangles
+    theirs = igl.massmatrix(np.array(mesh.V), np.array(mesh.F), igl.MASSMATRIX_TYPE_VORONOI).diagonal()
+    np.testing.assert_allclose(mixed_voronoi_areas(mesh, h), theirs, rtol=1e-12)
+
+
 def energy_of(mesh, P, R, smoothness):
-    """The energy of the module's docstring, edge by edge and vertex by vertex."""
-    edges, w = edge_weights(mesh, half_cotangents(mesh))
-    L = laplacian_matrix(mesh.n, edges, w).toarray()
-    a = vertex_areas(mesh) / vertex_areas(mesh).mean()
-    total, b = 0.0, np.zeros((mesh.n, 3))
-    for (i, j), weight in zip(edges, w, strict=True):
-        rest, now = mesh.V[i] - mesh.V[j], P[i] - P[j]
-        for k in (i, j):
-            total += (1 - smoothness) / 2 * weight * np.sum((now - R[k] @ rest) ** 2)
-        mean = 0.5 * (R[i] + R[j]) @ rest
-        b[i] += weight * mean
-        b[j] -= weight * mean
-    return total + smoothness * np.sum((L @ P - b) ** 2 / a[:, None])
+    """The energy of the module's docstring, side by side and vertex by vertex."""
+    h = half_cotangents(mesh)
+    L = laplacian_matrix(mesh.n, *edge_weights(mesh, h)).toarray()
+    a = igl.massmatrix(np.array(mesh.V), np.array(mesh.F), igl.MASSMATRIX_TYPE_VORONOI).diagonal()
+    total = 0.0
+    for face, weights in zip(mesh.F, h, strict=True):
+        for i in face:
+            for k, j, weight in zip(face, np.roll(face, -1), weights, strict=True):
+                stretch = P[k] - P[j] - R[i] @ (mesh.V[k] - mesh.V[j])
+                total += (1 - smoothness) / 2 * weight / 3 * stretch @ stretch
+    for i in range(mesh.n):
+        bend = L[i] @ P - R[i] @ (L[i] @ mesh.V)
+        total += smoothness / 2 * a.mean() / a[i] * bend @ bend
+    return total
 
 
 @pytest.mark.parametrize("smoothness", [0.3, 0.97])
 def test_the_global_step_minimises_the_energy_for_its_rotations(smoothness):
     task = held_ends(bumpy(1))
+    before = smooth_arap(task, smoothness=smoothness, tolerance=0, max_iterations=6)
     result = smooth_arap(task, smoothness=smoothness, tolerance=0, max_iterations=7)
-    R = result.extra["rotations"]
+    R = before.extra["rotations"]
     least = energy_of(task.mesh, result.vertices, R, smoothness)
     rng = np.random.default_rng(1)
     free = np.setdiff1d(np.arange(task.mesh.n), task.handles.index)
