@@ -1,18 +1,19 @@
 """Smooth ARAP: as rigid as possible in its edges and in its Laplacian vectors.
 
-    E = (1 - l) / 2 sum_i sum_kl h_kl / 3 |e'_kl - R_i e_kl|^2 + l / 2 sum_i (1 / a_i) |(L p)_i - R_i (L v)_i|^2
+    E = (1 - l) / 2 sum_i sum_kl h_kl / 3 |e'_kl - R_i e_kl|^2
+        + l / 2 sum_i (1 / a_i) |(L p)_i - R_i (L v)_i|^2
 
-The sums run over the vertices i and the sides kl of their triangles (spokes and rims), with 0 <= l < 1. h_kl is
-half the cotangent opposite the side, e a side at rest and e' the deformed side. L is the cotangent Laplacian, v
-the rest positions, p the deformed positions, and a_i the mixed Voronoi area of a vertex divided by the mean
-area. Rotations are fitted to the edges only, as in ARAP, and start as the identity. With b(R) the right-hand
-side of ARAP's global step, the global step solves
+The sums run over the vertices i and the sides kl of their triangles (spokes and rims), with 0 <= l < 1. h_kl
+is half the cotangent opposite the side, e a side at rest and e' the deformed side. L is the cotangent
+Laplacian, v the rest positions, p the deformed positions, and a_i the mixed Voronoi area of a vertex divided
+by the mean area. Rotations are fitted to the edges only, as in ARAP, and start as the identity. With b(R) the
+right-hand side of ARAP's global step, the global step solves
 
     [l L A^-1 L + (1 - l) L] p = l L A^-1 d + (1 - l) b(R),   d_i = R_i (L v)_i,   A = diag(a),
 
 with the handle vertices eliminated. The second term keeps the curvature of the rest shape: the surface is
-smooth at a single handle vertex, where ARAP has a spike. Because a has no unit, the effect of l depends on the
-spacing of the vertices. The same l is smoother on a coarser mesh.
+smooth at a single handle vertex, where ARAP has a spike. Because a has no unit, the effect of l depends on
+the spacing of the vertices. The same l is smoother on a coarser mesh.
 
 The implementation follows the formulas of the paper and uses no code of the authors. Their programs stop at a
 change of 1e-4, relative to the Frobenius norm of the rest positions. They take l = 0.99, 0.995 or a number
@@ -69,7 +70,7 @@ def smooth_arap(
         The mesh may have a boundary, several components, each with a handle, and triangles of zero area.
         The rotations are first fitted to the guess of the task, if it has one.
     smoothness : float
-        l, in [0, 1). Larger values are smoother; 0 gives ARAP with spokes and rims. The default is our choice.
+        l, in [0, 1). Larger values are smoother; 0 gives ARAP with spokes and rims. 0.97 is our choice.
     tolerance : float
         Residual below which the iteration stops: the largest move of a vertex in one iteration, divided by
         the bounding-box diagonal. 0 disables the test.

@@ -66,7 +66,8 @@ class Cells:
         degree = np.diff(star.indptr)
         centre = np.repeat(np.arange(mesh.n), degree)
         self._start, self._neighbour = star.indptr, star.indices
-        self._edges = star.data[:, None] * (mesh.V[centre] - mesh.V[star.indices])
+        self._weight, self._edges = star.data, mesh.V[centre] - mesh.V[star.indices]
+        self._weighted = self._weight[:, None] * self._edges
         self._smooth = alpha * mesh.area / degree
         self._first = np.searchsorted(colour, np.arange(colour[-1] + 2))
 
@@ -74,8 +75,12 @@ class Cells:
         """Fit Q and R to positions P (n, 3) by one Gauss-Seidel sweep over the colours."""
         weight = self._smooth if smooth else np.zeros_like(self._smooth)
         for begin, end in pairwise(self._first):
-            _covariances(self._start, self._neighbour, self._edges, weight, P, R, begin, end)
+            _covariances(self._start, self._neighbour, self._weighted, weight, P, R, begin, end)
             fit_rotations(R[begin:end], Q[begin:end])
+
+    def energy(self, P: np.ndarray, R: np.ndarray) -> float:
+        """Return E of :mod:`baselines.arap_sr.arap_sr` at positions P (n, 3) and rotations R (n, 9)."""
+        return float(_energy(self._start, self._neighbour, self._edges, self._weight, self._smooth, P, R))
 
 
 def _symmetric(mesh: Mesh, values: np.ndarray, *, edges: np.ndarray):
@@ -124,6 +129,21 @@ def _covariances(start, neighbour, edges, smooth, P, R, begin, end):
                 S[3 * r] += e * x + smooth[i] * R[j, r]
                 S[3 * r + 1] += e * y + smooth[i] * R[j, 3 + r]
                 S[3 * r + 2] += e * z + smooth[i] * R[j, 6 + r]
+
+
+@kernel
+def _energy(start, neighbour, edges, weight, smooth, P, R):
+    total = 0.0
+    for i in range(len(P)):
+        for p in range(start[i], start[i + 1]):
+            j = neighbour[p]
+            for r in range(3):
+                turned = 0.0
+                for c in range(3):
+                    turned += R[i, 3 * r + c] * edges[p, c]
+                    total += 0.5 * smooth[i] * (R[i, 3 * r + c] - R[j, 3 * r + c]) ** 2
+                total += weight[p] * (P[i, r] - P[j, r] - turned) ** 2
+    return total
 
 
 @kernel
