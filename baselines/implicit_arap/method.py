@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from baselines.hard_handles import require_hard
+from baselines.implicit_arap.patch_edges import Weights
 from baselines.iteration import handle_error
 from baselines.stopwatch import Stopwatch
 from sshade.core.progress import Progress, silent
@@ -39,6 +40,7 @@ def implicit_arap(
     space_patches: int = 1000,
     patch_points: int = 30,
     patch_radius: float = 0.03,
+    weights: Weights = "cotangents",
     projections: int = 5,
     moving_weight: float = 1000.0,
     static_weight: float = 1000.0,
@@ -82,6 +84,10 @@ def implicit_arap(
         Patches in each step on the level sets through random points of the cube.
     patch_points, patch_radius
         Number of points of a patch, its centre included, and its radius.
+    weights : "cotangents" or "authors"
+        Weights of the edges of a patch: the cotangents opposite an edge, or the weights of the authors' code;
+        see :func:`baselines.implicit_arap.patch_edges.weighted_edges`. Over 400 patches, the energy with the
+        authors' weights was 8.6 times as large in the mean, and no `arap_weight` makes the two equal.
     projections : int
         Number of projection steps to a level set.
     moving_weight, static_weight, arap_weight : float
@@ -105,7 +111,8 @@ def implicit_arap(
     ImportError
         If torch is not installed.
     ValueError
-        If `sdf` is unknown, a network has fewer than two layers, or a patch fewer than three points.
+        If `sdf` or `weights` is unknown, a network has fewer than two layers, or a patch fewer than three
+        points.
 
     References
     ----------
@@ -115,6 +122,8 @@ def implicit_arap(
     options = dict(locals())
     if sdf not in ("network", "grid"):
         raise ValueError(f"sdf={sdf!r} is unknown; use 'network' or 'grid'")
+    if weights not in get_args(Weights):
+        raise ValueError(f"weights={weights!r} is unknown; use 'cotangents' or 'authors'")
     import torch
 
     from baselines.implicit_arap.networks import MotionField
@@ -128,7 +137,7 @@ def implicit_arap(
         )
     plan = Plan(**{name: options[name] for name in Plan._fields})
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
-    draws, weights = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
+    draws, initial = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     mesh, handles = task.mesh, task.handles
     require_hard(handles, "Implicit-ARAP")
 
@@ -144,7 +153,7 @@ def implicit_arap(
         surface = ImplicitSurface.of(V, mesh.F, device=place)
         fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
         fit |= {"frequencies": frequencies}
-        random = {"generator": draws, "weights": weights}
+        random = {"generator": draws, "weights": initial}
         distance, loss = fit_network_sdf(
             surface, **fit, **random, learning_rate=sdf_learning_rate, progress=progress
         )
@@ -157,7 +166,7 @@ def implicit_arap(
     rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
     constraints = HandleConstraints.of(distance, rest, target, handles.dynamic, repeats=projections)
     sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-    network = MotionField(**sizes, generator=weights).to(place)
+    network = MotionField(**sizes, generator=initial).to(place)
     rng = np.random.default_rng(seed)
     losses = train(network, distance, constraints, plan, rng=rng, generator=draws, progress=progress)
     watch.end("field")

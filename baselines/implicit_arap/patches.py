@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from baselines.implicit_arap.patch_edges import Weights, weighted_edges
 from baselines.implicit_arap.sdf import Sdf
 
 #: Number of random points in each search for the zero set.
@@ -29,8 +30,8 @@ class Pattern:
     points : (p, 2) float32
     triangles : (m, 3) int64
     corner_to_edge : (3 m, e) float32
-        1 where the cotangent at a corner adds to the weight of a directed edge. Corners are in the order of
-        ``triangles.T.ravel()``.
+        Number of times that the cotangent at a corner adds to the weight of a directed edge. Corners are in
+        the order of ``triangles.T.ravel()``.
     difference : (e, p) float32
         Each row is 1 at the edge's source and -1 at its target.
     source : (e, p) float32
@@ -70,7 +71,12 @@ class Pattern:
 
 
 def random_pattern(
-    points: int, radius: float, rng: np.random.Generator, *, device: torch.device | str = "cpu"
+    points: int,
+    radius: float,
+    rng: np.random.Generator,
+    *,
+    weights: Weights = "cotangents",
+    device: torch.device | str = "cpu",
 ) -> Pattern:
     """Draw points uniformly in a disc and triangulate them and the origin by Delaunay's method.
 
@@ -81,6 +87,8 @@ def random_pattern(
     radius : float
         Radius of the disc in normalised units; the paper uses 0.03.
     rng : numpy.random.Generator
+    weights : {"cotangents", "authors"}
+        See :func:`baselines.implicit_arap.patch_edges.weighted_edges`.
     device : torch.device or str
     """
     from scipy.spatial import Delaunay
@@ -88,23 +96,28 @@ def random_pattern(
     r, angle = radius * np.sqrt(rng.random(points - 1)), 2 * np.pi * rng.random(points - 1)
     around = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
     plane = np.concatenate([np.zeros((1, 2)), around])
-    return pattern_of(plane, Delaunay(plane).simplices, device=device)
+    return pattern_of(plane, Delaunay(plane).simplices, weights=weights, device=device)
 
 
-def pattern_of(plane: np.ndarray, triangles: np.ndarray, *, device: torch.device | str = "cpu") -> Pattern:
-    """Build a pattern with directed edges in both directions and cotangent weights.
-
-    The weight of an edge is the sum of the cotangents at the opposite corners. The authors' code pairs the
-    edges (0, 1), (1, 2), (0, 2) of a triangle with the cotangents at 0, 1, 2, although 2, 0, 1 lie opposite.
+def pattern_of(
+    plane: np.ndarray,
+    triangles: np.ndarray,
+    *,
+    weights: Weights = "cotangents",
+    device: torch.device | str = "cpu",
+) -> Pattern:
+    """Build a pattern of points and triangles.
 
     Parameters
     ----------
     plane : (p, 2) float64
     triangles : (m, 3) int
+    weights : {"cotangents", "authors"}
+        See :func:`baselines.implicit_arap.patch_edges.weighted_edges`.
     device : torch.device or str
     """
     triangles = np.asarray(triangles, dtype=np.int64)
-    edges, corners = _edges(triangles)
+    edges, corners = weighted_edges(triangles, weights)
     row = np.arange(len(edges))
     source = np.zeros((len(edges), len(plane)))
     source[row, edges[:, 0]] = 1
@@ -121,16 +134,6 @@ def pattern_of(plane: np.ndarray, triangles: np.ndarray, *, device: torch.device
         difference=tensor(difference),
         source=tensor(source),
     )
-
-
-def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the directed edges (e, 2), and a (3 m, e) matrix: 1 where an edge sums a corner's cotangent."""
-    # Edge (1, 2) lies opposite corner 0, and so on cyclically.
-    opposite = np.concatenate([np.roll(triangles, -k, axis=1)[:, 1:] for k in range(3)])
-    edges, number = np.unique(np.sort(opposite, axis=1), axis=0, return_inverse=True)
-    once = np.zeros((len(opposite), len(edges)))
-    once[np.arange(len(opposite)), number.ravel()] = 1
-    return np.concatenate([edges, edges[:, ::-1]]), np.concatenate([once, once], axis=1)
 
 
 def _cotangent(triangle: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from baselines.implicit_arap.networks import moved
+from baselines.implicit_arap.patch_edges import Weights
 from baselines.implicit_arap.patches import patches_at, project, random_pattern, zero_set
 from baselines.implicit_arap.sdf import Sdf, report
 from sshade.core.progress import Progress
@@ -25,6 +26,7 @@ class Plan(NamedTuple):
     space_patches: int
     patch_points: int
     patch_radius: float
+    weights: Weights
     projections: int
     moving_weight: float
     static_weight: float
@@ -117,7 +119,8 @@ def _losses(
     device = constraints.at.device
     h, moving = len(constraints.at), constraints.moving
     with torch.no_grad():
-        pattern = random_pattern(plan.patch_points, plan.patch_radius, rng, device=device)
+        size = plan.patch_points, plan.patch_radius
+        pattern = random_pattern(*size, rng, weights=plan.weights, device=device)
         surface = zero_set(sdf, plan.random_patches(h), repeats=plan.projections, generator=generator)
         space = 2 * torch.rand(plan.space_patches, 3, generator=generator, device=device) - 1
         centres = torch.cat([constraints.at, surface, space])

@@ -77,7 +77,9 @@ def _as_sweep(override: Override) -> str:
     is_plain = not (override.is_sweep_override() or override.is_delete())
     if not is_plain or not override.key_or_group.startswith("method."):
         return override.input_line
-    return f"{override.get_key_element()}=choice({override.get_value_element_as_str() or repr('')})"
+    # A choice takes no null, but each run reads the text 'null' as null.
+    text = "'null'" if override.value() is None else override.get_value_element_as_str() or "''"
+    return f"{override.get_key_element()}=choice({text})"
 
 
 def _swept(config: DictConfig, overrides: Iterable[Override]) -> dict[str, list[str]]:

@@ -1,13 +1,16 @@
-"""Implicit-ARAP without torch, and its normalisation of meshes."""
+"""Implicit-ARAP without torch: its edge weights in loops, and its normalisation of meshes."""
 
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 
 from baselines.implicit_arap import implicit_arap
 from baselines.implicit_arap.method import normalised
+from baselines.implicit_arap.patch_edges import weighted_edges
 from eval.run.attempt import attempt
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy, held_ends
@@ -42,6 +45,81 @@ def test_without_torch_the_error_names_the_extra_and_the_row_is_skipped(no_torch
 def test_an_unknown_distance_is_refused():
     with pytest.raises(ValueError, match="sdf='gird' is unknown; use 'network' or 'grid'"):
         implicit_arap(held_ends(bumpy(1)), sdf="gird")
+
+
+def test_unknown_weights_are_refused():
+    with pytest.raises(ValueError, match="weights='cotan' is unknown; use 'cotangents' or 'authors'"):
+        implicit_arap(held_ends(bumpy(1)), weights="cotan")
+
+
+def cotangent(P, at, b, c):
+    u, v = P[b] - P[at], P[c] - P[at]
+    return u @ v / np.linalg.norm(np.cross(u, v))
+
+
+def planar_patch(points=30, seed=3):
+    """Points in space, their middle first, with Delaunay triangles of their x and y."""
+    rng = np.random.default_rng(seed)
+    P = np.concatenate([np.zeros((1, 3)), rng.normal(size=(points - 1, 3))])
+    return P, Delaunay(P[:, :2]).simplices.astype(np.int64)
+
+
+def energy_of(P, triangles, weights, R, images):
+    """The energy of a patch by :func:`weighted_edges`."""
+    edges, corners = weighted_edges(triangles, weights)
+    cotangents = [cotangent(P, *np.roll(t, -k)) for k in range(3) for t in triangles]
+    a, b = edges.T
+    stretch = np.einsum("eij,ej->ei", R[a], P[a] - P[b]) - (images[a] - images[b])
+    return (np.array(cotangents) @ corners * np.square(stretch).sum(axis=1)).sum()
+
+
+def of_the_authors(P, triangles, R, images):
+    """The energy of a patch in loops, as the authors' code computes it: blocks of edges, later ones win."""
+    ends = ((0, 1, 0), (1, 2, 1), (0, 2, 2))  # first end, second end, corner whose cotangent is taken
+    listed, half = [], {}
+    for first, second, corner in ends:
+        for t in triangles:
+            half[t[first], t[second]] = cotangent(P, *np.roll(t, -corner))
+            listed.append((t[first], t[second]))
+    total = 0.0
+    for a, b in listed:
+        stretch = R[a] @ (P[a] - P[b]) - (images[a] - images[b])
+        total += (half.get((a, b), 0.0) + half.get((b, a), 0.0)) * stretch @ stretch
+    return total
+
+
+def of_the_paper(P, triangles, R, images):
+    """The energy of a patch in loops, with the cotangents opposite each edge, in both directions."""
+    total = 0.0
+    for t in triangles:
+        for c, a, b in (np.roll(t, -k) for k in range(3)):
+            for i, j in ((a, b), (b, a)):
+                stretch = R[i] @ (P[i] - P[j]) - (images[i] - images[j])
+                total += cotangent(P, c, a, b) * stretch @ stretch
+    return total
+
+
+@pytest.mark.parametrize(
+    ("weights", "literal"), [("authors", of_the_authors), ("cotangents", of_the_paper)], ids=lambda w: str(w)
+)
+def test_the_energy_of_a_patch_is_that_of_the_loops(weights, literal):
+    P, triangles = planar_patch()
+    rng = np.random.default_rng(4)
+    R, images = Rotation.random(len(P), rng=rng).as_matrix(), rng.normal(size=P.shape)
+    found = energy_of(P, triangles, weights, R, images)
+    assert found == pytest.approx(literal(P, triangles, R, images), rel=1e-12)
+
+
+def test_the_authors_overwrite_a_weight_and_list_edges_of_the_boundary_once():
+    # Both triangles have the edge between 0 and 2. They list it as (2, 0) and (0, 2), or twice as (0, 2).
+    apart, same = np.array([[2, 0, 1], [0, 2, 3]]), np.array([[0, 2, 1], [0, 3, 2]])
+    for triangles, corners_of_it in ((apart, 2), (same, 1)):
+        edges, corners = weighted_edges(triangles, "authors")
+        inner = [k for k, edge in enumerate(edges) if {*edge} == {0, 2}]
+        assert len(edges) == 6 and len(inner) == 2
+        assert (corners[:, inner].sum(axis=0) == corners_of_it).all()
+        assert (np.delete(corners, inner, axis=1).sum(axis=0) == 1).all()
+    assert len(weighted_edges(apart, "cotangents")[0]) == 10
 
 
 def test_importing_the_package_leaves_torch_alone():

@@ -111,11 +111,12 @@ def test_hydra_composes_each_run_when_it_begins_and_all_runs_for_other_launchers
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     """The default method of a sweep, paper, does not take polish_iterations."""
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "method.vertices=60", "method.polish_iterations=1"]
-    done = run_eval(tmp_path, *sweep, "method=fine,fine_free", "method.stiffness=0.5")
+    done = run_eval(tmp_path, *sweep, "method=fine,fine_free", "method.stiffness=0.5", "method.warm_up=null")
     assert done.returncode == 0, done.stderr
     rows = records(collect(tmp_path / "out/runs/single"))
     assert sorted(row["method.name"] for row in rows) == ["fine", "fine_free"]
     assert all((row["method.polish_iterations"], row["method.stiffness"]) == (1, 0.5) for row in rows)
+    assert not any(row["env.warmed_up"] for row in rows)
     for setting in ("method.polish_iterations=3", "method.vertices=", "+method.nothing=1"):
         wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", setting)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
