@@ -1,5 +1,7 @@
 """ARAP and Elastic at full resolution through libigl, with a stopping rule, which libigl lacks.
 
+Proof: libigl's own call, whose iterates are equal bit for bit (tests/baselines/test_arap.py).
+
 O. Sorkine, M. Alexa, "As-rigid-as-possible surface modeling", 2007 (spokes: ARAP);
 I. Chao, U. Pinkall, P. Sanan, P. Schroeder, "A simple geometric model for
 elastic deformations", 2010 (spokes and rims: the paper's "Elastic").

@@ -5,6 +5,8 @@ from x~, the area-weighted mean of a function's gradient over the 1-ring: y = z 
 F_i = [x y z]. F_i is a rotation. The 1-ring is the smallest neighbourhood of GFrames; larger ones only
 smooth. The implementation follows the paper and uses no code of the authors.
 
+Proof: the paper's formulas term by term, with libigl's gradients (tests/baselines/test_vertex_frames.py).
+
 S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola,
 "GFrames: gradient-based local reference frame for 3D shape matching", CVPR 2019.
 """

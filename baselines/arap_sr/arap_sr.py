@@ -18,9 +18,9 @@ the number of iterations grows like n. On dense meshes the method stops at the m
 far from its fixed point, although vertices hardly move. Anderson acceleration of positions and rotations,
 which is not part of the paper, approaches the fixed point in about a hundred iterations.
 
-Proof: the paper's formulas term by term, in a dense implementation with loops. Outside the tests, the
-positions were also compared with CGAL 5.5's SRE_ARAP: with its order of the sweep they agree to 1e-14 of the
-diagonal, and in the order of colours to 4e-6 or better.
+Proof: the formulas above in a dense implementation with loops (tests/baselines/test_arap_sr.py). Outside the
+tests, positions were compared with CGAL 5.5's SRE_ARAP. In its order of the sweep they agree to 1.1e-14 of
+the diagonal over 21 iterations, in the order of colours to 4e-6 after 1,000 iterations on 170,000 vertices.
 
 Z. Levi, C. Gotsman, "Smooth rotation enhanced as-rigid-as-possible mesh
 animation", IEEE TVCG 21(2), 2015.

@@ -13,6 +13,8 @@ The paper does not say how to choose nodes and edges. Here, farthest point sampl
 nodes, and an edge connects two nodes whose Voronoi cells share a mesh edge. Unlike SShaDe's proxy, the graph
 has no triangles and needs no topology repair.
 
+Proof: the formulas above in a dense implementation (tests/baselines/test_deformation_graph.py).
+
 Morsucci et al., 2018 (fast ARAP). R. W. Sumner, J. Schmid, M. Pauly, "Embedded
 deformation for shape manipulation", 2007.
 """

@@ -9,6 +9,9 @@ either the positions of the nodes or, more smoothly, their rigid motions as in a
 surface may intersect itself and have many components. Components in neighbouring cubes move together, and
 limbs closer than a cube merge.
 
+Proof: closed forms: rigid motions are reproduced on any surface, and both starts come to one minimum
+(tests/baselines/test_lattice_arap.py).
+
 Source: the description in M. Zollhoefer, E. Sert, G. Greiner, J. Suessmuth, "GPU based ARAP deformation using
 volumetric lattices", Eurographics 2012 short papers. The authors' code is not public and uses several
 resolutions on a GPU. The edge weights, the inner cubes and the motions of nodes are our choices.

@@ -9,6 +9,9 @@ to their places in load steps. After each step, Newton's method with definite el
 search finds the equilibrium. simkit provides energies and derivatives. There are no dynamics, no contact and
 no gravity.
 
+Proof: a closed form, by which a stretched body thins by Poisson's ratio; derivatives are those of the energy,
+and another minimiser finds the same minimum (tests/baselines/test_neo_hookean.py).
+
 B. Smith, F. de Goes, T. Kim, "Stable Neo-Hookean flesh simulation", 2018.
 """
 

@@ -10,6 +10,9 @@ In the papers, the user prescribes the motion of each part, and tetrahedra confo
 motion of a part is the best rigid fit to its handles, and weights are interpolated to the surface by
 barycentric coordinates.
 
+Proof: libigl's own calls; affine maps of points are reproduced, and weights between two bones lie between 0
+and 1 (tests/baselines/test_volumetric.py).
+
 A. Jacobson, I. Baran, J. Popovic, O. Sorkine, "Bounded biharmonic weights for real-time deformation", 2011;
 Y. Wang, A. Jacobson, J. Barbic, L. Kavan, "Linear subspace design for real-time shape deformation", 2015.
 """
