@@ -34,8 +34,8 @@ from eval.metrics import MEASURES, METRICS, Task, measure
 from eval.rows.files import write_text
 from eval.rows.store import VALID
 from eval.run.attempt import Attempt, attempt
-from eval.run.config import read_choice, resolved, source_of, task_of
-from eval.run.run import without_answer
+from eval.run.config import read_choice, resolved, source_of, task_of, with_truth
+from eval.run.run import without_name
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 
@@ -60,9 +60,14 @@ class GoldenCase:
     timed: bool = False
 
     @cached_property
+    def source(self) -> dict[str, Any]:
+        """The configuration that loads the task."""
+        return source_of(resolved("dataset", read_choice(self.task)))
+
+    @cached_property
     def loaded(self) -> Task:
-        """The task."""
-        return task_of(source_of(resolved("dataset", read_choice(self.task))))
+        """The task, without its truth."""
+        return task_of(self.source, truth=False)
 
     def takes(self, method: str) -> bool:
         """Whether a method runs on the task."""
@@ -183,12 +188,14 @@ def run_method(method: str, golden: GoldenFile) -> Found:
         settings = [text for pattern, text in small.items() if fnmatch(method, pattern)]
         config = resolved("method", read_choice(" ".join([method, *settings])))
         found.versions = {"version": config.get("version", 1), "measures": MEASURES}
-        given = without_answer(case.loaded)
+        given = without_name(case.loaded)
         done = attempt(config, given, seed=0)
         found.status, found.reason = done.facts["status"], done.facts["reason"]
         if done.vertices is None:
             break
-        values = measure(case.loaded, done.vertices) | {"iterations": done.facts["iterations"]}
+        values = measure(with_truth(case.loaded, case.source), done.vertices) | {
+            "iterations": done.facts["iterations"]
+        }
         compared = golden.loose(method).get("measures", values)
         found.values[case.name] = {
             name: _rounded(values[name], DIGITS) for name in compared if values[name] is not None

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from defaust.edits import EDITS, Edit
 from defaust.folder.layout import REST, REST_LOW, pose_file, pose_mesh, sha256, subject_folder
@@ -70,6 +74,7 @@ def load_task(
     source: str | None = None,
     edit: Edit | str | None = None,
     handles: Kind = "stored",
+    truth: bool = True,
 ) -> DeformationTask | TransferTask:
     """Load the rest mesh and handles of a subject and pose, or a pose transfer.
 
@@ -95,6 +100,8 @@ def load_task(
     handles : str
         ``stored``, ``points``, ``landmarks`` or ``regions``: kind of the handles; see
         :func:`defaust.tasks.handle_kinds.of_kind`. All kinds except ``stored`` are added to the task's name.
+    truth : bool
+        Load the ground truth. Without it, a task is what the evaluator has in memory while a method runs.
 
     Returns
     -------
@@ -111,8 +118,8 @@ def load_task(
           merged because they share a vertex;
         - ``checksum``: of the mesh and the pose file;
         - for a transfer ``edit`` and ``class``, the name of the subject's class, or of the subject;
-        - ``posed_by``: origin of the ground truth, ``registration``, ``skinning``, ``subdivision`` or
-          ``formulas``; or ``no_truth``: the reason for a missing ground truth.
+        - with `truth`, ``posed_by``: origin of the ground truth, ``registration``, ``skinning``,
+          ``subdivision`` or ``formulas``; or ``no_truth``: the reason for a missing ground truth.
 
     Raises
     ------
@@ -120,25 +127,72 @@ def load_task(
         When the folder is not a dataset, has another source, or lacks the subject or pose; when no handle of
         a deformation moves; or when a file is missing or differs from the dataset's list.
     """
-    root = Path(root)
+    case = _case(Path(root), subject=subject, pose=pose, resolution=resolution, source=source)
+    if edit is None:
+        return _deformation(case, kind=handles, raw=raw, truth=truth)
+    if isinstance(edit, str):
+        if edit not in EDITS:
+            raise InputError(f"there is no edit {edit!r}; choose one of {', '.join(EDITS)}")
+        edit = EDITS[edit]
+    if case.registered is None:
+        raise InputError(f"{case.name} has no registered pose to transfer; leave the edit out")
+    if handles != "stored":
+        raise InputError(f"a pose transfer has no handles; leave handles={handles} out")
+    return _transfer(case, case.registered(), edit=edit, truth=truth)
+
+
+@dataclass(frozen=True)
+class StoredCase:
+    """A subject in a pose, as a dataset stores it.
+
+    Attributes
+    ----------
+    name : str
+    mesh : Mesh
+        Rest mesh at the resolution of the task.
+    pose : Path
+        File of the handles.
+    content : mapping
+        Content of the file.
+    source : mapping
+        The dataset's record of its source.
+    landmarks : list of str
+        The dataset's landmarks.
+    facts : mapping
+        For the task's `meta`.
+    registered : callable, optional
+        Reads the registered meshes; None without a registered pose.
+    """
+
+    name: str
+    mesh: Mesh
+    pose: Path
+    content: Mapping[str, Any]
+    source: Mapping[str, Any]
+    landmarks: list[str]
+    facts: Mapping[str, Any]
+    registered: Callable[[], Registered] | None
+
+
+def _case(root: Path, *, subject: int, pose: int, resolution: str, source: str | None) -> StoredCase:
+    """Check all files of a case, and read them except for the registered meshes."""
     if resolution not in RESOLUTIONS:
         raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
     document = read_dataset(root)
     list_tasks(root, subjects=[subject], poses=[pose])
-    built_from = document["source"]["name"]
-    if source not in (None, built_from):
-        raise InputError(f"{root} was built with source={built_from}, not source={source}")
+    built_from = document["source"]
+    if source not in (None, built_from["name"]):
+        raise InputError(f"{root} was built with source={built_from['name']}, not source={source}")
     folder = subject_folder(subject)
-    name = f"{document['name']}/{folder}/pose_{pose}"
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
     pose_name = f"{folder}/{pose_file(pose)}"
-    mesh = _mesh(root, mesh_name, document=document)
+    mesh = read_mesh(_checked(root, mesh_name, document=document))
     content = read_record(_checked(root, pose_name, document=document), POSE)
     sums = [document["files"][file]["sha256"][:16] for file in (mesh_name, pose_name)]
-    note = document["source"].get("note")
-    facts = ({"note": note} if note else {}) | {
+    facts = {"note": built_from["note"]} if built_from.get("note") else {}
+    facts |= {
         "dataset": document["name"],
-        "source": built_from,
+        "source": built_from["name"],
         "seed": document["build"]["seed"],
         "subject": subject,
         "pose": pose,
@@ -148,98 +202,108 @@ def load_task(
         "checksum": "+".join(sums),
     }
     record = next(s for s in document["subjects"] if s["subject"] == subject)
-    registered = next(p for p in record["poses"] if p["pose"] == pose).get("registered", True)
-    generated = "formulas" in document["source"]
-    if isinstance(edit, str):
-        if edit not in EDITS:
-            raise InputError(f"there is no edit {edit!r}; choose one of {', '.join(EDITS)}")
-        edit = EDITS[edit]
-    if edit is not None:
-        if generated or not registered:
-            raise InputError(f"{name} has no registered pose to transfer; leave the edit out")
-        if handles != "stored":
-            raise InputError(f"a pose transfer has no handles; leave handles={handles} out")
-    if generated:
-        truth = ideal_pose(document["source"], subject, mesh)
-        how = {"no_truth": REGIONS_ONLY} if truth is None else {"posed_by": "formulas"}
-    elif not registered:
-        truth, how = None, {"no_truth": REGIONS_ONLY}
-    else:
+    is_registered = next(p for p in record["poses"] if p["pose"] == pose).get("registered", True)
+    registered = None
+    if is_registered and "formulas" not in built_from:
         is_low = resolution == "low" or document["build"]["target_vertices"] is None
-        low = mesh if is_low else _mesh(root, f"{folder}/{REST_LOW}", document=document)
-        posed = _mesh(root, f"{folder}/{pose_mesh(pose)}", document=document)
-        meshes = Registered(
+        low = None if is_low else _checked(root, f"{folder}/{REST_LOW}", document=document)
+        registered = partial(
+            _registered,
             mesh,
             low,
-            posed,
+            _checked(root, f"{folder}/{pose_mesh(pose)}", document=document),
             steps=record["high"]["ls3_steps"],
-            noisy=document["source"].get("noise_mm", 0) > 0,
+            noisy=built_from.get("noise_mm", 0) > 0,
         )
-        if edit is not None:
-            return _transfer(meshes, document["source"], name=name, edit=edit, facts=facts)
-        try:
-            skin = find_skin(meshes, document["source"], subject=subject, pose=content["source_pose"])
-            truth, origin = true_pose(meshes, skin)
-            how = {"posed_by": origin}
-        except InputError as error:  # a deformation task needs no ground truth
-            truth, how = None, {"no_truth": str(error)}
-    if [entry["landmark"] for entry in content["handles"]] != document["landmarks"]:
-        raise InputError(
-            f"{root / pose_name}: its landmarks differ from those of the dataset; build it again"
-        )
-    # The groups of the handles are the numbers of the entries, which are the ids of the landmarks.
-    loaded = read_handles(root / pose_name, mesh, raw=raw)
-    if not loaded.dynamic.any():  # only builds of an earlier version have such poses
-        raise InputError(
-            f"{name}: nothing moves, so every method would return the rest shape; choose another pose, or "
-            "build the dataset again"
-        )
-    loaded = of_kind(mesh, loaded, handles, are_regions=any("boxes" in h for h in content["handles"]))
-    return DeformationTask(
-        name=name if handles == "stored" else f"{name}/{handles}",
+    return StoredCase(
+        name=f"{document['name']}/{folder}/pose_{pose}",
         mesh=mesh,
-        handles=loaded,
-        truth=truth,
-        meta=facts
-        | how
-        | {
-            "handles": handles,
-            "n_static": int((~loaded.dynamic).sum()),
-            "n_dynamic": int(loaded.dynamic.sum()),
-            "snap_max": float(loaded.snap_distance.max()),
-            "merged": int(loaded.merged),
+        pose=root / pose_name,
+        content=content,
+        source=built_from,
+        landmarks=document["landmarks"],
+        facts=facts,
+        registered=registered,
+    )
+
+
+def _registered(mesh: Mesh, low: Path | None, posed: Path, *, steps: int, noisy: bool) -> Registered:
+    """Read the registered meshes; without `low`, the rest mesh is one of them."""
+    return Registered(mesh, mesh if low is None else read_mesh(low), read_mesh(posed), steps, noisy)
+
+
+def _deformation(case: StoredCase, *, kind: Kind, raw: bool, truth: bool) -> DeformationTask:
+    """Task of moving the handles of a case."""
+    if [entry["landmark"] for entry in case.content["handles"]] != case.landmarks:
+        raise InputError(f"{case.pose}: its landmarks differ from those of the dataset; build it again")
+    # The groups of the handles are the numbers of the entries, which are the ids of the landmarks.
+    handles = read_handles(case.pose, case.mesh, raw=raw)
+    if not handles.dynamic.any():  # only builds of an earlier version have such poses
+        raise InputError(
+            f"{case.name}: nothing moves, so every method would return the rest shape; choose another pose, "
+            "or build the dataset again"
+        )
+    handles = of_kind(
+        case.mesh, handles, kind, are_regions=any("boxes" in h for h in case.content["handles"])
+    )
+    posed, origin = _truth(case) if truth else (None, {})
+    return DeformationTask(
+        name=case.name if kind == "stored" else f"{case.name}/{kind}",
+        mesh=case.mesh,
+        handles=handles,
+        truth=posed,
+        meta={
+            **case.facts,
+            **origin,
+            "handles": kind,
+            "n_static": int((~handles.dynamic).sum()),
+            "n_dynamic": int(handles.dynamic.sum()),
+            "snap_max": float(handles.snap_distance.max()),
+            "merged": int(handles.merged),
             "raw": raw,
         },
     )
 
 
-def _transfer(
-    meshes: Registered, source: Mapping[str, Any], *, name: str, edit: Edit, facts: Mapping[str, Any]
-) -> TransferTask:
+def _truth(case: StoredCase) -> tuple[np.ndarray | None, dict[str, str]]:
+    """Ground truth of a deformation, and the fact ``posed_by`` or ``no_truth``."""
+    if case.registered is None:
+        formulas = "formulas" in case.source
+        posed = ideal_pose(case.source, case.facts["subject"], case.mesh) if formulas else None
+        return posed, {"no_truth": REGIONS_ONLY} if posed is None else {"posed_by": "formulas"}
+    meshes = case.registered()
+    try:
+        skin = find_skin(meshes, case.source, subject=case.facts["subject"], pose=case.facts["source_pose"])
+        posed, origin = true_pose(meshes, skin)
+    except InputError as error:  # a deformation task needs no ground truth
+        return None, {"no_truth": str(error)}
+    return posed, {"posed_by": origin}
+
+
+def _transfer(case: StoredCase, meshes: Registered, *, edit: Edit, truth: bool) -> TransferTask:
     """Task of transferring a pose to an edited rest mesh."""
-    rest, subject = meshes.rest, facts["subject"]
+    rest, subject = meshes.rest, case.facts["subject"]
     edited = edit(rest)
     shape = rest if edited is rest.V else Mesh(edited, rest.F)
-    skin = find_skin(meshes, source, subject=subject, pose=facts["source_pose"])
+    skin = find_skin(meshes, case.source, subject=subject, pose=case.facts["source_pose"])
     posed, origin = true_pose(meshes, skin)
-    classes = source.get("classes")
+    true = None
+    if truth:
+        true = posed if shape is rest else None if skin is None else skin(shape.V)
+    classes = case.source.get("classes")
     return TransferTask(
-        name=f"{name}/{edit.name}" if edit.name else name,
+        name=f"{case.name}/{edit.name}" if edit.name else case.name,
         mesh=shape,
         rest=rest,
         posed=posed,
-        truth=posed if shape is rest else None if skin is None else skin(shape.V),
+        truth=true,
         meta={
-            **facts,
+            **case.facts,
             "class": classes[subject] if classes else f"subject_{subject:02d}",
             "edit": edit.name or "none",
             "posed_by": origin,
         },
     )
-
-
-def _mesh(root: Path, name: str, *, document: dict[str, Any]) -> Mesh:
-    return read_mesh(_checked(root, name, document=document))
 
 
 def _checked(root: Path, name: str, *, document: dict[str, Any]) -> Path:

@@ -85,7 +85,7 @@ def read_cases(texts: Iterable[str], *, sizes: Sequence[int]) -> list[TimedCase]
         sources.append(source_of(config))
     if not sizes:
         return [TimedCase(source) for source in sources]
-    counts = [task_of(source).mesh.n for source in sources]
+    counts = [task_of(source, truth=False).mesh.n for source in sources]
     levels = [(4**level * n, i, level) for i, n in enumerate(counts) for level in range(DEEPEST + 1)]
     nearest = {min(levels, key=lambda case: abs(np.log(case[0] / size))) for size in sizes}
     return [TimedCase(sources[i], level) for _, i, level in sorted(nearest)]

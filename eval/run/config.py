@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 from functools import lru_cache
 from itertools import product
@@ -22,7 +23,7 @@ from eval.installation import CONFIGURATION
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.environment import task_checksum
-from eval.run.targets import check_parameters, instantiate
+from eval.run.targets import check_parameters, instantiate, locate, parameter_hints
 from sshade.core.errors import InputError
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
@@ -122,29 +123,50 @@ def check_root(dataset: Mapping[str, Any]) -> None:
 
 @lru_cache(maxsize=1)
 def _loaded(source: str) -> Task:
-    return task_of(json.loads(source))
+    return task_of(json.loads(source), truth=False)
 
 
 def load_case(config: RunConfig, *, anew: bool = False) -> Task:
-    """Load the task of a run. The task of the last run stays in memory, unless it is loaded `anew`."""
+    """Load the task of a run, without truth. The last task stays in memory, unless it is loaded `anew`."""
     check_root(config.dataset)
     if anew:
         _loaded.cache_clear()
     return _loaded(json.dumps(config.source))
 
 
-def task_of(source: Mapping[str, Any]) -> Task:
+def task_of(source: Mapping[str, Any], *, truth: bool) -> Task:
     """Call the function of a dataset's configuration; return its task.
+
+    Parameters
+    ----------
+    source : mapping
+    truth : bool
+        Passed on to a function with this parameter. Other functions know no truth.
 
     Raises
     ------
     InputError
-        When the dataset is missing, or the function returns no task.
+        When the dataset is missing, or the function returns no task, or a truth that nobody asked for.
     """
-    task = instantiate(source)
+    target = source.get("_target_")
+    asked = {"truth": truth} if target and "truth" in parameter_hints(locate(target)) else {}
+    task = instantiate({**source, **asked})
     if not isinstance(task, Task):
-        raise InputError(f"{source['_target_']} returns a {type(task).__name__}, and no task")
+        raise InputError(f"{target} returns a {type(task).__name__}, and no task")
+    if task.truth is not None and not truth:
+        raise InputError(
+            f"{target} gives the true pose before the method runs; let a parameter `truth` ask for it"
+        )
     return task
+
+
+def with_truth(task: Task, source: Mapping[str, Any]) -> Task:
+    """Return a task of :func:`task_of` with its truth and the facts about the truth.
+
+    The mesh stays the same object, because quantities of the rest shape are kept for it.
+    """
+    known = task_of(source, truth=True)
+    return replace(task, truth=known.truth, meta=known.meta)
 
 
 class Choice(NamedTuple):
@@ -237,7 +259,7 @@ def nearest(key: str, known: Iterable[str]) -> str:
 
 
 def load_task(row: Row) -> Task:
-    """Load the task of a row from its dataset.
+    """Load the task of a row from its dataset, with its truth.
 
     Raises
     ------
@@ -251,7 +273,7 @@ def load_task(row: Row) -> Task:
     except (ValueError, RecursionError) as error:
         name = row["task.name"]
         raise InputError(f"the task.source of {name} is not JSON ({error}); run it again") from error
-    task = task_of(source)
+    task = task_of(source, truth=True)
     if task_checksum(task) != row["task.checksum"] or task.mesh.n != row["task.vertices"]:
         raise InputError(
             f"the dataset of {row['task.name']} has changed since the run; run it again, and remove this run"

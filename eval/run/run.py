@@ -1,6 +1,7 @@
 """The loop over rows: a configuration becomes a task, a method, times, measures, a row.
 
-The method is given the task without its truth, its name and its meta data.
+The method is given the task without its name and its meta data. The truth is loaded when the method has
+returned.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from eval.rows.store import (
     write_run,
 )
 from eval.run.attempt import NOTHING, WROTE, Attempt, attempt, attempt_fresh, is_scalar
-from eval.run.config import RunConfig, load_case
-from eval.run.environment import digest, environment, method_facts, task_facts
+from eval.run.config import RunConfig, load_case, with_truth
+from eval.run.environment import digest, environment, method_facts, task_checksum, task_facts
 from eval.run.targets import instantiate, require_kind
 from sshade.core.console import say
 from sshade.core.errors import InputError
@@ -48,26 +49,6 @@ class Outcome(NamedTuple):
 
 
 def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Outcome:
-    """Load the task of a configuration, and run its method on it: see :func:`run_task`.
-
-    Raises
-    ------
-    InputError
-        When the dataset or the case is missing, or the case belongs to the other half of the benchmark; and
-        as :func:`run_task`.
-    """
-    progress("reading", 0, 1)
-    task = load_case(config)
-    progress("reading", 1, 1)
-    if not config.dataset.get("tag"):  # a tagged dataset gets a separate table
-        require_split(task.name, config.run.split)
-    outcome = run_task(task, config, jobs=jobs, progress=progress)
-    if outcome.row.get("reason") == WROTE:
-        load_case(config, anew=True)
-    return outcome
-
-
-def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Outcome:
     """Run a method on a task, measure the result and store the row, unless the run has a row.
 
     The clock times the method only. A method that raises leaves a row with status ``failed``. A method whose
@@ -76,7 +57,6 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
 
     Parameters
     ----------
-    task : DeformationTask or TransferTask
     config : RunConfig
     jobs : int
         Number of runs that are executed at once.
@@ -85,8 +65,14 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     Raises
     ------
     InputError
-        When the configuration names an unknown function or parameter, or a method for another kind of task.
+        When the dataset or the case is missing, or the case belongs to the other half of the benchmark; when
+        the configuration names an unknown function or parameter, or a method for another kind of task.
     """
+    progress("reading", 0, 1)
+    task = load_case(config)
+    progress("reading", 1, 1)
+    if not config.dataset.get("tag"):  # a tagged dataset gets a separate table
+        require_split(task.name, config.run.split)
     fresh = _require_method(config, task) and (config.run.fresh or config.run.time_limit is not None)
     row = identity(config, task)
     folder = run_folder(config.runs, row)
@@ -95,21 +81,24 @@ def run_task(task: Task, config: RunConfig, *, jobs: int = 1, progress: Progress
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = config.run.time_limit
-    shown = without_answer(task)
+    shown = without_name(task)
     if fresh:
         limit = config.run.time_limit
         done = attempt_fresh(config.method, shown, seed=config.seed, time_limit=limit, progress=progress)
     else:
         done = attempt(config.method, shown, seed=config.seed, progress=progress)
+    if done.facts["reason"] == WROTE:
+        task = load_case(config, anew=True)
+    task = with_truth(task, config.source)
     done = _measured(done, task, progress)
-    row |= done.facts
+    row |= meta_facts(task) | done.facts
     write_run(folder, row, vertices=done.vertices)
     return Outcome(row, folder)
 
 
-def without_answer(task: Task) -> Task:
-    """Return the task that a method is given: without truth and facts, and with a hash as its name."""
-    return replace(task, name=task_facts(task)["task.checksum"], meta={}, truth=None)
+def without_name(task: Task) -> Task:
+    """Return the task that a method is given: with a hash as its name, and without facts."""
+    return replace(task, name=task_checksum(task), meta={})
 
 
 def _require_method(config: RunConfig, task: Task) -> bool:
@@ -143,9 +132,14 @@ def identity(config: RunConfig, task: Task) -> Row:
         row["task.snap_max"] = float(handles.snap_distance.max()) / task.mesh.diagonal
     else:
         row["task.kind"] = TRANSFER
-    row |= {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
+    row |= meta_facts(task)
     parts = (row[name] for name in ("method.hash", "method.version", "task.checksum", "seed", "measures"))
     return row | {"key": digest(*(str(part).encode() for part in parts))}
+
+
+def meta_facts(task: Task) -> Row:
+    """Return the columns ``task.meta.*``."""
+    return {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
 
 
 def _stored(folder: Path, config: RunConfig, task: Task) -> Row | None:

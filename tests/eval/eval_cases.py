@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -12,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from eval.metrics import Task
 from eval.run.config import RunConfig, RunSettings
-from eval.run.run import Outcome, run_task
+from eval.run.run import Outcome
+from eval.run.run import run as run_config
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
 from sshade.mesh.mesh import Mesh
@@ -30,10 +32,22 @@ def run(
     source: dict[str, Any] | None = None,
     **settings: Any,
 ) -> Outcome:
-    """Run a method on a task as `sshade-eval run` does."""
+    """Run a method on a task as `sshade-eval run` does; without a `source`, the task is kept in memory."""
     values = {"experiment": "e", "folder": "e", "split": None, "force": False, "fresh": False, "of": 1}
     values |= {"time_limit": None, "jobs": None, **settings}
-    return run_task(task, RunConfig(name, method, source or {}, seed, RunSettings(**values), root))
+    if source is None:
+        source = {"_target_": "eval_cases.kept_task", "key": id(task)}
+        KEPT[id(task)] = task
+    return run_config(RunConfig(name, method, source, seed, RunSettings(**values), root))
+
+
+#: Tasks of :func:`run`.
+KEPT: dict[int, Task] = {}
+
+
+def kept_task(key: int, *, truth: bool) -> Task:
+    """Return a task of :func:`run`."""
+    return KEPT[key] if truth else replace(KEPT[key], truth=None)
 
 
 def ends_task(mesh: Mesh, *, angle: float = 30.0, name: str = "ends") -> DeformationTask:

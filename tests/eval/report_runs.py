@@ -39,15 +39,14 @@ def make_runs(folder: Path) -> Path:
     return collected(root)
 
 
-def transfer_task(edit: float) -> TransferTask:
+def transfer_task(edit: float, *, truth: bool = True) -> TransferTask:
     """Return the transfer of a half turn to a bumpy sphere that is wider by `edit`."""
     rest = bumpy(2)
     turned = np.array([-1.0, -1.0, 1.0])
     wider = Mesh(rest.V * [1 + edit, 1, 1], rest.F)
     meta = {"edit": f"wider_{edit:g}", "class": "sphere", "source_pose": "turned"}
-    return TransferTask(
-        f"sphere/wider_{edit:g}", wider, rest, rest.V * turned, truth=wider.V * turned, meta=meta
-    )
+    true = wider.V * turned if truth else None
+    return TransferTask(f"sphere/wider_{edit:g}", wider, rest, rest.V * turned, truth=true, meta=meta)
 
 
 def make_transfers(folder: Path) -> Path:

@@ -26,7 +26,7 @@ def dataset(name, *overrides):
 
 def _load(config):
     check_root(config)
-    return task_of(source_of(config))
+    return task_of(source_of(config), truth=True)
 
 
 @pytest.mark.parametrize("name", BUILT)

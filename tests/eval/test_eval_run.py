@@ -1,6 +1,7 @@
 """One run, one row: clock, statuses, keys, the store."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -17,7 +18,7 @@ from eval.rows.store import read_row, run_folders, write_run
 from eval.run import environment
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
-from sshade.problem.task import DeformationResult
+from sshade.problem.task import DeformationResult, DeformationTask
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}
@@ -44,7 +45,9 @@ def test_a_row_holds_everything(task, tmp_path):
     assert {name for name in row if name.startswith("metric.")} == {f"metric.{name}" for name in given}
     assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0
     assert row["env.cores_used"] == pytest.approx(row["seconds.cpu"] / row["seconds.total"], abs=1e-3)
-    assert row["env.version.libigl"] == environment.version_of("libigl")
+    for library in ("libigl", "pymeshlab", "pandas", "hydra-core"):
+        assert row[f"env.version.{library}"] == environment.version_of(library)
+    assert re.fullmatch(r"\S+ [\d.]+\S*", row["env.version.blas"])
     assert row["env.machine"] and row["env.cores"] >= 1
     assert row["peak_mib"] is None
     json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
@@ -173,19 +176,19 @@ def test_a_damaged_file_is_made_again_with_a_note(task, tmp_path, name, capfd):
     assert run(task, STRETCHING, name="s", root=tmp_path).found
 
 
-def test_a_method_is_given_no_truth_and_no_name(tmp_path, monkeypatch):
-    seen = []
+def known_task(level: int) -> DeformationTask:
+    """Load a task that gives its truth, asked or not."""
+    task = bumpy_task(level=level)
+    return replace(task, truth=task.mesh.V)
 
-    def looking(task, *, seed, progress=silent):
-        seen.append(task)
-        return resulting(task.mesh.V)
 
-    monkeypatch.setattr("eval_cases.stretching", looking)
-    task = bumpy_task(level=2)
-    task = replace(task, truth=1.1 * task.mesh.V)
-    row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
-    assert row["metric.truth_distance"] > 1 and row["task.name"] == "bumpy_30"
-    assert seen[0].truth is None and not seen[0].meta and seen[0].name == row["task.checksum"]
+def test_a_dataset_that_gives_the_truth_unasked_is_refused(task, tmp_path):
+    source = {"_target_": "test_eval_run.known_task", "level": 2}
+    with pytest.raises(
+        InputError, match="known_task gives the true pose before the method runs; let a param"
+    ):
+        run(task, STRETCHING, name="s", root=tmp_path, source=source)
+    assert not run_folders(tmp_path)
 
 
 def test_a_write_that_fails_leaves_no_row(tmp_path):
