@@ -7,7 +7,6 @@ import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -25,6 +24,7 @@ from eval.rows.store import Row
 from eval.run.environment import task_checksum
 from eval.run.targets import check_parameters, instantiate, locate, parameter_hints
 from sshade.core.errors import InputError
+from sshade.problem.options import meant
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")
@@ -148,9 +148,9 @@ def task_of(source: Mapping[str, Any], *, truth: bool) -> Task:
     InputError
         When the dataset is missing, or the function returns no task, or a truth that nobody asked for.
     """
-    target = source.get("_target_")
-    asked = {"truth": truth} if target and "truth" in parameter_hints(locate(target)) else {}
-    task = instantiate({**source, **asked})
+    asks = "_target_" in source and "truth" in parameter_hints(locate(source["_target_"]))
+    task = instantiate({**source, "truth": truth} if asks else source)
+    target = source["_target_"]
     if not isinstance(task, Task):
         raise InputError(f"{target} returns a {type(task).__name__}, and no task")
     if task.truth is not None and not truth:
@@ -252,10 +252,15 @@ def one_each(choice: Choice) -> list[Choice]:
     return [choice._replace(settings=settings) for settings in product(*values)]
 
 
-def nearest(key: str, known: Iterable[str]) -> str:
-    """Return a hint to the known key that is most like a key; empty if none is."""
-    found = get_close_matches(key, list(known), n=1)
-    return f"; did you mean {found[0]}?" if found else ""
+def keys_of(config: DictConfig) -> set[str]:
+    """Return all keys of a configuration, such as ``run`` and ``run.force``."""
+    return set(_keys(OmegaConf.to_container(config, resolve=False)))
+
+
+def _keys(config: Any, prefix: str = "") -> Iterable[str]:
+    for name, value in config.items() if isinstance(config, dict) else ():
+        yield f"{prefix}{name}"
+        yield from _keys(value, f"{prefix}{name}.")
 
 
 def load_task(row: Row) -> Task:
@@ -289,7 +294,7 @@ def one_sentence(complaint: str) -> str:
         group, name, known = choice.groups()
         return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
     setting = re.match(r"Could not override '([^']+)'\. To append", text)
-    return f"there is no setting {setting[1]}" if setting else text
+    return f"there is no setting {setting[1]}{meant(setting[1], keys_of(composed([])))}" if setting else text
 
 
 def unreadable_override(text: str, *, example: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,18 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from eval.installation import CONFIGURATION
-from eval.run.config import CASE, check_root, composed, nearest, unreadable_override
+from eval.run.config import CASE, check_root, composed, keys_of, unreadable_override
 from eval.run.targets import locate
 from sshade.core.errors import InputError
+from sshade.problem.options import meant
 
 #: Value that stands for all subjects or poses of a dataset.
 ALL = "all"
+#: Beginnings of the settings of Hydra that may be added, because plugins and the process read them.
+OF_PLUGINS = ("hydra.launcher.", "hydra.sweeper.", "hydra.job.env_set.", "hydra.job_logging.")
 
 
 def prepared(arguments: Sequence[str]) -> list[str]:
@@ -129,36 +133,37 @@ def lacks_case(dataset: Mapping[str, Any]) -> str:
     for name, value in zip(CASE, (subject, pose), strict=True):
         if not isinstance(value, int):
             _numbers(name, [str(value)])
-    there = locate(dataset["cases"])(dataset["root"])
+    there = _cases(dataset["cases"], dataset["root"])
     if (subject, pose) in there:
         return ""
     return f"{dataset['root']} has no subject {subject}, pose {pose}; it has {len(there)} cases"
+
+
+@cache
+def _cases(function: str, root: str) -> set[tuple[int, int]]:
+    """Return the cases of a dataset, which are listed once for all runs of a sweep."""
+    return set(locate(function)(root))
 
 
 def _require_known(overrides: Sequence[Override], *, folder: str | None) -> None:
     """Raise InputError on a key that nothing reads, or a deleted setting that every run needs."""
     groups = [override for override in overrides if _is_group(override, folder)]
     chosen = [override.input_line for override in groups if not override.is_sweep_override()]
-    known = set(_keys(OmegaConf.to_container(composed(chosen, folder=folder), resolve=False)))
+    known = keys_of(composed(chosen, folder=folder))
     swept = {override.key_or_group for override in groups if override.is_sweep_override()}
     for override in (override for override in overrides if override not in groups):
         key = override.key_or_group
         root = key.split(".")[0]
         if override.is_delete() and (root in ("method", "dataset", "seed") or key.startswith("run.")):
             raise InputError(f"{override.input_line} deletes a setting that every run needs")
-        read_later = root == "hydra" or root in swept  # by Hydra, and for each method of the sweep
+        read_later = root in swept  # for each method of the sweep
+        read_later |= root == "hydra" and (not override.is_add() or key.startswith(OF_PLUGINS))  # by Hydra
         read_later |= override.is_add() and root in ("method", "dataset")  # by the function
         if not read_later and key not in known:
-            raise InputError(f"there is no setting {key}{nearest(key, known)}")
+            raise InputError(f"there is no setting {key}{meant(key, known)}")
 
 
 def _is_group(override: Override, folder: str | None) -> bool:
     """Whether an override chooses a YAML file."""
     places = [CONFIGURATION, *([] if folder is None else [Path(folder)])]
     return override.package is not None or any((place / override.key_or_group).is_dir() for place in places)
-
-
-def _keys(config: Any, prefix: str = "") -> Iterable[str]:
-    for name, value in config.items() if isinstance(config, dict) else ():
-        yield f"{prefix}{name}"
-        yield from _keys(value, f"{prefix}{name}.")

@@ -21,7 +21,7 @@ from typing import Any
 
 from eval.installation import PACKAGES
 from sshade.core.errors import InputError
-from sshade.problem.options import checked
+from sshade.problem.options import checked, meant
 
 #: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note", "version")
@@ -129,7 +129,8 @@ def check_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]
     takes_any = any(p.kind is p.VAR_KEYWORD and name in hints for name, p in _signature(function).items())
     unknown = [name for name in parameters if name not in hints and not takes_any]
     if unknown:
-        raise InputError(f"{target} has no parameter {unknown[0]!r}; it has {', '.join(hints) or 'none'}")
+        hint = meant(unknown[0], hints) or f"; it has {', '.join(hints) or 'none'}"
+        raise InputError(f"{target} has no parameter {unknown[0]!r}{hint}")
     for name, value in parameters.items():
         if name in hints and not _fits(value, hints[name]):
             wanted = inspect.formatannotation(hints[name])

@@ -301,7 +301,7 @@ class Option(NamedTuple):
         else:
             valid = value in self.choices if isinstance(value, str) else bool(self.choices) or callable(value)
         if not valid:
-            raise InputError(f"{name} must be {self.values}, not {value!r}{_meant(value, self.choices)}")
+            raise InputError(f"{name} must be {self.values}, not {value!r}{meant(value, self.choices)}")
         return value
 
     def _holds(self, value: float) -> bool:
@@ -311,7 +311,8 @@ class Option(NamedTuple):
         return above and below and (self.kind == "float" or value.is_integer())
 
 
-def _meant(name: Any, names: Iterable[str]) -> str:
+def meant(name: Any, names: Iterable[str]) -> str:
+    """Return a hint to the known name that is most like a name; empty if none is."""
     near = get_close_matches(str(name), names, n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
@@ -334,7 +335,7 @@ def require_method(name: str, methods: Collection[str] = tuple(PRESETS)) -> str:
     """Return the name of a method, and raise InputError on a name outside `methods`."""
     if name in methods:
         return name
-    hint = _meant(name, methods) or f"; use {', '.join(map(repr, methods))}"
+    hint = meant(name, methods) or f"; use {', '.join(map(repr, methods))}"
     raise InputError(f"there is no method {name!r} here{hint}")
 
 
@@ -372,7 +373,7 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
             continue
         if name in about:
             raise InputError(f"{subject} has no use for the option {name!r}; leave it out")
-        hint = _meant(name, names) or f"; the options are {', '.join(names)}"
+        hint = meant(name, names) or f"; the options are {', '.join(names)}"
         raise InputError(f"{subject} has no option {name!r}{hint}")
     return {name: about[name].checked(name, value) for name, value in values.items() if value is not None}
 

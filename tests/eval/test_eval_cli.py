@@ -138,10 +138,16 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
         (["dataset=listed", "subject=1", "pose=2"], ". has no subject 1, pose 2; it has 3 cases"),
         (
             ["dataset=bumpy", "solver.tolerence=1"],
-            "no setting solver.tolerence; did you mean solver.tolerance?",
+            "no setting solver.tolerence; did you mean 'solver.tolerance'?",
         ),
         (["dataset=bumpy", "+solver.colour=1"], "there is no setting solver.colour"),
-        (["dataset=bumpy", "+run.forc=true"], "there is no setting run.forc; did you mean run.force?"),
+        (["dataset=bumpy", "+run.forc=true"], "there is no setting run.forc; did you mean 'run.force'?"),
+        (["dataset=bumpy", "+hydra.verbos=true"], "setting hydra.verbos; did you mean 'hydra.verbose'?"),
+        (["dataset=bumpy", "+dataset.levl=2"], "no parameter 'levl'; did you mean 'level'?"),
+        (
+            ["-m", "dataset=bumpy", "method=fast,paper", "method.vertces=9"],
+            "there is no setting method.vertces; did you mean 'method.vertices'?",
+        ),
         (["dataset=bumpy", "method.verts=9"], "there is no setting method.verts"),
         (["dataset=bumpy", "~seed"], "~seed deletes a setting that every run needs"),
     ],

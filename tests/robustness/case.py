@@ -126,9 +126,10 @@ def run(command: str) -> tuple[int, str, str]:
 def _main(program: str, arguments: list[str]) -> int:
     if program == "sshade-eval":
         from eval.main import main
-        from eval.run import config
+        from eval.run import config, sweep
 
-        config._loaded.cache_clear()  # the folders of several cases have the same name
+        for kept in (config._loaded, sweep._cases):  # the folders of several cases have the same name
+            kept.cache_clear()
         # The command sets environment variables for its child processes, such as PYTHONSAFEPATH.
         with mock.patch.object(sys, "argv", list(sys.argv)), mock.patch.dict(os.environ):
             return main(arguments)
