@@ -1,23 +1,17 @@
 """Measure times: ``sshade-eval bench KIND --methods ... --cases ...`` writes one row per repeat, and a table.
 
-Methods take turns (A B C A B C ...), after a warm-up. A repeat counts only on a quiet machine: it is
-rejected and run again if other processes used more than 5 % of the cores. After five rejected repeats in a
-row the command ends and writes nothing. A repeat lasts at least a second; shorter calls run several times in
-a repeat. A call of more than a minute runs once.
+Methods take turns (A B C A B C ...), after a warm-up. A repeat is run again if other processes used more than
+5 % of the cores. After five such repeats in a row the command ends and writes nothing.
 
 kinds:
-  speed    calls of methods on tasks; the methods of --extrapolate run 10 iterations, from which the time of
-           max_iterations is estimated
+  speed    calls of methods; those of --extrapolate run 10 iterations, from which the full time is estimated
   drag     methods that can be bound: bind, first solve, steps of a drag, the way back
   scaling  subdivided meshes, each in a new process, with the peak of its memory
-  whole    `sshade deform --method METHOD` from start to end, with files and imports; without cases on a
-           tiny mesh
+  whole    `sshade deform` with files and imports; without cases on a tiny mesh
 
-With --sizes, the cases are replaced by their midpoint subdivisions with the nearest numbers of vertices.
 A method or a case is [LABEL=]NAME [KEY=VALUE ...], with NAME in conf/method or conf/dataset. A KEY with a dot
-is a setting of the whole configuration, as for `sshade-eval run`.
+is a setting of the whole configuration. --sizes replaces cases by their subdivisions with about N vertices.
 
-examples:
   sshade-eval bench speed --methods elastic fast "paper-1=paper samplings=1" \\
     --cases "mesh mesh=body.ply handles=pose.json" --extrapolate elastic
   sshade-eval bench drag --methods "paper-1=paper samplings=1 solver.start=rest" \\
@@ -102,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extrapolate", nargs="+", default=(), metavar="LABEL", help=text)
     text = "numbers of vertices to which the cases are subdivided"
     parser.add_argument("--sizes", type=int, nargs="+", default=(), metavar="N", help=text)
-    text = "folder of the folders timing and tables, such as results (default: out)"
+    text = "folder of timing and tables (default: out)"
     parser.add_argument("-o", "--out", type=Path, default=TIMING.parent, help=text)
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +39,7 @@ def experiment_folder(name: Path) -> Path:
     InputError
         When there is no such folder.
     """
-    for folder in (name, of_dataset(RUNS / name)):
+    for folder in (name, RUNS / name):
         # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
         if next(folder.rglob("row.json"), None) is not None:
             return folder
@@ -52,28 +50,7 @@ def experiment_folder(name: Path) -> Path:
 
 def has_runs(name: Path) -> bool:
     """Whether the experiment with a name has a folder of runs."""
-    return next(of_dataset(RUNS / name).rglob("row.json"), None) is not None
-
-
-def of_dataset(path: Path) -> Path:
-    """Return a path, or the one path that has the tag of a dataset behind the name of the experiment.
-
-    ``run.experiment=mine dataset=mesh`` writes to ``mine_mesh``, which is found as ``mine``.
-
-    Raises
-    ------
-    InputError
-        When several datasets have such a path.
-    """
-    if _holds_something(path):
-        return path
-    end = ".csv" if path.suffix == ".csv" else ""  # the name of a folder may have a dot, as in v1.2
-    tagged = [path.with_name(f"{path.name.removesuffix(end)}{tag}{end}") for tag in _tags()]
-    found = [other for other in tagged if _holds_something(other)]
-    if len(found) > 1:
-        names = ", ".join(other.name.removesuffix(end) for other in found)
-        raise InputError(f"there is no {path}; name one of {names}")
-    return found[0] if found else path
+    return next((RUNS / name).rglob("row.json"), None) is not None
 
 
 def _holds_something(path: Path) -> bool:
@@ -81,21 +58,11 @@ def _holds_something(path: Path) -> bool:
     return path.is_file() or (path.is_dir() and any(path.iterdir()))
 
 
-@cache
-def _tags() -> list[str]:
-    """Return the tags of the datasets in ``conf``."""
-    texts = (path.read_text(encoding="utf-8") for path in sorted(CONFIGURATION.glob("dataset/*.yaml")))
-    return [tag for text in texts for tag in re.findall(r"^tag: (\w+)", text, re.MULTILINE)]
-
-
 def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:
     """Return the CSV of a path or of a name; searches a folder of ``out`` before that of ``results``."""
     if Path(name).suffix == ".csv":
         return Path(name)
     own, published = folder / f"{name}.csv", PUBLISHED / folder.name / f"{name}.csv"
-    if own.is_file() or published.is_file():
-        return own if own.is_file() else published
-    own, published = of_dataset(own), of_dataset(published)
     return published if published.is_file() and not own.is_file() else own
 
 

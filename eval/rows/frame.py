@@ -2,25 +2,34 @@
 
 Cells hold the values of ``row.json`` (numbers, strings, bools, None), so columns have dtype object. To
 compute with a column, use :func:`numbers`.
+
+The last column of a CSV, :data:`COUNT`, holds the number of rows of the file in every row. It shows where a
+file was cut.
 """
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from eval.rows.csv_rows import COUNT, read_rows
 from eval.rows.files import writing
-from eval.rows.store import VALID, Row, in_order
+from eval.rows.store import VALID, Row, in_order, is_text, row_problem, schema_problem
+from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
 OURS = ("paper_plain", "paper", "fast", "fine", "fine_free")
 #: Columns that identify a run of a method.
 CASE = ["task.name", "seed"]
+#: Column with the number of rows in the file.
+COUNT = "rows_in_file"
+#: Largest number of letters of a cell, such as a reason with all numbers of an array; Python reads 131,072.
+LONGEST = 2**31 - 1
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
@@ -89,8 +98,56 @@ def write_csv(path: str | os.PathLike[str], rows: pd.DataFrame) -> None:
 
 
 def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read rows back, as :func:`eval.rows.csv_rows.read_rows` does; an empty cell is None."""
-    return to_frame(read_rows(path))
+    """Read rows back; an empty cell is None.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or cut, a line is not a row, or the rows have a newer schema.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; `sshade-eval collect` makes rows of runs, `sshade-eval bench` of times"
+        )
+    try:  # pandas would fill up the cells of a cut line
+        csv.field_size_limit(LONGEST)
+        with path.open(newline="", encoding="utf-8-sig") as file:  # a spreadsheet writes a byte-order mark
+            header, *lines = list(csv.reader(file)) or [[]]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable CSV file ({error})") from error
+    if not lines or "status" not in header:
+        raise InputError(f"{path}: holds no rows of runs")
+    text = [is_text(name) for name in header]
+    rows = []
+    for number, line in enumerate(lines, start=2):
+        if len(line) != len(header):
+            raise InputError(f"{path}: line {number} has more or fewer cells than the first; collect again")
+        row = {name: _value(cell, text=t) for name, cell, t in zip(header, line, text, strict=True)}
+        written = row.pop(COUNT, len(lines))
+        if written != len(lines):
+            raise InputError(
+                f"{path}: line {number} is of a file of {written!r} rows, but this file has {len(lines)}: "
+                "it was cut, or edited by hand; collect again"
+            )
+        if problem := schema_problem(row):
+            raise InputError(f"{path}: line {number} {problem}")
+        if problem := row_problem(row):
+            raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
+        rows.append(row)
+    return to_frame(rows)
+
+
+def _value(cell: str, *, text: bool) -> Any:
+    """Convert a cell to a number or bool if possible, unless the column is `text`; None if it is empty."""
+    if cell.lower() in ("true", "false") and not text:  # a spreadsheet writes TRUE
+        return cell.lower() == "true"
+    for kind in () if text else (int, float):
+        try:
+            return kind(cell)
+        except ValueError:
+            continue
+    return cell or None
 
 
 def _cell(value: Any) -> Any:

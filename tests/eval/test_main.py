@@ -13,10 +13,12 @@ def test_help_names_every_command(capsys):
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
-def test_each_command_tells_its_arguments_and_refuses_others_in_one_sentence(name, here, capsys):
+def test_each_command_tells_its_arguments_on_a_screen_and_refuses_others(name, here, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit) as left:
         call(name, ["--help"])
-    assert left.value.code == 0 and f"usage: sshade-eval {name}" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert left.value.code == 0 and f"usage: sshade-eval {name}" in text and text.count("\n") <= 40
     assert_refused("sshade-eval", [name, "--nonsense"], "--help")
 
 

@@ -1,13 +1,10 @@
 """Experiments are found by name among one's own rows, published rows, and folders of runs."""
 
-from pathlib import Path
-
 import pytest
 from eval_rows import frame, row
 
-from eval.main import main
 from eval.rows.collect import Experiment, load_rows, read_experiments
-from eval.rows.files import experiment_folder, rows_file
+from eval.rows.files import rows_file
 from eval.rows.frame import write_csv
 from eval.rows.store import run_folder, write_run
 from sshade.core.errors import InputError
@@ -53,21 +50,3 @@ def test_runs_that_were_not_collected_are_rows_too(here):
     assert len(load_rows("new")) == len(load_rows("out/runs/new")) == 1
     with pytest.raises(InputError, match="no runs in older or out/runs/older; out/runs has new$"):
         load_rows("older")
-
-
-def test_an_experiment_on_another_dataset_is_found_by_its_name_alone(here):
-    (here / "out/runs/mine").mkdir(parents=True)  # a refused run leaves an empty folder
-    write_run(run_folder("out/runs/mine_mesh", row()), row())
-    write_run(run_folder("out/runs/mine_lowres", row()), row())  # lowres is no dataset's tag
-    assert experiment_folder(Path("mine")) == Path("out/runs/mine_mesh")
-    assert main(["collect", "mine"]) == 0
-    assert rows_file("mine") == Path("out/rows/mine_mesh.csv") and len(load_rows("mine")) == 1
-    write_csv("results/rows/mine.csv", frame(row(), row("b")))
-    assert rows_file("mine") == Path("results/rows/mine.csv")
-    write_run(run_folder("out/runs/mine_faust", row()), row())
-    with pytest.raises(InputError, match="no out/runs/mine; name one of mine_faust, mine_mesh"):
-        experiment_folder(Path("mine"))
-    write_run(run_folder("out/runs/mine", row()), row())
-    assert experiment_folder(Path("mine")) == Path("out/runs/mine")
-    write_run(run_folder("out/runs/v1.2_mesh", row()), row())
-    assert experiment_folder(Path("v1.2")) == Path("out/runs/v1.2_mesh")

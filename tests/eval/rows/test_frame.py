@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
-from eval.rows.csv_rows import COUNT
-from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
+from eval.rows.frame import COUNT, newest, read_csv, records, to_frame, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.core.errors import InputError
 
