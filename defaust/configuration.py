@@ -21,6 +21,7 @@ from defaust.build.options import OPTIONS, BuildOptions
 from defaust.schema import mismatch
 from defaust.sources.source import Source
 from sshade.core.errors import InputError
+from sshade.problem.options import meant
 
 _PACKAGE = Path(__file__).resolve().parent
 _SHIPPED = _PACKAGE / "conf"
@@ -72,7 +73,8 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:
-        raise InputError(f"there is no option {unknown[0]}; see conf/defaust/build.yaml")
+        hint = meant(unknown[0], OPTIONS) or "; see conf/defaust/build.yaml"
+        raise InputError(f"there is no option {unknown[0]}{hint}")
     problem = mismatch(plain | settings, OPTIONS | {"workers": (int, None), "strict": bool})
     if problem:
         raise InputError(problem)
@@ -87,7 +89,7 @@ def one_sentence(complaint: str) -> str:
         group, name, known = choice.groups()
         return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
     setting = re.match(r"Could not override '([^']+)'\. To append", text)
-    return f"there is no setting {setting[1]}" if setting else text
+    return f"there is no setting {setting[1]}{meant(setting[1], OPTIONS)}" if setting else text
 
 
 def unreadable_override(text: str, *, example: str) -> str:

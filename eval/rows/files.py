@@ -43,19 +43,14 @@ def experiment_folder(name: Path) -> Path:
         # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
         if next(folder.rglob("row.json"), None) is not None:
             return folder
-    here = ", ".join(sorted(path.name for path in RUNS.glob("*") if _holds_something(path)))
+    here = ", ".join(sorted(path.name for path in RUNS.glob("*") if has_runs(path.name)))
     others = f"; {RUNS} has {here}" if here else "; `sshade-eval run -m experiment=...` makes them"
     raise InputError(f"no runs in {name} or {RUNS / name}{others}")
 
 
-def has_runs(name: Path) -> bool:
+def has_runs(name: str | os.PathLike[str]) -> bool:
     """Whether the experiment with a name has a folder of runs."""
     return next((RUNS / name).rglob("row.json"), None) is not None
-
-
-def _holds_something(path: Path) -> bool:
-    """Whether a path is a file, or a folder that is not empty, as refused runs leave it."""
-    return path.is_file() or (path.is_dir() and any(path.iterdir()))
 
 
 def rows_file(name: str | os.PathLike[str], folder: Path = ROWS) -> Path:

@@ -186,7 +186,7 @@ def _raised_in(error: Exception) -> str:
 def _one_line(error: Exception) -> str:
     """Return Hydra's message in one sentence, without its search path and its hints for debugging."""
     if isinstance(error, OverrideParseException):
-        return unreadable_override(error.override, example="dataset.root")
+        return unreadable_override(error.override)
     text = str(error)
     if isinstance(error.__cause__, OmegaConfBaseException):
         text = f"{text.split('Config search path')[0]} {error.__cause__}"

@@ -13,7 +13,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from threading import Lock, Thread
@@ -82,8 +81,7 @@ def attempt(
     seed: int,
     time_limit: float | None = None,
     progress: Progress = silent,
-    before_clock: Callable[[], None] = lambda: None,
-    after_clock: Callable[[], None] = lambda: None,
+    tell: Callable[[str], None] = lambda message: None,
 ) -> Attempt:
     """Run a method. An exception or exit of the method becomes the status and reason of the row.
 
@@ -99,53 +97,37 @@ def attempt(
         Told to the method in the environment variable :data:`TIME_LIMIT`. The method may end itself with a
         TimeoutError.
     progress : Progress
-    before_clock, after_clock : callable
-        Called after the warm-up, and when the method has returned.
+    tell : callable
+        Gets :data:`CLOCK` after the warm-up, and :data:`STOPPED` when the method has returned.
     """
-    before = task_checksum(task)
-    around = {"before_clock": before_clock, "after_clock": after_clock}
-    done = _attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
-    if task_checksum(task) == before:
-        return done
-    return Attempt(NOTHING | {"env.warmed_up": done.facts["env.warmed_up"], "reason": WROTE})
-
-
-def _attempt(
-    method: Mapping[str, Any],
-    task: Task,
-    *,
-    seed: int,
-    time_limit: float | None,
-    progress: Progress,
-    before_clock: Callable[[], None],
-    after_clock: Callable[[], None],
-) -> Attempt:
     row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
+    before = task_checksum(task)
     try:
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
             progress("warm-up", 0, 1)
             warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
             progress("warm-up", 1, 1)
-        before_clock()
+        tell(CLOCK)
         with _told(time_limit):
             begin, cpu = perf_counter(), _cpu_seconds()
             returned = call(task, seed=seed, progress=progress)
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
-        after_clock()
+        tell(STOPPED)
         result = result_of(task, returned)
-        return Attempt(row | _facts(result, seconds, cpu), result.vertices)
+        done = Attempt(row | _facts(result, seconds, cpu), result.vertices)
     except ImportError as error:
-        return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
+        done = Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except Ended:
         raise
     except (Exception, SystemExit) as error:  # a method may raise anything; the sweep continues
         if isinstance(signalled := arrived_in(error), KeyboardInterrupt | Ended):
             raise signalled from None
-        if isinstance(error, TimeoutError) and time_limit is not None:
-            return Attempt(row | {"status": "timeout", "reason": str(error)})
         log.debug("%s", method["_target_"], exc_info=True)
-        return Attempt(row | {"reason": reason_of(error)})
+        late = isinstance(error, TimeoutError) and time_limit is not None
+        failure = {"status": "timeout", "reason": str(error)} if late else {"reason": reason_of(error)}
+        done = Attempt(row | failure)
+    return done if task_checksum(task) == before else Attempt(row | {"reason": WROTE})
 
 
 def attempt_fresh(
@@ -271,8 +253,7 @@ def _child(connection: Connection, report: bool) -> None:
             due[stage] = now + PROGRESS_PERIOD
             send((stage, done, total, note))
 
-    around = {"before_clock": partial(send, CLOCK), "after_clock": partial(send, STOPPED)}
-    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, **around)
+    done = attempt(method, task, seed=seed, time_limit=time_limit, progress=progress, tell=send)
     send(done._replace(facts={"peak_mib": _peak_mib()} | done.facts))
 
 

@@ -238,7 +238,7 @@ def composed(overrides: Iterable[str], *, folder: str | None = None) -> DictConf
             HydraConfig.instance().set_config(config)  # the label may contain a choice of Hydra
             return config
     except OverrideParseException as error:
-        raise InputError(unreadable_override(error.override, example="dataset.root")) from error
+        raise InputError(unreadable_override(error.override)) from error
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(one_sentence(str(error))) from error
 
@@ -297,11 +297,11 @@ def one_sentence(complaint: str) -> str:
     return f"there is no setting {setting[1]}{meant(setting[1], keys_of(composed([])))}" if setting else text
 
 
-def unreadable_override(text: str, *, example: str) -> str:
+def unreadable_override(text: str) -> str:
     """Say in one sentence how to correct an argument ``key=value`` that Hydra cannot read."""
     if "=" not in text:
         return f"{text} is not understood; write settings as key=value"
     return (
         f"{text} is not understood; close its brackets, and put names with spaces or letters "
-        f"outside of a-z in quotes twice, as in \"{example}='données'\""
+        f"outside of a-z in quotes twice, as in \"dataset.root='données'\""
     )

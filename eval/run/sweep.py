@@ -49,7 +49,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     try:
         overrides = OverridesParser.create().parse_overrides(known.overrides)
     except OverrideParseException as error:
-        raise InputError(unreadable_override(error.override, example="dataset.root")) from error
+        raise InputError(unreadable_override(error.override)) from error
     overrides = [override for override in overrides if override.key_or_group != "hydra.mode"]
     _require_known(overrides, folder=known.config_dir)
     plain = [override.input_line for override in overrides if not override.is_sweep_override()]

@@ -33,6 +33,8 @@ def test_module_runs_and_starts_light():
         (["out=null"], "out=None is no folder; give a name"),
         (["out=x", "source.poses_used=[jump]"], "there is no 'jump'; choose from arms_up"),
         (["out=x", "+source.speed=1"], "unexpected keyword argument 'speed'"),
+        (["out=x", "+target_vertice=9"], "no option target_vertice; did you mean 'target_vertices'?"),
+        (["out=x", "target_vertice=9"], "no setting target_vertice; did you mean 'target_vertices'?"),
     ],
 )
 def test_wrong_overrides_are_refused(overrides, message, refused):
