@@ -10,10 +10,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -149,33 +148,22 @@ def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
     DamagedRun
         When the file is missing, damaged, or has another shape.
     """
-    return _vertices(folder, n=n, mmap_mode=None).astype(np.float64)
+    return require_vertices(folder, n=n).astype(np.float64)
 
 
-def require_vertices(folder: str | os.PathLike[str], *, n: int) -> None:
-    """Raise DamagedRun as :func:`read_vertices`, without reading the vertices."""
-    _vertices(folder, n=n, mmap_mode="r")
-
-
-def _vertices(folder: str | os.PathLike[str], *, n: int, mmap_mode: Literal["r"] | None) -> np.ndarray:
+def require_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
+    """Return the vertices as they are stored, without reading them; raises as :func:`read_vertices`."""
     path = Path(folder, "vertices.npy")
     if not path.is_file():
         raise DamagedRun(f"{path}: no such file; the run left no vertices")
-    with _reading(path):
-        V = np.load(path, allow_pickle=False, mmap_mode=mmap_mode)
+    try:
+        V = np.load(path, allow_pickle=False, mmap_mode="r")
+    except Exception as error:  # numpy raises many types of errors for damaged files
+        why = " ".join(str(error).split())
+        raise DamagedRun(f"{path}: not the file of a run ({why})") from error
     if V.shape != (n, 3):
         raise DamagedRun(f"{path}: has shape {V.shape}, not ({n}, 3)")
     return V
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Raise DamagedRun if an array cannot be read from a file."""
-    try:
-        yield
-    except Exception as error:  # zipfile and numpy raise many types of errors for damaged files
-        why = " ".join(str(error).split())
-        raise DamagedRun(f"{path}: not the file of a run ({why})") from error
 
 
 def run_folders(root: str | os.PathLike[str]) -> list[Path]:

@@ -252,6 +252,13 @@ def one_each(choice: Choice) -> list[Choice]:
     return [choice._replace(settings=settings) for settings in product(*values)]
 
 
+def nearest(key: str, known: Iterable[str]) -> str:
+    """Return a hint to the known key that is most like a key; empty if none is."""
+    parent, _, name = key.rpartition(".")
+    beside = [other.rpartition(".")[2] for other in known if other.rpartition(".")[0] == parent]
+    return meant(name, beside) if beside else meant(key, known)
+
+
 def keys_of(config: DictConfig) -> set[str]:
     """Return all keys of a configuration, such as ``run`` and ``run.force``."""
     return set(_keys(OmegaConf.to_container(config, resolve=False)))
@@ -294,7 +301,9 @@ def one_sentence(complaint: str) -> str:
         group, name, known = choice.groups()
         return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
     setting = re.match(r"Could not override '([^']+)'\. To append", text)
-    return f"there is no setting {setting[1]}{meant(setting[1], keys_of(composed([])))}" if setting else text
+    return (
+        f"there is no setting {setting[1]}{nearest(setting[1], keys_of(composed([])))}" if setting else text
+    )
 
 
 def unreadable_override(text: str) -> str:

@@ -15,10 +15,9 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig
 
 from eval.installation import CONFIGURATION
-from eval.run.config import CASE, check_root, composed, keys_of, unreadable_override
+from eval.run.config import CASE, check_root, composed, keys_of, nearest, unreadable_override
 from eval.run.targets import locate
 from sshade.core.errors import InputError
-from sshade.problem.options import meant
 
 #: Value that stands for all subjects or poses of a dataset.
 ALL = "all"
@@ -51,12 +50,17 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     except OverrideParseException as error:
         raise InputError(unreadable_override(error.override)) from error
     overrides = [override for override in overrides if override.key_or_group != "hydra.mode"]
-    _require_known(overrides, folder=known.config_dir)
-    plain = [override.input_line for override in overrides if not override.is_sweep_override()]
-    config = composed(plain, folder=known.config_dir)
+    several = {override.key_or_group for override in overrides if override.is_sweep_override()}
+    # Settings of a method in a sweep over methods are for these methods, and not for the default one.
+    plain = [o for o in overrides if not several & {o.key_or_group, o.key_or_group.split(".")[0]}]
+    given = [override.input_line for override in plain if not override.is_add()]
+    config = composed(given, folder=known.config_dir)
+    _require_known(overrides, keys_of(config), folder=known.config_dir)
+    if len(given) < len(plain):
+        config = composed((override.input_line for override in plain), folder=known.config_dir)
     if not known.multirun and str(config.hydra.mode) != "RunMode.MULTIRUN":
-        if several := [name for name in CASE if config[name] == ALL]:
-            raise InputError(f"{several[0]}={ALL} takes several runs; add -m")
+        if everything := [name for name in CASE if config[name] == ALL]:
+            raise InputError(f"{everything[0]}={ALL} takes several runs; add -m")
         return [*flags, *known.overrides]
     swept = _swept(config, overrides)
     settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
@@ -145,11 +149,9 @@ def _cases(function: str, root: str) -> set[tuple[int, int]]:
     return set(locate(function)(root))
 
 
-def _require_known(overrides: Sequence[Override], *, folder: str | None) -> None:
+def _require_known(overrides: Sequence[Override], known: set[str], *, folder: str | None) -> None:
     """Raise InputError on a key that nothing reads, or a deleted setting that every run needs."""
     groups = [override for override in overrides if _is_group(override, folder)]
-    chosen = [override.input_line for override in groups if not override.is_sweep_override()]
-    known = keys_of(composed(chosen, folder=folder))
     swept = {override.key_or_group for override in groups if override.is_sweep_override()}
     for override in (override for override in overrides if override not in groups):
         key = override.key_or_group
@@ -160,7 +162,7 @@ def _require_known(overrides: Sequence[Override], *, folder: str | None) -> None
         read_later |= root == "hydra" and (not override.is_add() or key.startswith(OF_PLUGINS))  # by Hydra
         read_later |= override.is_add() and root in ("method", "dataset")  # by the function
         if not read_later and key not in known:
-            raise InputError(f"there is no setting {key}{meant(key, known)}")
+            raise InputError(f"there is no setting {key}{nearest(key, known)}")
 
 
 def _is_group(override: Override, folder: str | None) -> bool:
