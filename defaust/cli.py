@@ -15,7 +15,8 @@ EPILOG = """examples:
   defaust example DIR                                              a body with handles, to try sshade deform
   defaust build out=data/defaust                                   ten synthetic bodies, 170,000 vertices each
   defaust build source=synthetic out=DIR 'subjects=[0,1]' target_vertices=20000 seed=0
-  defaust build source=noisy source.noise=2 out=data/noisy         the same bodies with noise, in harder poses
+  defaust build source=new_bodies out=data/new_bodies              five other bodies in other poses
+  defaust build source=noisy source.noise=2 out=data/noisy         the ten bodies with noise, in harder poses
   defaust build source=faust source.root=MPI-FAUST out=DIR         your own copy of FAUST
   defaust build source=tosca source.root=TOSCA_DIR 'source.classes=[cat,dog]' out=DIR
   defaust build source=sequence source.root=MESHES out=DIR         your own meshes in correspondence
@@ -27,8 +28,8 @@ EPILOG = """examples:
 BUILD_EPILOG = """Arguments have the form key=value. All options and their defaults are in
 conf/defaust/build.yaml, the options of a source in conf/defaust/source/NAME.yaml.
 The most important options:
-  source=NAME             synthetic (default), noisy, faust, tosca, sequence, shapes
-                          or animals
+  source=NAME             synthetic (default), new_bodies, noisy, faust, tosca,
+                          sequence, shapes or animals
   source.root=DIR         folder of your own meshes
   out=DIR                 folder to make, or to resume after an interruption
   subjects=[0,1]          subjects to build; default: all

@@ -15,6 +15,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from defaust.folder.record import read_dataset
+from defaust.sources.choices import OneTemplate
+from defaust.sources.new_bodies import NewBodies
 from defaust.sources.noisy import NoisyBodies
 from defaust.tasks import list_tasks, load_task
 from docs.blocks import fill, markdown
@@ -24,9 +26,11 @@ from sshade.mesh.rigid import rigid_motion
 
 PAGE = Path(__file__).with_suffix(".md")
 ROWS = PAGE.with_suffix(".csv")
-PICTURE = PAGE.parent / "figures" / "tracks_poses.png"
-#: Subjects of the picture, one of each half.
-DRAWN = (1, 6)
+#: Pictures with their source and two subjects.
+PICTURES = {
+    "tracks_poses": (NoisyBodies(noise=0.0), (1, 6)),
+    "tracks_new_bodies": (NewBodies(), (10, 13)),
+}
 #: Subjects that are measured.
 SUBJECTS = (0, 1, 5, 6)
 #: Columns of the distances to the ground truth, with the methods and their options.
@@ -102,23 +106,24 @@ def tables() -> dict[str, str]:
     return found
 
 
-def picture() -> None:
-    """Draw the poses of a tuning subject and of a held-out subject, without noise."""
+def picture(path: Path, source: OneTemplate, subjects: tuple[int, int]) -> None:
+    """Draw the poses of two subjects."""
     import pyvista
 
-    source = NoisyBodies(noise=0.0)
-    plotter = pyvista.Plotter(shape=(2, 5), off_screen=True, window_size=(1100, 700), border=False)
-    for row, subject in enumerate(DRAWN):
+    columns = len(source.poses(subjects[0]))
+    size = (220 * columns, 700)
+    plotter = pyvista.Plotter(shape=(2, columns), off_screen=True, window_size=size, border=False)
+    for row, subject in enumerate(subjects):
         for column, pose in enumerate(source.poses(subject)):
             mesh = source.posed(subject, pose)
             faces = np.column_stack([np.full(mesh.m, 3), mesh.F]).ravel()
             plotter.subplot(row, column)
             plotter.add_mesh(pyvista.PolyData(mesh.V, faces), color="#d0d4dc", smooth_shading=True)
             plotter.add_text(pose.name.replace("_", " "), font_size=8, position="upper_edge")
-            centre = np.array([0.0, 0.85, 0.1])
+            centre = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0))
             plotter.camera_position = [tuple(centre + [1.7, 0.6, 4.2]), tuple(centre), (0.0, 1.0, 0.0)]
-            plotter.camera.view_angle = 28.0
-    plotter.screenshot(PICTURE)
+            plotter.camera.view_angle = 30.0
+    plotter.screenshot(path)
     plotter.close()
 
 
@@ -132,5 +137,6 @@ if __name__ == "__main__":
     if options.measure:
         measure(options.measure)
     if options.picture:
-        picture()
+        for name, (source, subjects) in PICTURES.items():
+            picture(PAGE.parent / "figures" / f"{name}.png", source, subjects)
     fill(PAGE, tables())

@@ -1,7 +1,7 @@
 """The ten synthetic adults as registrations are: with noise, bent wrists and ankles, and hands on the body.
 
 The bodies are those of :mod:`defaust.sources.synthetic`. The poses are others: subjects 0 to 4 have five
-poses for tuning, subjects 5 to 9 have five held-out poses, so no pose and no subject is in both halves.
+poses, which are for tuning, and subjects 5 to 9 have five others.
 :mod:`tools.bake.noisy` made the poses.
 """
 
@@ -135,7 +135,7 @@ class NoisyBodies(OneTemplate):
         return load_bodies().landmarks
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
-        """Target poses of the subject's half."""
+        """The five target poses of the subject."""
         return self._poses((name, True) for name in pose_names(subject))
 
     def rest(self, subject: int) -> Mesh:

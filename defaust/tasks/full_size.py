@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from defaust.build.upsample import subdivide
-from defaust.sources import animals, synthetic
+from defaust.sources import animals, new_bodies, synthetic
 from defaust.sources.noisy import POSES_SHA256, bone_rotations, pose_names
 from defaust.sources.skinning import apply_motions
 from defaust.tasks.loop import loop_matrix
@@ -144,10 +144,13 @@ def _skinned(asset: str, subject: int) -> tuple[synthetic.Bodies, int]:
     """Bodies that contain a subject of the asset with this checksum, and the number of its body there."""
     if asset == animals.SHA256 and 0 <= subject < len(animals.SPECIES):
         return animals.load_animal(animals.SPECIES[subject]), 0
-    if asset not in (synthetic.SHA256, animals.SHA256):
+    if asset == new_bodies.SHA256:
+        return new_bodies.load_new_bodies(), subject - new_bodies.SUBJECTS[0]
+    known = (synthetic.SHA256, new_bodies.SHA256, animals.SHA256)
+    if asset not in known:
         raise InputError(
             f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies and animals of "
-            f"this version ({synthetic.SHA256[:12]}, {animals.SHA256[:12]}); build it again"
+            f"this version ({', '.join(sha[:12] for sha in known)}); build it again"
         )
     return synthetic.load_bodies(), subject
 

@@ -1,6 +1,8 @@
 """The two halves of the benchmark: tuning cases to choose constants, held-out cases to report results.
 
-The file ``conf/splits.yaml`` describes both halves by patterns of task names.
+No body and no pose is in both halves. The file ``conf/splits.yaml`` describes the halves by patterns of task
+names. A case that shares its body or its pose with a tuning case is in neither half, and so are cases of a
+reader's own.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ def split_of(task: str) -> str | None:
     Parameters
     ----------
     task : str
-        Name of the task, such as ``defaust-synthetic/subject_05/pose_7``.
+        Name of the task, such as ``defaust-new_bodies/subject_12/pose_3``.
 
     Raises
     ------
@@ -46,19 +48,20 @@ def require_split(task: str, split: str | None) -> None:
     task : str
         Name of the task.
     split : {"tuning", "held_out", "both"} or None
-        Stated half. None and "both" accept every case. A case of neither half is always accepted.
+        Stated half. None and "both" accept every case.
 
     Raises
     ------
     InputError
-        When the case belongs to another half, or `split` is unknown.
+        When the case belongs to another half or to neither half, or `split` is unknown.
     """
     if split not in (TUNING, HELD_OUT, BOTH, None):
         raise InputError(f"run.split={split} does not fit; it takes {TUNING}, {HELD_OUT}, {BOTH} or null")
     half = split_of(task)
-    if half is not None and split not in (half, BOTH, None):
+    if split not in (half, BOTH, None):
+        found = f"is a {half} case" if half else "is in neither half"
         raise InputError(
-            f"{task} is a {half} case (conf/splits.yaml), but the experiment states run.split={split}: "
+            f"{task} {found} (conf/splits.yaml), but the experiment states run.split={split}: "
             f"take other cases, or state {BOTH} and give the rows a name of their own, run.experiment=..."
         )
 

@@ -26,7 +26,7 @@ def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
 def test_a_pose_of_the_noisy_bodies_can_be_baked_again():
     name = pose_names(5)[0]
     rotations, shift = noisy.make_pose(
-        load_bodies(), subject=5, pose=noisy.POSES["held_out"][name], seed=[noisy.SEED, 5, 0]
+        load_bodies(), subject=5, pose=noisy.POSES["others"][name], seed=[noisy.SEED, 5, 0]
     )
     for found, shipped in zip((rotations, shift), bone_rotations(5, name), strict=True):
         np.testing.assert_allclose(found, shipped, atol=1e-3)

@@ -12,7 +12,7 @@ import numpy as np
 
 from defaust.build.upsample import self_intersecting
 from defaust.sources.source import read_asset
-from defaust.sources.synthetic import QUANTUM, SHA256, Bodies
+from defaust.sources.synthetic import SHA256, Bodies
 from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
 from tools.bake import bake_command, write_asset
@@ -31,10 +31,10 @@ from tools.bake.poses import POSES, REACHES, make_pose
 from tools.bake.template import (
     fill,
     make_template,
-    neighbour_average,
     outer_skin,
     quantise_weights,
     smooth_weights,
+    without_intersections,
 )
 
 log = logging.getLogger("tools.bake")
@@ -66,7 +66,7 @@ def bake(root: Path) -> dict[str, np.ndarray]:
         V = morph(root, base, shape=shape)
         shaped = T + fill(matrix @ (V - neutral)[:body], on_skin, T=T, TF=TF)
         floor = np.array([0.0, shaped[:, 1].min(), 0.0])
-        steps.append(_without_intersections(shaped - floor, TF))
+        steps.append(without_intersections(shaped - floor, TF))
         joints.append([V[joint_ids[bone][0]].mean(axis=0) - floor for bone in BONES])
     W = fill(matrix @ read_weights(root, len(base.V))[:body], on_skin, T=T, TF=TF)
     bone, weight = quantise_weights(smooth_weights(W, TF))
@@ -127,25 +127,6 @@ def without_reaches(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     kept = [k for k, name in enumerate(arrays["pose_names"]) if name not in REACHES]
     chosen = {name: arrays[name][:, kept] for name in ("rotations", "shifts")}
     return {**arrays, **chosen, "pose_names": arrays["pose_names"][kept]}
-
-
-def _without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Round positions to int64 multiples of QUANTUM, and smooth them at self-intersections.
-
-    The morph targets press the little toes together.
-    """
-    average = neighbour_average(F)
-    for step in range(60):
-        rounded = np.round(V / QUANTUM).astype(np.int64)
-        intersecting = self_intersecting(Mesh(QUANTUM * rounded, F))
-        if not intersecting.any():
-            log.info("no intersections after %d steps", step)
-            return rounded
-        near = np.zeros(len(V))
-        near[F[intersecting]] = 1.0
-        near = np.minimum(1.0, near + average @ near)[:, None]
-        V = V + 0.3 * near * (average @ V - V)
-    raise InputError("a shape still intersects itself after 60 smoothing steps; change it")
 
 
 def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -32,8 +32,8 @@ SEED = 35
 POSES: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(
     Path(__file__).with_name("noisy.yaml").read_text(encoding="utf-8")
 )
-#: Subjects of each half.
-SUBJECTS = {"tuning": range(5), "held_out": range(5, 10)}
+#: Subjects by the key of their poses in noisy.yaml.
+SUBJECTS = {"tuning": range(5), "others": range(5, 10)}
 ARM = ("clavicle", "upperarm", "lowerarm", "hand")
 #: Height of the back of a hand above the surface, in metres.
 HAND = 0.03
@@ -149,8 +149,8 @@ def bake() -> dict[str, np.ndarray]:
     bodies = load_bodies()
     count = len(bodies.rest)
     names, rotations, shifts = [], np.zeros((count, 5, len(BONES), 3)), np.zeros((count, 5, 3))
-    for half, poses in POSES.items():
-        for s in SUBJECTS[half]:
+    for key, poses in POSES.items():
+        for s in SUBJECTS[key]:
             names.append(list(poses))
             for k, (name, pose) in enumerate(poses.items()):
                 rotations[s, k], shifts[s, k] = make_pose(bodies, subject=s, pose=pose, seed=[SEED, s, k])

@@ -6,14 +6,18 @@ from eval.rows import splits
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
 from sshade.core.errors import InputError
 
-OLD, NEW = range(1, 5), range(5, 11)
+KINDS = ("", "/points", "/regions")
 
 
-def test_new_poses_of_the_last_five_bodies_are_held_out_and_a_case_of_a_readers_own_is_in_no_half():
+def test_new_bodies_are_held_out_and_other_pairs_of_tuned_bodies_and_poses_are_in_no_half():
     body = "defaust-synthetic/subject_{:02d}/pose_{}".format
-    assert {split_of(body(s, p)) for s in range(10) for p in OLD} == {TUNING}
-    assert {split_of(body(s, p)) for s in range(5) for p in NEW} == {TUNING}
-    assert {split_of(body(s, p)) for s in range(5, 10) for p in NEW} == {HELD_OUT}
+    assert {split_of(body(s, p)) for s in range(10) for p in range(1, 5)} == {TUNING}
+    assert {split_of(body(s, p)) for s in range(5) for p in range(5, 11)} == {TUNING}
+    assert {split_of(body(s, p)) for s in range(5, 10) for p in range(5, 11)} == {None}
+    new = "defaust-new_bodies/subject_{}/pose_{}".format
+    assert {split_of(new(s, f"{p}{kind}")) for s in range(10, 15) for p in range(1, 7) for kind in KINDS} == {
+        HELD_OUT
+    }
     assert split_of("mine/pose") is None
 
 
@@ -24,11 +28,17 @@ def test_a_case_in_both_halves_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize("split", [TUNING, HELD_OUT])
-def test_a_case_of_the_other_half_is_refused(split):
-    cases = {TUNING: "defaust-synthetic/subject_07/pose_4", HELD_OUT: "defaust-synthetic/subject_07/pose_5"}
+def test_a_case_of_the_other_half_or_of_neither_half_is_refused(split):
+    cases = {TUNING: "defaust-synthetic/subject_07/pose_4", HELD_OUT: "defaust-new_bodies/subject_12/pose_4"}
+    neither = "defaust-synthetic/subject_07/pose_5"
     other = cases.pop({TUNING: HELD_OUT, HELD_OUT: TUNING}[split])
-    with pytest.raises(InputError, match=rf"{other} is a .* but the experiment states run.split={split}"):
+    stated = f"but the experiment states run.split={split}"
+    with pytest.raises(InputError, match=f"{other} is a .* case .*, {stated}"):
         require_split(other, split)
-    for stated in (split, BOTH, None):
-        require_split(cases[split], stated)
-    require_split("mine/pose", split)
+    for case in (neither, "mine/pose"):
+        with pytest.raises(InputError, match=f"{case} is in neither half .*, {stated}"):
+            require_split(case, split)
+    for accepted in (split, BOTH, None):
+        require_split(cases[split], accepted)
+    for accepted in (BOTH, None):
+        require_split(neither, accepted)

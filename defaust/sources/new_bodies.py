@@ -1,0 +1,75 @@
+"""Five new synthetic adults in six new poses, on which no constant of a method was chosen.
+
+Their faces, rig and landmarks are those of :mod:`defaust.sources.synthetic`, shapes and poses are others.
+:mod:`tools.bake.new_bodies` made the asset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+from defaust.sources.choices import OneTemplate
+from defaust.sources.noisy import ANGLE, LENGTH
+from defaust.sources.source import SourcePose, provenance_texts, read_asset
+from defaust.sources.synthetic import QUANTUM, Bodies, SyntheticBodies, load_bodies
+from sshade import Mesh
+
+#: Checksum of the asset; a new bake changes it.
+SHA256 = "03672091240f4a4a68b7ff07992a5c036676ab93250496ebe15e9f2a44c83856"
+#: Numbers of the bodies. They follow those of the ten bodies of the source `synthetic`.
+SUBJECTS = tuple(range(10, 15))
+
+#: Poses that are turned as a whole against the rest pose.
+UNALIGNED = ("crawling",)
+
+
+@cache
+def load_new_bodies() -> Bodies:
+    """Read and decode the asset of the installed package; raise InputError when it is damaged."""
+    rig, arrays = load_bodies(), read_asset("new_bodies", sha256=SHA256)
+    return replace(
+        rig,
+        rest=rig.rest[0] + QUANTUM * arrays["offset"],
+        joints=arrays["joints"].astype(float),
+        rotations=ANGLE * arrays["rotations"],
+        shifts=LENGTH * arrays["shifts"],
+        pose_names=tuple(arrays["pose_names"].tolist()),
+    )
+
+
+@dataclass(frozen=True)
+class NewBodies(OneTemplate):
+    """Source of the five new synthetic adults."""
+
+    name = "new_bodies"
+    subjects = SUBJECTS
+    base_landmarks = SyntheticBodies.base_landmarks
+    more_landmarks = SyntheticBodies.more_landmarks
+
+    @property
+    def provenance(self) -> Mapping[str, object]:
+        """Facts for the dataset card."""
+        return {**provenance_texts("new_bodies"), "asset_sha256": SHA256}
+
+    @property
+    def landmarks(self) -> Mapping[str, int]:
+        """Vertex of each landmark of the asset."""
+        return load_new_bodies().landmarks
+
+    def poses(self, subject: int) -> tuple[SourcePose, ...]:
+        """The six target poses."""
+        return self._poses((name, name not in UNALIGNED) for name in load_new_bodies().pose_names)
+
+    def rest(self, subject: int) -> Mesh:
+        """Rest mesh."""
+        bodies = load_new_bodies()
+        return Mesh(bodies.rest[subject - SUBJECTS[0]], bodies.faces)
+
+    def posed(self, subject: int, pose: SourcePose) -> Mesh:
+        """Posed mesh, by dual quaternion skinning."""
+        bodies = load_new_bodies()
+        s, k = subject - SUBJECTS[0], bodies.pose_names.index(pose.name)
+        V = bodies.pose(s, rotations=bodies.rotations[s, k], shift=bodies.shifts[s, k])
+        return Mesh(V, bodies.faces)
