@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RUNS = Path("out/runs/cover")
-TASK = "defaust-synthetic/subject_06/pose_8"
+TASK = "defaust-new_bodies/subject_11/pose_6"
 #: Titles of the panels.
 TITLES = {
     "rest": "Rest shape",
