@@ -205,7 +205,7 @@ def line_of_rows(line: str, folder: Path) -> str:
 
 
 def rows_text(path: Path) -> str:
-    """Summarise an experiment: runs, cases, vertices, and the sum of the times of all runs."""
+    """Summarise an experiment: runs, cases, vertices, and the sum of the times of all runs, if known."""
     rows = read_csv(path)
     done = valid(rows)
     sizes = [f"{n / 1000:.0f}k" for n in (done["task.vertices"].min(), done["task.vertices"].max())]
@@ -214,7 +214,7 @@ def rows_text(path: Path) -> str:
     cases = done["task.name"].nunique()
     runs = len(rows) if len(done) == len(rows) else f"{len(done)}/{len(rows)}"
     of_cases = f"{counted(cases, 'case', 'cases')} of {' to '.join(dict.fromkeys(sizes))}"
-    return f"{runs} runs, {of_cases}: {time}"
+    return f"{runs} runs, {of_cases}" + (f": {time}" if hours else "")
 
 
 def main() -> int:
