@@ -35,7 +35,7 @@ The most important options:
   subjects=[0,1]          subjects to build; default: all
   target_vertices=N       vertices of the high-resolution meshes; null keeps the registered meshes
   seed=N                  seed of the handles
-  strict=true             stop at a mesh that cannot be used, instead of leaving it out
+  strict=false            leave out a mesh that cannot be used, instead of stopping at it
   workers=N               processes; does not change the result"""
 
 #: Extra that brings a library, by the module that is imported.

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from defaust.build.lock import LOCK, sole_builder
 from defaust.build.options import BuildOptions
@@ -40,14 +44,14 @@ def build(
     out: str | os.PathLike[str],
     *,
     options: BuildOptions,
-    strict: bool = False,
+    strict: bool = True,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Build a DeFAUST folder, or the missing parts of it.
 
-    A mesh that cannot be used is left out with its pose; an unusable rest mesh leaves out the subject. A
-    warning and dataset.json state the reason.
+    Meshes in files are read before anything is written. Without `strict`, a mesh that cannot be used is left
+    out with its pose, and an unusable rest mesh leaves out the subject. A warning and dataset.json say why.
 
     A rerun with the same source and options keeps all complete and intact subjects. The result depends
     neither on interruptions nor on the number of workers.
@@ -73,7 +77,8 @@ def build(
     ------
     InputError
         When `out` holds other files or a dataset with other options, another process builds there, or no
-        subject can be built. With `strict`, when any mesh cannot be used.
+        subject can be built; when two poses of a subject have equal vertices. With `strict`, when any mesh
+        cannot be used.
     """
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
@@ -82,10 +87,14 @@ def build(
         raise next(iter(unusable.values()))
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; give a folder")
+    _report_left_out(recipe["source"], strict=strict)
+    if "files" in recipe["source"] and not (out / layout.DATASET).is_file():
+        for subject in recipe["build"]["subjects"]:
+            if subject not in unusable:
+                _check_meshes(source, subject, strict=strict)
     with sole_builder(out):
         _prepare(out, recipe)
         subjects = recipe["build"]["subjects"]
-        _report_left_out(recipe["source"], strict=strict)
         done = _finished(out, subjects)
         if strict:
             done = {s: record for s, record in done.items() if "left_out" not in record}
@@ -112,6 +121,27 @@ def build(
         if not done:
             raise unusable[subjects[0]]
         return _finish(out, recipe, records=[done[s] for s in subjects if s in done], unusable=unusable)
+
+
+def _check_meshes(source: Source, subject: int, *, strict: bool) -> None:
+    """Raise InputError if two poses of a subject are equal; with `strict`, if a mesh cannot be used."""
+    seen: dict[bytes, str] = {}
+    reads = [("the rest pose", partial(source.rest, subject))] if strict else []
+    reads += [(pose.name, partial(source.posed, subject, pose)) for pose in source.poses(subject)]
+    for name, read in reads:
+        try:
+            mesh = read()
+        except InputError as error:
+            if strict:
+                raise InputError(f"subject {subject}: {error}; strict=false leaves it out") from error
+            continue
+        if mesh is not None:
+            other = seen.setdefault(hashlib.sha256(np.ascontiguousarray(mesh.V)).digest(), name)
+            if other != name:
+                raise InputError(
+                    f"subject {subject}: {other} and {name} have equal vertices, so they are one pose; take "
+                    "the files again, or leave one pose out"
+                )
 
 
 def _report_left_out(source: dict[str, Any], *, strict: bool) -> None:

@@ -30,7 +30,7 @@ def build_subject(
     *,
     subject: int,
     options: BuildOptions,
-    strict: bool = False,
+    strict: bool = True,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write a subject's folder. It gets its name when it is complete.

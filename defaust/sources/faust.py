@@ -113,19 +113,13 @@ class Faust(OneTemplate):
         }
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
-        """sha256 of each file of the subjects, by file name; InputError names missing files."""
-        poses = (self.rest_pose, *self.target_poses)
-        numbers = {s: [10 * s + pose for pose in poses] for s in subjects}
-        missing = [f"tr_reg_{k:03d}" for of in numbers.values() for k in of if k not in self._files]
-        if missing:
-            complete = [s for s, of in numbers.items() if self._files.keys() >= set(of)]
-            folder = self._files[min(self._files)].parent
-            raise InputError(
-                f"{folder} lacks {shortened(missing)}; poses {shortened(poses)} are complete for "
-                f"the subjects [{','.join(map(str, complete))}]"
-            )
-        paths = [self._files[k] for of in numbers.values() for k in sorted(of)]
-        return {path.name: sha256(path) for path in paths}
+        """sha256 of each existing file of the subjects, by file name."""
+        numbers = [k for s in subjects for k in sorted(self._numbers(s)) if k in self._files]
+        return {self._files[k].name: sha256(self._files[k]) for k in numbers}
+
+    def _numbers(self, subject: int) -> list[int]:
+        """Numbers of the registrations of a subject."""
+        return [10 * subject + pose for pose in (self.rest_pose, *self.target_poses)]
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The target poses, named by FAUST's number and a word."""
@@ -143,6 +137,13 @@ class Faust(OneTemplate):
 
     def _read(self, number: int) -> Mesh:
         """Registration, checked: closed, manifold, one component, with the faces of the first one."""
+        if number not in self._files:
+            complete = [s for s in self.subjects if self._files.keys() >= {*self._numbers(s)}]
+            poses = shortened((self.rest_pose, *self.target_poses))
+            raise InputError(
+                f"tr_reg_{number:03d} is missing; the poses {poses} are complete for the subjects "
+                f"[{','.join(map(str, complete))}]"
+            )
         file = SourceShape(f"tr_reg_{number:03d}", self._files[number])
         V, F = file.arrays()
         first = min(self._files)

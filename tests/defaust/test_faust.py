@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from defaust.build.dataset import build
+from defaust.cli import main
 from defaust.folder.layout import sha256
-from defaust.tasks import load_task
+from defaust.tasks import list_tasks, load_task
 from sshade import InputError
 from sshade.files.meshes import write_mesh
 from tests.defaust.registrations import BODIES, POSES, SMALL, faust, write_faust
@@ -63,11 +64,13 @@ def test_poses_and_landmarks(folder):
     np.testing.assert_array_equal(other.posed(0, other.poses(0)[1]).V, faust(folder).rest(0).V)
 
 
-def test_missing_files_are_named(folder, tmp_path):
+def test_missing_files_and_wrong_folders_are_named(folder, tmp_path):
     source = faust(folder)
-    message = r"lacks tr_reg_010, .* and 35 more; poses 0, 1, 3, 6, 8 are complete for the subjects \[0\]"
-    with pytest.raises(InputError, match=message):
-        source.checksums(source.subjects)
+    assert list(source.checksums([0, 3, 7])) == [
+        f"tr_reg_0{k:02d}.ply" for k in (*POSES, *(30 + k for k in POSES[:4]))
+    ]
+    with pytest.raises(InputError, match=r"tr_reg_038 is missing; the poses 0, 1, .* for the subjects \[0\]"):
+        source.posed(3, source.poses(3)[3])
     for root, message in (
         (tmp_path, r"holds no registrations \(tr_reg_NNN.ply, .off or .obj\)"),
         (tmp_path / "nowhere", "nowhere: no such folder; set source.root=MPI-FAUST"),
@@ -123,3 +126,45 @@ def test_a_build_lists_its_files_without_paths(copy, tmp_path):
     (copy / "tr_reg_001.ply").write_bytes((copy / "tr_reg_003.ply").read_bytes())
     with pytest.raises(InputError, match="source.files.tr_reg_001.ply was '.*' and is now '"):
         build(faust(copy), out, options=options, workers=1)
+
+
+def test_a_damaged_copy_is_refused_and_nothing_is_written(copy, tmp_path, refused, caplog):
+    """A truncated, a wrong and a missing file, each in a copy; without strict the pose is left out."""
+    build_of = ["source=faust", "target_vertices=null", "workers=1"]
+    whole = (copy / "tr_reg_001.ply").read_bytes()
+    faults = {
+        "cut": (lambda path: path.write_bytes(whole[: len(whole) // 2]), "tr_reg_001.ply: "),
+        "wrong": (
+            lambda path: write_mesh(path, icosphere(2).V, icosphere(2).F),
+            "tr_reg_001.ply: 162 vertices",
+        ),
+        "missing": (lambda path: path.unlink(), "tr_reg_001 is missing"),
+    }
+    for name, (damage, message) in faults.items():
+        root, out = shutil.copytree(copy, tmp_path / name), tmp_path / f"{name}_out"
+        damage(root / "tr_reg_001.ply")
+        command = [*build_of, f"source.root='{root}'", f"out='{out}'", "subjects=[0]"]
+        refused(command, f"subject 0: {message}")
+        assert not out.exists()
+        caplog.clear()
+        assert main(["build", *command, "strict=false"]) == 0
+        assert f"left out: subject 0, pose 1: {message}" in caplog.text
+        assert list_tasks(out) == [(0, 2), (0, 3), (0, 4)]
+
+
+def test_one_pose_under_two_names_is_refused(copy, tmp_path, refused):
+    shutil.copy(copy / "tr_reg_003.ply", copy / "tr_reg_006.ply")
+    out = tmp_path / "out"
+    command = [
+        "source=faust",
+        f"source.root='{copy}'",
+        f"out='{out}'",
+        "subjects=[0]",
+        "target_vertices=null",
+    ]
+    for strict in ("true", "false"):
+        message = "subject 0: 3_forearms_raised and 6_arms_forward have equal vertices, so they are one pose"
+        refused([*command, f"strict={strict}"], message)
+        assert not out.exists()
+    shutil.copy(copy / "tr_reg_000.ply", copy / "tr_reg_006.ply")
+    refused(command, "subject 0: the rest pose and 6_arms_forward have equal vertices")
