@@ -28,6 +28,7 @@ from sshade.core.errors import InputError
 HALF_NOTES = {
     HELD_OUT: "Held-out cases: no constant of a method was chosen on them.",
     TUNING: "Tuning cases: constants of methods were chosen on them.",
+    None: "Cases of neither half: a tuning case shares their body or pose, or the data are a reader's own.",
 }
 #: Note on poses rebuilt from samples.
 REBUILT_NOTE = (
@@ -92,7 +93,7 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
             "One name stands for several tasks (resolutions, builds of the data, or makes of processor), "
             f"whose numbers may not be comparable: {shortened(several)}."
         )
-    notes += [HALF_NOTES[half]] if half else []
+    notes.append(HALF_NOTES[half])
     few = comparison.finished.drop(index={*comparison.compared, *rows["method.name"][reference_rows(rows)]})
     few = [f"{name} ({count} of {cases})" for name, count in few[few > 0].items()]
     if few:

@@ -35,7 +35,7 @@ LEAST_CASES = 4
 #: Title of the second table of a method's measures.
 FURTHER = "further measures"
 #: Halves of the benchmark and their titles. The first half with rows is the headline.
-HALVES = {HELD_OUT: "held-out cases", TUNING: "tuning cases", None: "other cases"}
+HALVES = {HELD_OUT: "held-out cases", None: "cases of neither half", TUNING: "tuning cases"}
 
 
 class Table(NamedTuple):

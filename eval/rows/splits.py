@@ -48,17 +48,20 @@ def require_split(task: str, split: str | None) -> None:
     task : str
         Name of the task.
     split : {"tuning", "held_out", "both"} or None
-        Stated half. None and "both" accept every case.
+        Stated half. None and "both" accept every case, and a reader's own data are always accepted.
 
     Raises
     ------
     InputError
-        When the case belongs to another half or to neither half, or `split` is unknown.
+        When the case belongs to another half, or to neither half of a dataset with halves, or `split` is
+        unknown.
     """
     if split not in (TUNING, HELD_OUT, BOTH, None):
         raise InputError(f"run.split={split} does not fit; it takes {TUNING}, {HELD_OUT}, {BOTH} or null")
-    half = split_of(task)
-    if split not in (half, BOTH, None):
+    half, halves = split_of(task), read_splits()
+    dataset = task.partition("/")[0]
+    known = any(fnmatchcase(dataset, pattern.partition("/")[0]) for own in halves.values() for pattern in own)
+    if known and split not in (half, BOTH, None):
         found = f"is a {half} case" if half else "is in neither half"
         raise InputError(
             f"{task} {found} (conf/splits.yaml), but the experiment states run.split={split}: "
