@@ -208,7 +208,7 @@ $(READY): pyproject.toml constraints.txt | system
 	@begin=$$(date +%s); \
 	  $(PYTHON) -m venv $(VENV) \
 	  && $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt \
-	    -e '.[bench,figures,test]' \
+	    -e '.[bench,figures,formats,test]' \
 	  && $(BIN)/python -m tools.compile_kernels \
 	  && touch $@ && echo "installed into $(VENV) in $$(( $$(date +%s) - begin )) s"
 

@@ -23,7 +23,7 @@ from sshade.files.meshes import read_arrays
 #: Mesh formats that keep shared vertices, in order of preference.
 MESH_SUFFIXES = (".ply", ".off", ".obj")
 #: All formats with one mesh a file, in order of preference. A .vert file needs a .tri file beside it.
-SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat")
+SUFFIXES = (*MESH_SUFFIXES, ".vert", ".mat", ".vtp", ".vtu", ".vtk", ".3mf")
 LAYOUTS = ("auto", "tosca", "sequence")
 #: Name of the only class of a sequence. The folder's own name must not enter the record.
 SEQUENCE = "sequence"

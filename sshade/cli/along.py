@@ -13,7 +13,8 @@ from sshade.cli.arguments import input_paths, read
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.mesh_file import SUFFIXES, MeshFile, check_input
+from sshade.files.by_library import EXTRA, WRITABLE, check_mesh
+from sshade.files.mesh_file import MeshFile, listed
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -39,9 +40,9 @@ def outputs(options: argparse.Namespace) -> list[Path]:
     output = options.output
     inputs = [*input_paths(options), *options.along]
     for source in options.along:
-        check_input(source, SUFFIXES)
+        check_mesh(source)
         path = output.with_name(f"{output.stem}_{source.name}")
-        check_output(path, SUFFIXES, inputs=inputs, overwrite=None)
+        check_output(path, WRITABLE, inputs=inputs, overwrite=None)
         if path in names or path == output:
             raise InputError(f"{path}: would be the output of two files; rename one of them")
         names.append(path)
@@ -65,7 +66,10 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
         with naming(source):
             file.require_triangles()
         if source.suffix.lower() not in file.suffixes:
-            raise InputError(f"{source}: its coordinates are integers; save them as floating-point numbers")
+            why = "its coordinates are integers; save them as floating-point numbers"
+            if source.suffix.lower() in EXTRA:
+                why = f"its {listed(file.holds)} would be lost; save it in another format"
+            raise InputError(f"{source}: {why}")
         with naming(source):
             require_near(mesh, file.V)
         found.append(Companion(source, file, path))

@@ -15,7 +15,8 @@ from sshade.cli.option_file import as_number, read_values
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.mesh_file import SUFFIXES, MeshFile, listed
+from sshade.files.by_library import READABLE, WRITABLE, require_libraries
+from sshade.files.mesh_file import MeshFile, listed
 from sshade.mesh.weld import NEAR, check_weld
 from sshade.problem.options import described, help_text
 
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 
 #: Place of the number in the name of numbered files.
 NUMBER = re.compile(r"%(0\d+)?d")
-#: Formats of meshes, for `--help`.
-FORMATS = ", ".join(SUFFIXES)
+#: Formats of meshes to write, for `--help`.
+FORMATS = ", ".join(WRITABLE)
 #: Descriptions of arguments that several commands take.
-REST, HANDLES = f"rest shape ({FORMATS})", "handle file (.json, .yaml)"
+REST, HANDLES = f"rest shape ({', '.join(READABLE)})", "handle file (.json, .yaml)"
 REFUSE = "refuse components without handles; by default they move rigidly with the nearest component, as "
 REFUSE += "eyes with a head"
 
@@ -74,6 +75,7 @@ def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> N
     for name, known in suffixes.items():
         if (path := getattr(options, name)) is not None:
             check_output(path, known, inputs=inputs, overwrite=options.overwrite)
+            require_libraries(path)
 
 
 def input_paths(options: argparse.Namespace) -> list[Path | None]:
@@ -188,7 +190,7 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     for note in file.notes:
         say(f"note: {path}: {note}")
     if output is not None and (lost := file.lost(output)):
-        say(f"note: {output} loses the {listed(lost)} of {path}, because it has another format")
+        say(f"note: {output} loses the {listed(lost)} of {path}: only positions and faces are written")
     return file
 
 

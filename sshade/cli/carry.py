@@ -20,7 +20,8 @@ from sshade.cli.arguments import (
 from sshade.cli.correspondence import require_finite, require_same_order
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
-from sshade.files.mesh_file import SUFFIXES, check_input
+from sshade.files.by_library import WRITABLE, check_mesh
+from sshade.files.mesh_file import check_input
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,10 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_outputs(options, output=SUFFIXES)
-    check_input(options.mesh, SUFFIXES)
+    check_outputs(options, output=WRITABLE)
+    check_mesh(options.mesh)
     check_input(options.map, (".npz",))
-    check_input(options.edited, SUFFIXES)
+    check_mesh(options.edited)
     return _carry(options)
 
 

@@ -71,8 +71,8 @@ from sshade.cli.sequence import FPS, check_sequence, deform_poses
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
+from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import read_handle_file
-from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
 #: Options of the methods that the command line can give.
@@ -109,10 +109,10 @@ def command(options: argparse.Namespace) -> int:
     if not sequence:
         if options.fps is not None:
             raise InputError("--fps applies to sequences, and these arguments give one pose")
-        check_outputs(options, output=SUFFIXES)
+        check_outputs(options, output=WRITABLE)
     names = along.outputs(options) if options.along else []
     values, resolved = _given_options(options)
-    check_input(options.mesh, SUFFIXES)
+    check_mesh(options.mesh)
     if sequence:
         check_sequence(options)
     given = [read_handle_file(path, raw=options.raw) for path in options.handles]

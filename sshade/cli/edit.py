@@ -33,8 +33,8 @@ from sshade.cli.arguments import (
 )
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
+from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import read_handle_file
-from sshade.files.mesh_file import SUFFIXES, check_input
 from sshade.problem.options import require_method
 
 if TYPE_CHECKING:
@@ -78,10 +78,10 @@ def command(options: argparse.Namespace) -> int:
             raise InputError(
                 f"{options.options}: the editor keeps the {name} or not; {name} is 0 or left out"
             )
-    check_input(options.mesh, SUFFIXES)
+    check_mesh(options.mesh)
     if options.handles is not None:
         read_handle_file(options.handles)
-    check_outputs(options, output=SUFFIXES, handles_out=(".json",))
+    check_outputs(options, output=WRITABLE, handles_out=(".json",))
     return _edit(options)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from sshade.cli.arguments import OpenTask
 from sshade.core.console import say
 from sshade.core.errors import counted
+from sshade.files.by_library import EXTRA
 from sshade.files.door import handle_notes
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
@@ -194,6 +195,8 @@ def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
 def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
     """Return the positions that `path` holds after V (n, 3) were written to it: V itself, or rounded."""
     suffix = path.suffix.lower()
+    if suffix in EXTRA:
+        return read_file(path).V
     if suffix not in file.suffixes:  # a file of the mesh alone
         return as_single(V) if suffix in SINGLE else V
     return read_file(path).V if file.stored is None else file.stored(V)

@@ -13,7 +13,7 @@ from pathlib import Path
 from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, open_mesh
 from sshade.core.console import announced_compilation, say
 from sshade.files.atomic import replacing
-from sshade.files.mesh_file import SUFFIXES, check_input
+from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.problem.options import PROXIES, Options, checked
 
 OPTIONS = ("vertices", "seed")
@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    check_outputs(options, output=SUFFIXES, map=(".npz",))
+    check_outputs(options, output=WRITABLE, map=(".npz",))
     checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="remesh")
-    check_input(options.mesh, SUFFIXES)
+    check_mesh(options.mesh)
     return _remesh(options)
 
 

@@ -15,7 +15,8 @@ from sshade.cli.arguments import NUMBER, OpenTask, check_outputs, has_number
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, identity, naming
-from sshade.files.mesh_file import MORPHS, SUFFIXES, MeshFile
+from sshade.files.by_library import WRITABLE
+from sshade.files.mesh_file import MORPHS, MeshFile
 from sshade.problem.options import Options
 
 #: Poses per second.
@@ -40,8 +41,8 @@ def check_sequence(options: argparse.Namespace) -> None:
     options.fps = FPS if options.fps is None else options.fps
     if not options.fps > 0 or not np.isfinite(options.fps):
         raise InputError(f"--fps takes a number above 0, not {options.fps:g}")
-    output, known = options.output, SUFFIXES if has_number(options.output) else MORPHS
-    if known is MORPHS and output.suffix.lower() in SUFFIXES and output.suffix.lower() not in MORPHS:
+    output, known = options.output, WRITABLE if has_number(options.output) else MORPHS
+    if known is MORPHS and output.suffix.lower() in WRITABLE and output.suffix.lower() not in MORPHS:
         raise InputError(
             f"{output}: one such file cannot hold a sequence; number the files, as in "
             f"{output.stem}_%04d{output.suffix}, or write .glb"
@@ -93,7 +94,7 @@ def write_poses(
         # A comparison of all files with all inputs would take minutes for thousands of poses.
         taken = {identity(path) for path in inputs} - {None}
         for path in paths:
-            check_output(path, SUFFIXES, inputs=inputs if identity(path) in taken else (), overwrite=None)
+            check_output(path, WRITABLE, inputs=inputs if identity(path) in taken else (), overwrite=None)
         before = None
         for number, path in enumerate(paths):
             progress("poses", number, count)

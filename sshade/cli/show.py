@@ -27,8 +27,8 @@ from sshade.cli.correspondence import corresponding
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
+from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import read_handle_file
-from sshade.files.mesh_file import SUFFIXES, check_input
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
@@ -61,7 +61,7 @@ def command(options: argparse.Namespace) -> int:
     check_outputs(options, output=PAGES + PICTURES)
     meshes, handle_files = _sorted(options.files)
     for path in meshes:
-        check_input(path, SUFFIXES)
+        check_mesh(path)
     given = [read_handle_file(path) for path in handle_files]
     from sshade.files.door import on_shape
 
@@ -95,8 +95,8 @@ def command(options: argparse.Namespace) -> int:
 
 def _sorted(files: list[Path]) -> tuple[list[Path], list[Path]]:
     """Return the files of meshes, and the file of handles if there is one."""
-    meshes = [path for path in files if path.suffix.lower() in SUFFIXES]
-    others = [path for path in files if path.suffix.lower() not in SUFFIXES]
+    meshes = [path for path in files if path.suffix.lower() in READABLE]
+    others = [path for path in files if path.suffix.lower() not in READABLE]
     if not meshes:
         raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
     if len(others) > 1:

@@ -27,7 +27,7 @@ from sshade.cli.arguments import (
 from sshade.cli.correspondence import corresponding
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import counted
-from sshade.files.mesh_file import SUFFIXES, check_input
+from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked
 
 POSED, EDITED = "the same vertices in a pose", "rest shape with moved vertices"
@@ -52,11 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
-    check_outputs(options, output=SUFFIXES)
+    check_outputs(options, output=WRITABLE)
     sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for name in ("mesh", "posed", "edited"):
         if name in options:
-            check_input(getattr(options, name), SUFFIXES)
+            check_mesh(getattr(options, name))
     return _transfer(options, sampling)
 
 

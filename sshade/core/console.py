@@ -26,7 +26,7 @@ from sshade.core.errors import InputError, reason
 from sshade.core.progress import Progress, silent
 
 #: Extra that brings a library of this package, by the module that is imported.
-EXTRAS = {"igl": "bench", **dict.fromkeys(("pyvista", "vtkmodules", "PIL"), "figures")}
+EXTRAS = dict.fromkeys(("pyvista", "vtkmodules", "PIL"), "figures") | {"igl": "bench", "trimesh": "formats"}
 
 #: Number of characters above which a message names no choices; the help lists them.
 LONGEST_MESSAGE = 300

@@ -17,18 +17,19 @@ from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn
 from sshade.edit.state import EditState
 from sshade.files.atomic import check_output, is_same_file, naming
+from sshade.files.by_library import WRITABLE
 from sshade.files.door import OpenShape, on_shape, open_shape
 from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
 from sshade.files.mesh_file import MeshFile
-from sshade.files.meshes import SUFFIXES, read_file, write_file, write_mesh
+from sshade.files.meshes import read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
-FORMATS = {"handles": (".json",), "mesh": SUFFIXES}
+FORMATS = {"handles": (".json",), "mesh": WRITABLE}
 #: Greatest length of a file name, which every file system accepts.
 LONGEST = 120
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, expecting, naming, replacing
+from sshade.files.by_library import WRITABLE, check_mesh, read_by_library, write_by_library
 from sshade.files.gltf import plain_gltf, read_gltf
-from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats, check_input
+from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats
 from sshade.files.obj import read_obj
 from sshade.files.off import read_off
 from sshade.files.ply import read_ply, write_ply
@@ -20,6 +21,8 @@ from sshade.mesh.mesh import Mesh
 
 #: Suffixes of the formats in which :func:`write_mesh` stores positions as float32.
 SINGLE = (".stl", ".glb", ".gltf")
+#: Suffixes of files that may hold points alone.
+POINTS = (".ply", ".xyz")
 _READERS = dict(zip(SUFFIXES, (read_ply, read_obj, read_off, read_stl, read_gltf, read_gltf), strict=True))
 
 
@@ -58,13 +61,13 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
         When the file is missing, unreadable, empty, or of another format.
     """
     path = Path(path)
-    check_input(path, SUFFIXES)
+    check_mesh(path)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty")
     suffix = path.suffix.lower()
     with expecting(f"a readable {suffix[1:].upper()} file", path):
-        file = _READERS[suffix](path)
-    if suffix != ".ply" and not (len(file.V) and len(file.F)):  # a .ply file may hold points
+        file = _READERS.get(suffix, read_by_library)(path)
+    if suffix not in POINTS and not (len(file.V) and len(file.F)):
         raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     return file
 
@@ -90,7 +93,7 @@ def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> N
         writable.
     """
     path = Path(path)
-    check_output(path, SUFFIXES)
+    check_output(path, WRITABLE)
     if path.suffix.lower() not in file.suffixes:
         write_mesh(path, V, file.F)
         return
@@ -117,10 +120,12 @@ def write_mesh(path: str | os.PathLike[str], V: np.ndarray, F: np.ndarray) -> No
         writable.
     """
     path = Path(path)
-    check_output(path, SUFFIXES)
+    check_output(path, WRITABLE)
     V, F, suffix = np.asarray(V, dtype=np.float64), np.asarray(F, dtype=np.int64), path.suffix.lower()
     with replacing(path) as temporary:
-        if suffix == ".ply":
+        if suffix not in SUFFIXES:
+            write_by_library(temporary, V, F)
+        elif suffix == ".ply":
             write_ply(temporary, V, F)
         elif suffix in (".glb", ".gltf"):
             temporary.write_bytes(plain_gltf(path, V, F))

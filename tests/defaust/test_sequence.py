@@ -50,7 +50,7 @@ def write_class(folder, name, mesh, *, poses=(0, 1, 2), kind=".ply"):
     return folder
 
 
-@pytest.mark.parametrize("kind", [".off", ".ply", ".obj", ".vert", ".mat"])
+@pytest.mark.parametrize("kind", [".off", ".ply", ".obj", ".vert", ".mat", ".vtp", ".vtu"])
 def test_classes_in_every_format(tmp_path, kind):
     ball, ring = icosphere(2), torus()
     write_class(tmp_path, "dog", ball, poses=(0, 2, 10), kind=kind)
@@ -192,7 +192,7 @@ def test_surfaces_with_holes_or_components_or_not_manifold_are_built(tmp_path, r
     shapes = {"ball": ball, "camel": fins(ball), "cup": Mesh(ball.V, ball.F[1:]), "pair": pair}
     shapes["ring"] = moebius(60)
     for name, mesh in shapes.items():  # the workers read MATLAB files in separate processes
-        write_class(tmp_path / "data", name, mesh, kind=".mat" if name == "ball" else ".ply")
+        write_class(tmp_path / "data", name, mesh, kind={"ball": ".mat", "pair": ".vtp"}.get(name, ".ply"))
     source, out = sequence(tmp_path / "data", "source.landmarks=4"), tmp_path / "out"
     build(source, out, options=KEPT, workers=2)
     assert verify(out) == []

@@ -35,6 +35,15 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
         assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
 
 
+def test_a_mesh_of_a_library_is_a_dataset(tmp_path):
+    task = bumpy_task()
+    write_mesh(tmp_path / "body.vtp", task.mesh.V, task.mesh.F)
+    write_handles(tmp_path / "pose.json", task.handles)
+    overrides = ["dataset=mesh", "dataset.mesh=body.vtp", "dataset.handles=pose.json", "method=peer/harmonic"]
+    done = run_eval(tmp_path, *overrides)
+    assert done.returncode == 0 and "harmonic on body/pose: ok" in done.stdout, done.stderr
+
+
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     overrides = ["dataset=bumpy", "dataset.level=2", "method=failing,missing_extra,stretching"]
     first = run_eval(tmp_path, "-m", *overrides)

@@ -49,6 +49,21 @@ def test_deforming_needs_no_extra_in_any_format(example):
     ("program", "arguments", "missing"),
     [
         ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}figures,"),
+        (
+            "sshade.cli.main",
+            "deform {0}/a.vtp {0}/pose_6.json -o {0}/a.ply",
+            "a.vtp: pyvista is not installed; {1}figures,",
+        ),
+        (
+            "sshade.cli.main",
+            "deform {0}/rest.ply {0}/pose_6.json -o {0}/a.vtu",
+            "a.vtu: pyvista is not installed; {1}figures,",
+        ),
+        (
+            "sshade.cli.main",
+            "deform {0}/rest.ply {0}/pose_6.json -o {0}/a.3mf",
+            "a.3mf: trimesh is not installed; {1}formats,",
+        ),
         ("sshade.cli.main", "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply", "igl is not installed; {1}"),
         ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}bench,"),
         ("eval.main", "run method=fast", "is not installed; {1}bench,"),
@@ -57,6 +72,7 @@ def test_deforming_needs_no_extra_in_any_format(example):
     ],
 )
 def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing):
+    (example / "a.vtp").write_text("any")
     for folder in ("parts", "transforms"):
         (example / folder).mkdir(exist_ok=True)
     (example / "parts" / "hand.txt").write_text("0 0 0\n1 0 0\n0 1 0\n")

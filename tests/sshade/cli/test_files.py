@@ -29,7 +29,7 @@ def test_what_the_output_cannot_hold_is_said_first(capsys):
     first = capsys.readouterr().err.splitlines()[0]
     assert first == (
         "note: out.stl loses the texture coordinates, vertex colours, materials and comments of "
-        "seam.obj, because it has another format"
+        "seam.obj: only positions and faces are written"
     )
     assert main(["deform", "body.ply", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
     assert "loses the" not in capsys.readouterr().err

@@ -1,0 +1,153 @@
+"""Meshes in files that libraries read and write: trimesh 3MF, COLLADA and XYZ, and PyVista those of VTK.
+
+All points of a file are vertices, in the order of the file. Its surface gives the faces: polygons become
+triangles, and cells with a volume their outer sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from sshade.core.console import how_to_install
+from sshade.core.errors import InputError
+from sshade.files.mesh_file import SUFFIXES, MeshFile, check_input, present
+
+#: Modules that a format needs, by its suffix. An extra has a name and brings them all.
+FORMATS = {".3mf": ("trimesh", "networkx", "lxml"), ".dae": ("trimesh", "collada"), ".xyz": ("trimesh",)}
+FIGURES = dict.fromkeys((".vtp", ".vtu", ".vtk"), ("pyvista",))
+EXTRA = dict.fromkeys(FORMATS, "formats") | dict.fromkeys(FIGURES, "figures")
+#: Suffixes of all meshes that are read and written, some of them by libraries. A file .xyz has no faces.
+READABLE = (*SUFFIXES, *EXTRA)
+WRITABLE = tuple(suffix for suffix in READABLE if suffix != ".xyz")
+#: Units that trimesh writes.
+UNITS = {".3mf": ("millimeter", "millimeters"), ".dae": ("meters",)}
+
+
+def check_mesh(path: Path) -> None:
+    """Raise InputError unless `path` is a file with the suffix of a mesh."""
+    if path.suffix.lower() not in READABLE:
+        raise InputError(
+            f"{path}: unknown format {path.suffix!r}; use {', '.join(SUFFIXES)}, with the extra formats "
+            f"{', '.join(FORMATS)}, or with the extra figures {', '.join(FIGURES)}"
+        )
+    check_input(path, READABLE)
+
+
+def require_libraries(path: Path) -> None:
+    """Raise InputError if the format of `path` needs a library that is not installed."""
+    suffix = path.suffix.lower()
+    for name in (FORMATS | FIGURES).get(suffix, ()):
+        try:
+            import_module(name)
+        except ModuleNotFoundError as error:
+            raise InputError(f"{path}: {name} is not installed; {how_to_install(EXTRA[suffix])}") from error
+
+
+def read_by_library(path: Path) -> MeshFile:
+    """Read a file whose format needs a library.
+
+    Raises
+    ------
+    Exception
+        When the library is not installed, or cannot read the file.
+    """
+    require_libraries(path)
+    return _with_pyvista(path) if path.suffix.lower() in FIGURES else _with_trimesh(path)
+
+
+def write_by_library(path: Path, V: np.ndarray, F: np.ndarray) -> None:
+    """Write positions (n, 3) and triangles (m, 3) in a format that needs a library."""
+    require_libraries(path)
+    suffix = path.suffix.lower()
+    if suffix in FIGURES:
+        import pyvista
+
+        mesh = pyvista.PolyData.from_regular_faces(V, F)
+        (mesh.cast_to_unstructured_grid() if suffix == ".vtu" else mesh).save(path)
+    else:
+        import trimesh
+
+        trimesh.Trimesh(V, F, process=False).export(path, file_type=suffix[1:])
+
+
+def _with_trimesh(path: Path) -> MeshFile:
+    """Read the meshes of all nodes, one after another, where the scene shows them."""
+    import trimesh
+
+    from sshade.mesh.surface import single_steps  # imports large libraries
+
+    scene, suffix = trimesh.load_scene(path, process=False), path.suffix.lower()
+    V, F = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    kinds = set()
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name].copy()
+        mesh.apply_transform(matrix)
+        F = np.concatenate([F, len(V) + np.asarray(getattr(mesh, "faces", F[:0]))])
+        V = np.concatenate([V, mesh.vertices])
+        kinds.add(mesh.visual.kind)
+    holds = present(
+        objects=len(scene.graph.nodes_geometry) > 1,
+        materials="texture" in kinds,
+        colours=bool(kinds & {"vertex", "face", "vertex_color"}),
+        unit_of_length=scene.units not in UNITS.get(suffix, (None,)),
+    )
+    rounding = single_steps(V) if suffix == ".dae" else None  # pycollada reads float32
+    return MeshFile(V, F, holds, () if holds else (suffix,), _anew(F), rounding=rounding, stored=None)
+
+
+def _with_pyvista(path: Path) -> MeshFile:
+    """Read the surface of a data set. Data at the points and cells of triangles alone are written again."""
+    import pyvista
+
+    from sshade.files.objects import mesh_in  # imports large libraries
+    from sshade.mesh.surface import single_steps
+
+    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as caught:
+        reader = pyvista.get_reader(path).reader
+        reader.Update()
+        data = pyvista.wrap(reader.GetOutputDataObject(0))
+    for event in caught.events:  # VTK goes on after an error, with numbers that are not in the file
+        if event.kind == "ERROR" or "Error" in event.alert:
+            raise ValueError(event.alert.splitlines()[-1])
+    V, is_surface = np.array(data.points, dtype=np.float64), isinstance(data, pyvista.PolyData)
+    rounding = single_steps(V) if data.points.dtype == np.float32 else None
+    outer = data
+    if not is_surface:
+        outer = data.extract_surface(nonlinear_subdivision=0, algorithm="dataset_surface")
+    F = outer.triangulate().faces.reshape(-1, 4)[:, 1:].astype(np.int64)
+    if not is_surface and len(F):
+        F = np.asarray(outer.point_data["vtkOriginalPointIds"], dtype=np.int64)[F]
+    of_points, of_cells = data.point_data, data.cell_data
+    other_cells = data.n_cells != len(F)
+    holds = present(
+        point_data=len(of_points), cell_data=len(of_cells), other_cells_than_triangles=other_cells
+    )
+    if is_surface and not other_cells and (found := mesh_in(data)):
+        normals = of_points.active_normals_name or of_cells.active_normals_name
+        notes = ("outputs lack its normals",) if normals else ()
+
+        def content(posed: np.ndarray, output: Path) -> bytes:
+            return _bytes(output, found.moved(posed).save)
+
+        return MeshFile(V, F, holds, (".vtp", ".vtk"), content, notes, rounding)
+    suffixes = () if holds else (path.suffix.lower(),)
+    return MeshFile(V, F, holds, suffixes, _anew(F), rounding=rounding, stored=None)
+
+
+def _anew(F: np.ndarray) -> Callable[[np.ndarray, Path], bytes]:
+    """Return the `content` of a :class:`MeshFile` with triangles F (m, 3) that is written anew."""
+    return lambda V, output: _bytes(output, lambda file: write_by_library(file, V, F))
+
+
+def _bytes(output: Path, write: Callable[[Path], None]) -> bytes:
+    """Return what `write` writes into a file with the suffix of `output`."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"mesh{output.suffix.lower()}"
+        write(file)
+        return file.read_bytes()

@@ -1,0 +1,207 @@
+"""Formats of libraries: read, written, and read back by the libraries themselves; what is lost is said."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+import trimesh
+
+import sshade
+from sshade import InputError
+from sshade.cli.main import main
+from sshade.files.by_library import WRITABLE
+from sshade.files.mesh_file import SUFFIXES
+from sshade.files.meshes import read_file, write_file, write_mesh
+from tests.shapes import bumpy, rotation
+
+BODY = bumpy(2)
+V, F = BODY.V + 1000 / 3, BODY.F
+#: Suffixes of formats that keep the vertices. In COLLADA trimesh gives each corner of a face its own vertex.
+KEPT = [".vtp", ".vtu", ".vtk", ".3mf"]
+
+
+def by_library(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    if path.suffix in (".3mf", ".dae"):
+        mesh = trimesh.load_scene(path, process=False).to_mesh()
+        return mesh.vertices, mesh.faces
+    mesh = pyvista.read(path)
+    return mesh.points, mesh.cells.reshape(-1, 4)[:, 1:] if path.suffix == ".vtu" else mesh.regular_faces
+
+
+def surface() -> pyvista.PolyData:
+    mesh = pyvista.PolyData.from_regular_faces(V.astype(np.float32), F)
+    mesh.point_data["pressure"] = np.arange(len(V))
+    mesh.cell_data["label"] = np.arange(len(F))
+    mesh.field_data["patient"] = [7]
+    return mesh
+
+
+def box() -> pyvista.UnstructuredGrid:
+    """Return 3 x 3 x 3 cubes, with 8 vertices inside."""
+    grid = pyvista.ImageData(dimensions=(4, 4, 4)).cast_to_unstructured_grid()
+    grid.point_data["heat"] = np.arange(grid.n_points)
+    return grid
+
+
+@pytest.mark.parametrize("suffix", KEPT)
+def test_positions_and_faces_come_back_bit_by_bit_also_by_the_library(here, suffix):
+    sshade.write(f"a{suffix}", V, F)
+    for found in (sshade.read(f"a{suffix}"), by_library(Path(f"a{suffix}"))):
+        assert np.array_equal(found[0], V) and np.array_equal(found[1], F)
+    file = read_file(f"a{suffix}")
+    write_file(f"b{suffix.upper()}", file, 2 * V)
+    assert np.array_equal(sshade.read(f"b{suffix.upper()}").V, 2 * V)
+
+
+def test_collada_keeps_the_surface_to_seven_digits(here):
+    sshade.write("a.dae", V, F)
+    for found in (sshade.read("a.dae"), by_library(Path("a.dae"))):
+        np.testing.assert_allclose(found[0][found[1]], V[F], rtol=3e-7)
+    np.testing.assert_allclose(read_file("a.dae").rounding, 2**-15)
+
+
+def test_points_alone_are_read_and_not_deformed(sound, capsys):
+    np.savetxt("a.xyz", V)
+    assert np.array_equal(sshade.read("a.xyz").V, V) and sshade.read("a.xyz").F.shape == (0, 3)
+    assert main(["deform", "a.xyz", "pose.json", "-o", "b.ply"]) == 2
+    assert "a.xyz: the file holds no triangles; give a mesh with faces" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
+def test_data_at_points_and_cells_stay(here, suffix):
+    surface().save(f"a{suffix}")
+    file = read_file(f"a{suffix}")
+    assert file.holds == ("point data", "cell data") and not file.lost(f"b{suffix}")
+    assert np.array_equal(file.rounding, np.full(3, np.spacing(np.float32(300), dtype=np.float32)))
+    write_file(f"b{suffix}", file, 2 * V)
+    after = pyvista.read(f"b{suffix}")
+    assert np.array_equal(after.points, 2 * V) and np.array_equal(after.regular_faces, F)
+    assert after["pressure"].tolist() == list(range(len(V))) and after["label"].tolist() == list(
+        range(len(F))
+    )
+    assert after.field_data["patient"].tolist() == [7]
+
+
+def test_normals_of_the_rest_shape_are_left_out_and_said(here):
+    surface().compute_normals(split_vertices=False, inplace=False).save("a.vtp")
+    file = read_file("a.vtp")
+    assert file.notes == ("outputs lack its normals",)
+    write_file("b.vtp", file, file.V)
+    assert sorted(pyvista.read("b.vtp").array_names) == ["label", "patient", "pressure"]
+
+
+def test_the_surface_of_a_volume_has_the_ids_of_the_file(here):
+    box().save("a.vtu")
+    file = read_file("a.vtu")
+    assert np.array_equal(file.V, box().points) and len(file.F) == 108
+    inside = np.setdiff1d(np.arange(64), file.F)
+    assert ((file.V[inside] > 0) & (file.V[inside] < 3)).all() and len(inside) == 8
+    assert file.lost("b.vtu") == ("point data", "other cells than triangles")
+
+
+def test_polygons_strips_and_quadratic_cells_become_triangles(here):
+    pyvista.Plane(i_resolution=3, j_resolution=2).save("quads.vtp")
+    assert read_file("quads.vtp").F.shape == (12, 3)
+    assert np.array_equal(read_file("quads.vtp").V, pyvista.Plane(i_resolution=3, j_resolution=2).points)
+    surface().strip().save("strips.vtp")
+    assert np.array_equal(
+        np.unique(np.sort(read_file("strips.vtp").F), axis=0), np.unique(np.sort(F), axis=0)
+    )
+    nodes = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    kind = pyvista.CellType.QUADRATIC_TRIANGLE
+    pyvista.UnstructuredGrid([6, *range(6)], [kind], nodes).save("curved.vtu")
+    assert read_file("curved.vtu").F.tolist() == [[0, 1, 2]] and len(read_file("curved.vtu").V) == 6
+
+
+def test_meshes_of_a_scene_stand_where_it_shows_them(here):
+    scene, motion, mirror = trimesh.Scene(), np.eye(4), np.diag([-1.0, 1, 1, 1])
+    motion[:3, :3], motion[:3, 3] = rotation(), [5, 0, 0]
+    mesh = trimesh.Trimesh(V, F, process=False)
+    scene.add_geometry(mesh, geom_name="one", node_name="a")
+    scene.add_geometry(mesh, geom_name="one", node_name="b", transform=motion)
+    scene.add_geometry(mesh, geom_name="one", node_name="c", transform=mirror)
+    scene.export("a.3mf")
+    file = read_file("a.3mf")
+    assert file.holds == ("objects",)
+    order = [motion, mirror, np.eye(4)]
+    whole = {tuple(np.round(row, 6)) for M in order for row in V @ M[:3, :3].T + M[:3, 3]}
+    assert {tuple(np.round(row, 6)) for row in file.V} == whole
+    parts = zip(np.split(file.V, 3), np.split(file.F, 3), (0, len(V), 2 * len(V)), strict=True)
+    volumes = [sshade.Mesh(own, faces - first).volume for own, faces, first in parts]
+    np.testing.assert_allclose(volumes, BODY.volume, rtol=1e-9)
+
+
+def deform(source: str, output: str) -> int:
+    return main(["deform", source, "pose.json", "-o", output, "--vertices", "60"])
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITABLE if suffix not in SUFFIXES])
+def test_the_command_says_what_is_lost(sound, suffix, capsys):
+    assert deform("body.ply", f"a{suffix}") == 0
+    assert "loses the" not in capsys.readouterr().err
+    surface().save("b.vtp")
+    Path("pose.json").write_text('{"handles": [{"vertices": [0, 1, 2, 3, 4]}]}')
+    assert deform("b.vtp", f"c{suffix}") == 0
+    lost = (
+        f"note: c{suffix} loses the point data and cell data of b.vtp: only positions and faces are written"
+    )
+    assert (lost in capsys.readouterr().err) == (suffix not in (".vtp", ".vtk"))
+    assert len(sshade.read(f"c{suffix}").F) == len(F)
+
+
+def test_all_commands_and_meshes_that_go_along_take_them(sound, capsys):
+    body = sshade.read("body.ply")
+    write_mesh("body.vtp", *body)
+    write_mesh("shirt.vtu", *body)
+    line = ["deform", "body.vtp", "pose.json", "-o", "a_%02d.vtp", "--vertices", "60"]
+    assert main(line) == 0
+    line[4] = "a.vtp"
+    assert main([*line, "--with", "shirt.vtu"]) == 0 and len(sshade.read("a_shirt.vtu").F) == len(body.F)
+    assert main(["remesh", "body.vtp", "-o", "p.vtp", "--map", "m.npz", "--vertices", "60"]) == 0
+    assert main(["carry", "body.vtp", "m.npz", "p.vtp", "-o", "c.3mf"]) == 0
+    assert main(["transfer-pose", "body.vtp", "a.vtp", "body.vtp", "-o", "t.vtk", "--vertices", "60"]) == 0
+    box().save("box.vtu")
+    assert main([*line, "--with", "box.vtu"]) == 2
+    assert "box.vtu: its point data and other cells than triangles would be lost" in capsys.readouterr().err
+
+
+def cut(suffix: str, path: Path) -> None:
+    write_mesh(f"whole{suffix}", V, F)
+    content = Path(f"whole{suffix}").read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+
+
+def points(path: Path) -> None:
+    pyvista.UnstructuredGrid([2, 0, 1], [pyvista.CellType.LINE], V[:2]).save(path)
+
+
+#: Names of files, how they are written, and words of their refusal.
+BAD = {
+    **{
+        f"no{end}": (lambda path: path.write_text("hello"), f"not a readable {end[1:].upper()} file (")
+        for end in KEPT
+    },
+    **{f"cut{end}": (partial(cut, end), f"not a readable {end[1:].upper()} file (") for end in KEPT},
+    "no.dae": (lambda path: path.write_text("hello"), "not a readable DAE file ("),
+    "lines.vtu": (points, "the file holds no triangles; give a mesh with faces"),
+    "empty.vtp": (lambda path: path.write_text(""), "the file is empty"),
+    "a.abc": (
+        lambda path: path.write_text("a"),
+        "with the extra formats .3mf, .dae, .xyz, or with the extra figures",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_are_refused_in_one_sentence(sound, name, capfd):
+    write, words = BAD[name]
+    write(Path(name))
+    capfd.readouterr()
+    with pytest.raises(InputError, match=r"\A[^\n]*\Z"):
+        sshade.read(name)
+    assert main(["deform", name, "pose.json", "-o", "out.ply"]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.count("\n") == 1 and words in err, err
+    assert not Path("out.ply").exists()
