@@ -237,7 +237,8 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
 
     file, shape = open_mesh(options, options.output)
     poses: list[Handles] = []
-    for path, one in zip(options.handles, given, strict=True):
+    # Landmarks of the target, behind those at rest, belong to the same pose.
+    for path, one in zip(options.handles[: len(given)], given, strict=True):
         with naming(path):
             poses.append(on_shape(one, shape))
             poses[-1].require_same(poses[0])

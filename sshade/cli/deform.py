@@ -1,7 +1,8 @@
 """Deform a mesh so that its handles reach their targets.
 
 HANDLES says which vertices stay and where others move. `sshade edit` makes such a file. It is a .json file of
-this project or a .yaml file of Implicit-ARAP. In JSON:
+this project or a .yaml file of Implicit-ARAP, or two landmark files (.csv, .txt, .mrk.json, .fcsv, .pp,
+.particles), of the rest shape and of the target. In JSON:
 
   {"handles": [
     {"name": "foot", "kind": "fixed", "vertices": [12, 13, 14]},
@@ -11,12 +12,12 @@ this project or a .yaml file of Implicit-ARAP. In JSON:
     {"name": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}]}
 
 Handles are vertex ids from 0, positions on the mesh (snapped to the nearest vertices), or all vertices in
-some boxes (lowest and highest corner). They move to a target each, or together by a rotation R and a
-translation t: v moves to R (v - c) + c + t. You can leave out R or t. The center c is a point or "centroid";
-by default it is the origin. Groups with a weight are soft: they are pulled to their targets, with weight 1
-about as strongly as the surface resists. Beside targets, a rotation prescribes the rotation of the surface at
-the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin with _;
-other unknown keys are refused.
+some boxes (lowest and highest corner). They move to a target each, or together by a rotation R, a scale s and
+a translation t: v moves to s R (v - c) + c + t. You can leave out some of them. The center c is a point or
+"centroid"; by default it is the origin. Groups with a weight are soft: they are pulled to their targets, with
+weight 1 about as strongly as the surface resists. Beside targets, a rotation prescribes the rotation of the
+surface at the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin
+with _; other unknown keys are refused.
 
 Several handle files are a sequence of poses. The mesh is bound once, and each pose starts from the pose
 before. OUT is a name with a number, as in out_%04d.ply, or a .glb with a morph target for each pose and an
@@ -41,6 +42,7 @@ examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
   sshade deform body.ply pose.json -o posed.ply --options options.yaml
+  sshade deform skull.vtp rest.mrk.json target.mrk.json -o fitted.vtp --amount 0.5
   sshade deform body.ply poses/*.json -o out_%04d.ply
   sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb
 """
@@ -72,7 +74,7 @@ from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming
 from sshade.files.by_library import WRITABLE, check_mesh
-from sshade.files.handle_files import read_handle_file
+from sshade.files.handle_files import pose_files, read_handle_file
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
 #: Options of the methods that the command line can give.
@@ -81,7 +83,7 @@ OPTIONS = [name for names in GROUPS.values() for name in names if name != "coars
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    handles = f"{HANDLES}; several for a sequence"
+    handles = f"{HANDLES}, or two landmark files; several handle files for a sequence"
     add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
     method = "fast (default), fine, paper or interpolate, see above"
     parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
@@ -90,6 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
+    amount = "fraction of the way that the handles move, 0 to 2; rotations have it of the angle (default: 1)"
+    parser.add_argument("--amount", type=float, default=1.0, metavar="A", help=amount)
     raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
     raw += "corrected by the snap, rotated with its group"
     add_flags(parser, {"--raw": raw, "--refuse-unconstrained": REFUSE})
@@ -103,7 +107,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
-    sequence = len(options.handles) > 1 or has_number(options.output)
+    poses = pose_files(options.handles)
+    sequence = len(poses) > 1 or has_number(options.output)
     if sequence and options.along:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")
     if not sequence:
@@ -115,7 +120,7 @@ def command(options: argparse.Namespace) -> int:
     check_mesh(options.mesh)
     if sequence:
         check_sequence(options)
-    given = [read_handle_file(path, raw=options.raw) for path in options.handles]
+    given = [read_handle_file(*files, raw=options.raw, amount=options.amount) for files in poses]
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
@@ -131,10 +136,11 @@ def command(options: argparse.Namespace) -> int:
         with progress_bar() as progress, announced_warnings():
             result = deform_task(task, method=options.method, progress=progress, **values)
         seconds = perf_counter() - begin
-        placed = shape.placed(result.vertices)
+        stays = options.amount == 0 and not resolved.volume_goal
+        placed = file.V if stays else shape.placed(result.vertices)
         write_file(options.output, file, placed)
         if others:
-            along.write_files(others, shape.mesh, result.vertices)
+            along.write_files(others, shape.mesh, shape.mesh.V if stays else result.vertices)
         stored = stored_positions(options.output, file, placed)
         rounding = 0.0 if stored is placed else float(np.linalg.norm(stored - placed, axis=1).max())
         reach, error = reached(stored, shape.surface, handles)
@@ -143,7 +149,7 @@ def command(options: argparse.Namespace) -> int:
         proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
         tell(options, opened, result.facts, asked=resolved.vertices, error=error, rounding=rounding)
-    if stays_at_rest(task, resolved):
+    if options.amount and stays_at_rest(task, resolved):
         say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
     if result.converged is False:
         say(

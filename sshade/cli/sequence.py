@@ -129,7 +129,8 @@ def deform_poses(
         with naming(options.handles[number]):
             result = sequence(poses[number], after=after)
         results.append(replace(result, vertices=np.empty((0, 3))))
-        return shape.placed(result.vertices)
+        stays = options.amount == 0 and not resolved.volume_goal
+        return file.V if stays else shape.placed(result.vertices)
 
     errors, moves = [0.0], [0.0]
 

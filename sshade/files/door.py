@@ -20,6 +20,7 @@ from sshade.files.implicit_arap import implicit_arap_frame
 from sshade.files.mesh_file import MeshFile
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.rigid import rotations_partway
 from sshade.mesh.surface import Surface, surface
 from sshade.mesh.weld import NEAR
 from sshade.problem.handle_checks import SAME_TARGET
@@ -219,7 +220,7 @@ def on_mesh(
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
     for own in file.groups:
         with naming(own.title):
-            place, target, distance = _placed(own, mesh, vertex)
+            place, target, distance = _placed(own, mesh, vertex, file.amount)
         k, by_position = len(place), own.source is not None and own.motion is None
         values = np.full(k, own.moves), np.full(k, own.number), np.full(k, own.weight)
         rotation = np.broadcast_to(NO_ROTATION if own.rotation is None else own.rotation, (k, 3, 3))
@@ -241,7 +242,21 @@ def on_mesh(
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
     merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
-    return Handles(**joined, merged=merged, merge_distance=farthest, extent=extent)
+    handles = Handles(**joined, merged=merged, merge_distance=farthest, extent=extent)
+    return handles if file.amount == 1 else _partway(file, handles, mesh)
+
+
+def _partway(file: HandleFile, handles: Handles, mesh: Mesh) -> Handles:
+    """Move the targets of groups without a common motion, and turn prescribed rotations, partway."""
+    rest, rotation = mesh.V[handles.index], None
+    straight = np.isin(handles.group, [group.number for group in file.groups if group.motion is None])
+    target = handles.target.copy()
+    target[straight] = (rest + file.amount * (handles.target - rest))[straight]
+    if handles.rotation is not None and file.amount > 0:
+        rotation = handles.rotation.copy()
+        rows = handles.has_rotation
+        rotation[rows] = rotations_partway(rotation[rows], file.amount)
+    return handles.at(target, rotation)
 
 
 def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
@@ -256,15 +271,15 @@ def handle_notes(file: HandleFile, handles: Handles, mesh: Mesh) -> list[str]:
         )
     turned = []
     for group in file.groups:
-        if group.motion is not None and group.motion.center is None and group.motion.turns:
+        if group.motion is not None and group.motion.center is None and not group.motion.is_translation:
             points = mesh.V[handles.index[handles.group == group.number]]
             if len(points) and not ((points.min(axis=0) <= 0) & (points.max(axis=0) >= 0)).all():
                 turned.append(str(group.number))
     if turned:
         entries = "entry" if len(turned) == 1 else "entries"
         found.append(
-            f"the rotation of {entries} {', '.join(turned)} is about the origin, which lies outside of the "
-            'bounding box of its vertices; "center": "centroid" turns them about their mean'
+            f"the rotation or scale of {entries} {', '.join(turned)} is about the origin, which lies outside "
+            'of the bounding box of its vertices; "center": "centroid" moves them about their mean'
         )
     return found
 
@@ -274,7 +289,9 @@ def _columns(rows: list[tuple[np.ndarray, ...]]) -> list[np.ndarray]:
     return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
 
-def _placed(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _placed(
+    group: HandleGroup, mesh: Mesh, vertex: np.ndarray, amount: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the vertices of a group, their targets and their snap distances.
 
     Positions without a common motion are returned in place of vertices: they are snapped later, because the
@@ -292,7 +309,7 @@ def _placed(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> tuple[np.ndar
         return at, mesh.V[at] if group.target is None else group.target, distance
     _, first = np.unique(at, return_index=True)  # each vertex counts once in the centroid
     at = at[np.sort(first)]
-    return at, group.motion(mesh.V[at]), distance[np.sort(first)]
+    return at, group.motion.partway(amount)(mesh.V[at]), distance[np.sort(first)]
 
 
 def _vertices(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> np.ndarray:

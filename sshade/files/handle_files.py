@@ -6,7 +6,7 @@ JSON::
         {"name": "left foot", "kind": "fixed", "vertices": [12, 13, 14]},
         {"name": "right hand", "source": [[x, y, z], ...], "target": [[x, y, z], ...]},
         {"name": "head", "boxes": [[[x, y, z], [x, y, z]], ...],
-         "rotation": [[...], [...], [...]], "translation": [x, y, z], "center": "centroid"},
+         "rotation": [[...], [...], [...]], "translation": [x, y, z], "scale": s, "center": "centroid"},
         {"name": "tail", "vertices": [99], "target": [[x, y, z]], "weight": 5, "rotation": [x, y, z, w]}
     ]}
 
@@ -20,8 +20,8 @@ Each entry is a group of handles, given in one of three ways:
 skipped). Without a ``kind``, an entry with a motion is moved. A motion is given in one of two ways:
 
 - ``target``: the position of each handle.
-- ``translation`` t and ``rotation`` R, or one of the two: a vertex v moves to R (v - c) + c + t. The
-  ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
+- ``translation`` t, ``rotation`` R and ``scale`` s, or some of them: a vertex v moves to s R (v - c) + c + t.
+  The ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
 
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
@@ -36,8 +36,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +55,9 @@ from sshade.files.handwritten import (
     require_known,
 )
 from sshade.files.implicit_arap import read_implicit_arap
+from sshade.files.landmarks import ENDINGS, is_landmark_file, read_landmarks
 from sshade.files.mesh_file import check_input
-from sshade.mesh.rigid import RigidMotion
+from sshade.mesh.rigid import Similarity
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
 
 #: Suffixes of handle files.
@@ -64,7 +65,7 @@ FORMATS = (".json", ".yaml", ".yml")
 #: Keys of which an entry has one: they say where its handles are. Functions check their values.
 PLACES = {"vertices": as_ids, "source": as_points, "boxes": as_boxes}
 #: Keys that give the motion of a group without targets.
-MOTION = {"rotation", "translation"}
+MOTION = {"rotation", "scale", "translation"}
 #: Keys of the name of a group.
 NAMES = ("name", "landmark")
 #: Words for a kind, and whether the handles move.
@@ -80,6 +81,8 @@ ANIMATION = ("frames", "keys")
 RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
+#: Largest amount of the way that handles move.
+FARTHEST = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +105,7 @@ class HandleGroup:
         Lowest and highest corners of boxes.
     target : (k, 3) float64, optional
         None for handles that stay, and for groups that move rigidly.
-    motion : RigidMotion, optional
+    motion : Similarity, optional
         Motion of a group that moves rigidly.
     rotation : (3, 3) float64, optional
         Prescribed rotation of the surface.
@@ -117,7 +120,7 @@ class HandleGroup:
     source: np.ndarray | None = None
     boxes: np.ndarray | None = None
     target: np.ndarray | None = None
-    motion: RigidMotion | None = None
+    motion: Similarity | None = None
     rotation: np.ndarray | None = None
     weight: float = np.inf
 
@@ -141,23 +144,53 @@ class HandleFile:
         Whether positions are in the coordinates of Implicit-ARAP.
     made : mapping
         Options that the editor recorded.
+    amount : float
+        Fraction of the way that the handles move.
     """
 
     groups: tuple[HandleGroup, ...]
     raw: bool
     implicit_arap: bool = False
     made: Mapping[str, Any] = field(default_factory=dict)
+    amount: float = 1.0
 
 
-def read_handle_file(path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
-    """Read a handle file, and check all that can be checked without the mesh.
+def pose_files(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+    """Return the files of each pose for :func:`read_handle_file`: landmark files are one pose."""
+    return [tuple(paths)] if any(map(is_landmark_file, paths)) else [(path,) for path in paths]
+
+
+def read_handle_file(*paths: str | os.PathLike[str], raw: bool = False, amount: float = 1.0) -> HandleFile:
+    """Read a handle file, or two landmark files, and check all that can be checked without the mesh.
 
     Raises
     ------
     InputError
-        When the file is missing, of another format, or inconsistent.
+        When a file is missing, of another format, or inconsistent, or `amount` is out of its range.
     """
-    path = Path(path)
+    if not 0 <= amount <= FARTHEST:
+        raise InputError(f"the amount goes from 0 to {FARTHEST}, not {amount:g}")
+    kinds = list(map(is_landmark_file, paths))
+    if kinds not in ([False], [True, True]):
+        raise InputError(
+            f"{paths[0]}: `sshade deform` takes one handle file for each pose, or two landmark files "
+            f"({', '.join(ENDINGS)}), of the rest shape and of the target"
+        )
+    read = _landmarks if kinds[0] else _handles
+    return replace(read(*map(Path, paths), raw=raw), amount=amount)
+
+
+def _landmarks(rest: Path, target: Path, *, raw: bool) -> HandleFile:
+    """Read landmarks, each of which is a group."""
+    groups = [
+        HandleGroup(number, name, bool((source != goal).any()), source=source[None], target=goal[None])
+        for number, (name, source, goal) in enumerate(zip(*read_landmarks(rest, target), strict=True))
+    ]
+    return HandleFile(tuple(groups), raw)
+
+
+def _handles(path: Path, *, raw: bool) -> HandleFile:
+    """Read a file in this project's JSON, or in the YAML of Implicit-ARAP."""
     check_input(path, FORMATS)
     if path.suffix.lower() == ".json":
         return parsed_handle_file(path.read_bytes(), path, raw=raw)
@@ -237,16 +270,18 @@ def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
 
 
 def _moves_rigidly(entry: dict[str, Any], moves: bool) -> bool:
-    """Whether a rotation or a translation is the motion of the group, and no prescribed rotation."""
+    """Whether a rotation, a translation or a scale is the motion of the group, and no prescribed rotation."""
     if "target" in entry or not MOTION & set(entry):
         return False
-    return moves or "boxes" in entry or "translation" in entry or "center" in entry
+    return moves or any(key in entry for key in ("boxes", "translation", "scale", "center"))
 
 
-def _motion(entry: dict[str, Any]) -> RigidMotion:
+def _motion(entry: dict[str, Any]) -> Similarity:
     """Return the motion of a group without targets."""
     rotation = _rotation(entry) if "rotation" in entry else np.eye(3)
-    translation, center = np.zeros(3), entry.get("center")
+    translation, center, scale = np.zeros(3), entry.get("center"), entry.get("scale", 1.0)
+    if not _is_positive(scale) or np.isinf(scale):
+        raise InputError('"scale" must be a number above 0')
     if "translation" in entry:
         translation = as_array(entry["translation"], '"translation"', (3,), "three numbers")
     if "center" in entry and center != "centroid":
@@ -254,7 +289,7 @@ def _motion(entry: dict[str, Any]) -> RigidMotion:
         if isinstance(center, str):
             raise InputError(f'"center" must be {form}, not {json.dumps(center[:LONGEST])}')
         center = as_array(center, '"center"', (3,), form)
-    return RigidMotion(rotation, translation, center)
+    return Similarity(rotation, translation, center, float(scale))
 
 
 def _rotation(entry: dict[str, Any]) -> np.ndarray:
@@ -281,10 +316,15 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
 def _weight(entry: dict[str, Any]) -> float:
     """Return the weight of an entry: inf for hard handles."""
     weight = entry.get("weight", np.inf)
-    number = isinstance(weight, int | float) and not isinstance(weight, bool)
-    if not number or not weight > 0 or (isinstance(weight, int) and weight > 2**1000):
+    if not _is_positive(weight):
         raise InputError('"weight" must be a number above 0; leave it out for hard handles')
     return float(weight)
+
+
+def _is_positive(value: Any) -> bool:
+    """Whether a value is a number above 0 that a float can hold, or inf."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and value > 0 and not (isinstance(value, int) and value > 2**1000)
 
 
 def _name(entry: dict[str, Any]) -> str:
@@ -310,7 +350,7 @@ def _moves(entry: Any) -> bool | None:
     require_known(entry, KEYS, RECORDS)
     if entry.get("kind") == "unused":
         return None
-    moves = "target" in entry or "translation" in entry
+    moves = any(key in entry for key in ("target", "translation", "scale"))
     moves = moves or ("rotation" in entry and ("boxes" in entry or "center" in entry))
     kind = entry.get("kind", "moved" if moves else "fixed")
     if not isinstance(kind, str) or kind not in KINDS:
@@ -323,13 +363,13 @@ def _moves(entry: Any) -> bool | None:
 
 def _check_motion(entry: dict[str, Any], kind: str) -> None:
     """Raise InputError unless the entry gives one motion, or none."""
-    needed = ["rotation", "translation"] if "boxes" in entry else ["target", "rotation", "translation"]
+    needed = sorted(MOTION) if "boxes" in entry else ["target", *sorted(MOTION)]
     if "boxes" in entry and "target" in entry:
-        raise InputError('"boxes" have no "target"; give a "rotation" or a "translation"')
-    for key in ("translation", "center"):
+        raise InputError('"boxes" have no "target"; give a "rotation", a "scale" or a "translation"')
+    for key in ("translation", "scale", "center"):
         if key in entry and "target" in entry:
             raise InputError(f'give the motion either as "target" or as "{key}"')
-    if "center" in entry and "rotation" not in entry:
-        raise InputError('"center" needs a "rotation"')
+    if "center" in entry and "rotation" not in entry and "scale" not in entry:
+        raise InputError('"center" needs a "rotation" or a "scale"')
     if KINDS[kind] and not any(key in entry for key in needed):
         raise InputError(f"it is {kind} and has no {' or '.join(map(json.dumps, needed))}")

@@ -24,15 +24,26 @@ from sshade.problem.task import DeformationTask
 
 
 def read_handles(
-    path: str | os.PathLike[str], mesh: Mesh, *, raw: bool = False, vertex: np.ndarray | None = None
+    path: str | os.PathLike[str],
+    mesh: Mesh,
+    *,
+    target: str | os.PathLike[str] | None = None,
+    amount: float = 1.0,
+    raw: bool = False,
+    vertex: np.ndarray | None = None,
 ) -> Handles:
-    """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file.
+    """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file, or from two landmark files.
 
     Parameters
     ----------
     path : path
+        Handle file, or the landmarks of the rest shape.
     mesh : Mesh
         The rest shape that the handles are snapped to.
+    target : path, optional
+        The landmarks of the target, if `path` has landmarks.
+    amount : float
+        Fraction of the way that the handles move, from 0 to 2; rotations have this fraction of the angle.
     raw : bool
         Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
     vertex : (k,) int, optional
@@ -44,7 +55,8 @@ def read_handles(
     InputError
         When the file is missing, of another format, inconsistent, or does not fit the mesh.
     """
-    file = read_handle_file(path, raw=raw)
+    paths = (path,) if target is None else (path, target)
+    file = read_handle_file(*paths, raw=raw, amount=amount)
     with naming(path):
         return on_mesh(file, mesh, vertex=vertex)
 

@@ -164,7 +164,7 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
     err = capsys.readouterr().err
     assert "note: 1 position was merged with another position" in err
     assert "note: handles given by position were snapped by at most" in err
-    assert "note: the rotation of entry 1 is about the origin, which lies outside" in err
+    assert "note: the rotation or scale of entry 1 is about the origin, which lies outside" in err
 
 
 @pytest.mark.parametrize(
@@ -334,3 +334,20 @@ def test_a_stage_that_ended_is_done_starts_anew_and_leaves_the_screen_to_later_s
     assert [task.visible for task in bars.tasks] == [False, *[True] * ENDED]
     progress("proxy", 0, 1000)
     assert proxy.visible
+
+
+@pytest.mark.parametrize("suffix", ["ply", "glb"])
+def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, suffix, capsys):
+    write_mesh(f"rest.{suffix}", *read_arrays("body.ply"))
+    for output, poses in ((f"out.{suffix}", ["pose.json"]), (f"out_%d.{suffix}", ["pose.json", "pose.json"])):
+        line = ["deform", f"rest.{suffix}", *poses, "-o", output, "--amount", "0", "--vertices", "60"]
+        assert main(line) == 0 and "no handle moves" not in capsys.readouterr().err
+    for name in (f"out.{suffix}", f"out_1.{suffix}", f"out_2.{suffix}"):
+        assert np.array_equal(read_arrays(name)[0], read_arrays(f"rest.{suffix}")[0])
+    line = ["deform", "body.ply", "pose.json", "-o", "half.ply", "--amount", "0.5", "--vertices", "60"]
+    assert main(line) == 0
+    half, whole = (
+        read_handles("pose.json", Mesh(*read_arrays("body.ply")), amount=amount) for amount in (0.5, 1)
+    )
+    assert not np.array_equal(half.target, whole.target)
+    np.testing.assert_allclose(read_arrays("half.ply")[0][half.index], half.target, rtol=0, atol=1e-9)

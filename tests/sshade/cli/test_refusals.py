@@ -53,7 +53,11 @@ LIGHT = {
     "deform body.ply none.json -o a.ply": "there are no handles",
     "deform body.ply target.json -o a.ply": "entry 0: 2 handles have 1 targets",
     "deform body.ply parts.yaml -o a.ply": "no such file: parts/gone.txt",
-    "deform body.ply pose.txt -o a.ply": "unknown format '.txt'",
+    "deform body.ply pose.abc -o a.ply": "pose.abc: unknown format '.abc'",
+    "deform body.ply pose.txt -o a.ply": "pose.txt: `sshade deform` takes one handle file for each pose, or two",
+    "deform body.ply pose.txt pose.txt -o a.ply": "pose.txt: it has no landmarks",
+    "deform body.ply pose.json -o a.ply --amount 2.5": "the amount goes from 0 to 2, not 2.5",
+    "deform body.abc pose.json -o a.ply": "body.abc: unknown format '.abc'; use .ply, .obj, .off, .stl, .glb",
     "deform gone.ply gone.json -o no/a.ply": "the folder no does not exist",
     "deform body.ply pose.json -o pose.json/a.ply": "pose.json/a.ply: the folder pose.json does not exist",
     "deform body.ply pose.json -o a.fbx": "unknown format '.fbx'",
@@ -127,7 +131,8 @@ def refused(lines: dict[str, str], *flags: str) -> None:
 
 def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
     write_mesh("body.ply", BODY.V, BODY.F)
-    Path("pose.txt").write_bytes(b"")
+    for name in ("pose.txt", "pose.abc", "body.abc"):
+        Path(name).write_bytes(b"")
     Path("damaged.ply").write_text("ply\n")
     Path("map.npz").write_bytes(b"")
     for name, content in {**HANDLES, "pose.json": {"vertices": [1]}}.items():

@@ -9,6 +9,7 @@ from sshade.files.door import handle_notes, on_mesh
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_handles, read_task, write_handles
+from sshade.mesh.rigid import rigid_motion
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, shifted, tetrahedron, torn
 
@@ -141,7 +142,7 @@ def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(write, body):
     everywhere = {**turn, "vertices": list(range(body.n))}
     shift = {"vertices": top, "translation": [0, 0, 1]}
     for entries, words in (
-        ([{"vertices": [0]}, turn], ["rotation of entry 1 is about the origin"]),
+        ([{"vertices": [0]}, turn], ["rotation or scale of entry 1 is about the origin"]),
         ([everywhere], []),
         ([shift], []),
         ([{**turn, "center": "centroid"}], []),
@@ -558,3 +559,83 @@ def test_a_task_is_made_of_what_of_a_file_is_a_surface(here):
     assert np.array_equal(task.mesh.V, V[1:]) and task.handles.index.tolist() == [0, 4]
     result = deform(task, vertices=30)
     assert result.facts.unconstrained == 1 and np.abs(result.vertices - V[1:]).max() < 1e-6
+
+
+def test_an_amount_moves_handles_a_part_of_the_way(write, body):
+    R, t, at = rotation(1), np.array([0.3, 0, -0.2]), body.V[[5, 6, 7]]
+    angle = np.arccos((np.trace(R) - 1) / 2)
+    entries = [
+        {
+            "vertices": [5, 6, 7],
+            "rotation": R.tolist(),
+            "translation": t.tolist(),
+            "center": "centroid",
+            "scale": 1.4,
+        },
+        {"vertices": [100, 101], "target": (body.V[[100, 101]] + t).tolist(), "rotation": R.tolist()},
+        {"vertices": [200], "kind": "fixed"},
+        {"source": (body.V[[300, 301]] + 1e-3).tolist(), "target": (body.V[[300, 301]] + 1).tolist()},
+    ]
+    path = write(entries)
+    whole = read_handles(path, body)
+    for amount in (0.0, 0.5, 1.0, 2.0):
+        part = read_handles(path, body, amount=amount)
+        rest, straight = body.V[whole.index], whole.group > 0
+        assert np.array_equal(part.index, whole.index) and np.array_equal(part.dynamic, whole.dynamic)
+        expected = rest + amount * (whole.target - rest)
+        np.testing.assert_allclose(part.target[straight], expected[straight], rtol=0, atol=1e-15)
+        centered = part.target[~straight] - part.target[~straight].mean(axis=0)
+        turn, _ = rigid_motion(at - at.mean(axis=0), centered)
+        scale = np.linalg.norm(centered) / np.linalg.norm(at - at.mean(axis=0))
+        assert scale == pytest.approx(1 + amount * 0.4) and part.target[~straight].mean(
+            axis=0
+        ) == pytest.approx(at.mean(axis=0) + amount * t)
+        # Twice the angle may be more than half a turn.
+        assert np.trace(turn) == pytest.approx(1 + 2 * np.cos(amount * angle))
+        if amount == 0:
+            assert np.array_equal(part.target, rest) and part.rotation is None
+        else:
+            own = part.rotation[part.has_rotation][0]
+            assert np.trace(own) == pytest.approx(1 + 2 * np.cos(amount * angle))
+            assert own @ R == pytest.approx(R @ own)
+    assert np.array_equal(part.has_rotation, whole.has_rotation)
+    for name in ("target", "rotation"):
+        assert np.array_equal(
+            getattr(read_handles(path, body, amount=1), name), getattr(whole, name), equal_nan=True
+        )
+
+
+@pytest.mark.parametrize("amount", [-0.1, 2.1, np.nan, np.inf])
+def test_an_amount_out_of_range_is_refused(write, body, amount):
+    with pytest.raises(InputError, match="the amount goes from 0 to 2, not"):
+        read_handles(write([{"vertices": [0]}]), body, amount=amount)
+
+
+def test_a_scale_acts_about_the_center_with_rotation_and_translation(write, body):
+    R, at = rotation(1), body.V[[5, 6, 7]]
+    center = at.mean(axis=0)
+    for entry, expected in (
+        ({"scale": 2}, 2 * at),
+        ({"scale": 0.5, "center": "centroid"}, 0.5 * (at - center) + center),
+        ({"scale": 3, "center": [1, 2, 3], "translation": [1, 0, 0]}, 3 * (at - [1, 2, 3]) + [2, 2, 3]),
+        (
+            {"scale": 1.5, "rotation": R.tolist(), "center": "centroid"},
+            1.5 * (at - center) @ R.T + center,
+        ),
+    ):
+        handles = read_handles(write([{"vertices": [5, 6, 7], **entry}]), body)
+        np.testing.assert_allclose(handles.target, expected, rtol=0, atol=1e-14)
+        assert handles.dynamic.all()
+    with pytest.raises(InputError, match="entry 0: the scale 0.4 cannot be exceeded 2 times"):
+        read_handles(write([{"vertices": [5], "scale": 0.4}]), body, amount=2)
+
+
+@pytest.mark.parametrize("scale", [0, -1, "2", True, None, [1, 2, 3], 1e999])
+def test_a_scale_is_a_number_above_zero(write, body, scale):
+    with pytest.raises(InputError, match='entry 0: "scale" must be a number above 0'):
+        read_handles(write([{"vertices": [5], "scale": scale}]), body)
+
+
+def test_a_scale_excludes_targets(write, body):
+    with pytest.raises(InputError, match='give the motion either as "target" or as "scale"'):
+        read_handles(write([{"vertices": [5], "scale": 2, "target": [[0, 0, 0]]}]), body)

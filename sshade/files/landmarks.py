@@ -1,0 +1,169 @@
+"""Landmark files of other programs: two of them, of the rest shape and of the target, are handles.
+
+===============  ===============================================================
+``.csv, .txt``   lines ``x y z`` or ``name, x, y, z``, with or without a head line
+``.mrk.json``    markups of 3D Slicer
+``.fcsv``        fiducials of earlier versions of 3D Slicer
+``.pp``          picked points of MeshLab
+``.particles``   particles of ShapeWorks
+===============  ===============================================================
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from sshade.core.errors import InputError, counted
+from sshade.files.atomic import expecting, naming
+from sshade.files.handwritten import decoded, parsed_list
+from sshade.files.mesh_file import check_input
+
+#: Endings of landmark files.
+ENDINGS = (".csv", ".txt", ".mrk.json", ".fcsv", ".pp", ".particles")
+#: Names of the coordinate systems of 3D Slicer, as its files write them.
+SYSTEMS = {"RAS": "RAS", "0": "RAS", "LPS": "LPS", "1": "LPS"}
+#: A number that is no id of a landmark.
+DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
+#: Columns of a file .fcsv without a line that names them.
+COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label")
+
+
+class Landmark(NamedTuple):
+    """A landmark as a file has it; `name` is empty if it has none, and coordinates may be texts."""
+
+    name: str
+    position: Any
+    system: str | None = None
+
+
+def is_landmark_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has the ending of landmark files."""
+    return Path(path).name.lower().endswith(ENDINGS)
+
+
+def read_landmarks(rest: Path, target: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Read the landmarks of the rest shape and of the target.
+
+    They correspond by their names if both files have names, and otherwise by their order.
+
+    Returns
+    -------
+    names : list of str
+        Empty where a landmark has no name.
+    source, target : (k, 3) float64
+        In the coordinate system of the rest shape.
+
+    Raises
+    ------
+    InputError
+        When a file is missing or unreadable, or the landmarks do not correspond.
+    """
+    (names, source, system), (others, goal, its_system) = _read(rest), _read(target)
+    k = counted(len(source), "landmark", "landmarks")
+    if len(source) != len(goal):
+        raise InputError(f"{rest} has {k}, and {target} has {len(goal)}; each needs a position in both files")
+    if {system, its_system} == {"LPS", "RAS"}:
+        goal = goal * (-1.0, -1.0, 1.0)
+    if all(names) and all(others):
+        row = {name: number for number, name in enumerate(others)}
+        for name in names:
+            if name not in row:
+                raise InputError(
+                    f"{target}: there is no landmark {name!r}, which {rest} has; give both files the same "
+                    "names, or one of them none"
+                )
+        goal = goal[[row[name] for name in names]]
+    return names if any(names) else others, source, goal
+
+
+def _read(path: Path) -> tuple[list[str], np.ndarray, str | None]:
+    """Return the names (k) and positions (k, 3) of landmarks, and their coordinate system, if it is known."""
+    check_input(path, (path.suffix.lower(),))
+    reader = {".json": _markups, ".fcsv": _fiducials, ".pp": _picked}.get(path.suffix.lower(), _table)
+    with expecting("a readable landmark file", path), naming(path):
+        found = list(reader(path.read_bytes()))
+        positions = [_coordinates(number, mark) for number, mark in enumerate(found)]
+        names, systems = [mark.name for mark in found], {mark.system for mark in found}
+        if not found:
+            raise InputError("it has no landmarks")
+        if len(systems) > 1:
+            raise InputError("its landmarks are in two coordinate systems, LPS and RAS; save them in one")
+        if twice := [name for name, count in Counter(filter(None, names)).items() if count > 1]:
+            raise InputError(f"two landmarks have the name {twice[0]!r}")
+        return names, np.array(positions), systems.pop()
+
+
+def _coordinates(number: int, mark: Landmark) -> list[float]:
+    """Return the position of a landmark; raise InputError unless it is three finite numbers."""
+    title = f"landmark {number}" + (f" {mark.name!r}" if mark.name else "")
+    try:
+        x, y, z = map(float, mark.position)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{title} has no position of three numbers") from error
+    if not np.isfinite([x, y, z]).all():
+        raise InputError(f"{title} has a NaN or infinite position")
+    return [x, y, z]
+
+
+def _table(content: bytes) -> Iterator[Landmark]:
+    """Read lines of a position, with or without a name before it. The first line may name the columns."""
+    lines = [line for line in decoded(content).splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    separator = next((sign for sign in ",;\t" if any(sign in line for line in lines)), None)
+    rows = [*csv.reader(lines, delimiter=separator)] if separator else [line.split() for line in lines]
+    head = [field.strip().lower() for field in rows[0]] if rows else []
+    columns = head if {"x", "y", "z"} <= set(head) else []
+    for number, row in enumerate(rows[bool(columns) :]):
+        if len(row) not in ([len(columns)] if columns else [3, 4]):
+            raise InputError(f"landmark {number} has {len(row)} values; expected x y z, or name, x, y, z")
+        fields = dict(zip(columns or ["name", "x", "y", "z"][-len(row) :], row, strict=True))
+        name = next((fields[key] for key in ("name", "label", "landmark", "id") if key in fields), "")
+        if not columns and DECIMAL.fullmatch(name.strip()):
+            raise InputError(f"landmark {number} has 4 numbers; expected x y z, or name, x, y, z")
+        yield Landmark(name.strip(), [fields[axis] for axis in "xyz"])
+
+
+def _markups(content: bytes) -> Iterator[Landmark]:
+    """Read the control points of all markups of 3D Slicer."""
+    for markup in parsed_list(content, "markups")["markups"]:
+        system = _system(markup.get("coordinateSystem", "LPS"))
+        for point in markup["controlPoints"]:
+            placed = point.get("positionStatus", "defined") == "defined"
+            yield Landmark(str(point.get("label", "")), point["position"] if placed else None, system)
+
+
+def _fiducials(content: bytes) -> Iterator[Landmark]:
+    """Read the fiducials of earlier versions of 3D Slicer: a table behind lines of comments."""
+    columns, system, rows = list(COLUMNS), "RAS", []
+    for line in decoded(content).splitlines():
+        key, _, value = line.lstrip("# ").partition("=")
+        if not line.startswith("#"):
+            rows += [line] if line.strip() else []
+        elif key.strip() == "columns":
+            columns = [name.strip() for name in value.split(",")]
+        elif key.strip() == "CoordinateSystem":
+            system = _system(value.strip())
+    for row in csv.reader(rows):
+        fields = dict(zip(columns, row, strict=False))
+        yield Landmark(fields.get("label", ""), [fields.get(axis) for axis in "xyz"], system)
+
+
+def _system(name: object) -> str:
+    if str(name) not in SYSTEMS:
+        raise InputError(f"the coordinate system {str(name)!r} is unknown; use LPS or RAS")
+    return SYSTEMS[str(name)]
+
+
+def _picked(content: bytes) -> Iterator[Landmark]:
+    """Read the points that were picked in MeshLab."""
+    for point in ElementTree.fromstring(content).iter("point"):
+        if point.get("active", "1") != "0":
+            yield Landmark(point.get("name", ""), [point.get(axis) for axis in "xyz"])
