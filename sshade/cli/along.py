@@ -13,8 +13,8 @@ from sshade.cli.arguments import input_paths, read
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
-from sshade.files.by_library import EXTRA, WRITABLE, check_mesh
-from sshade.files.mesh_file import MeshFile, listed
+from sshade.files.by_library import WRITABLE, check_mesh
+from sshade.files.mesh_file import MeshFile
 
 if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
@@ -66,10 +66,10 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
         with naming(source):
             file.require_triangles()
         if source.suffix.lower() not in file.suffixes:
-            why = "its coordinates are integers; save them as floating-point numbers"
-            if source.suffix.lower() in EXTRA:
-                why = f"its {listed(file.holds)} would be lost; save it in another format"
-            raise InputError(f"{source}: {why}")
+            raise InputError(
+                f"{source}: cannot be written again with all its contents; save it as a .ply file with "
+                "floating-point numbers"
+            )
         with naming(source):
             require_near(mesh, file.V)
         found.append(Companion(source, file, path))

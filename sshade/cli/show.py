@@ -1,7 +1,8 @@
 """Show shapes in the browser, or write a page or a picture with -o.
 
-FILES are the mesh, shapes with the same vertices such as a result, and a handle file. Buttons on the page
-switch between the shapes. Handles are dots, in blue (fixed) and yellow (moved), with pale targets.
+FILES are the mesh, shapes with the same vertices such as a result, and a handle file, or two landmark files
+of the rest shape and of the target. Buttons on the page switch between the shapes. Handles are dots, in blue
+(fixed) and yellow (moved), with pale targets.
 
 examples:
   sshade show body.ply
@@ -28,7 +29,7 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.atomic import naming, replacing
 from sshade.files.by_library import READABLE, check_mesh
-from sshade.files.handle_files import read_handle_file
+from sshade.files.handle_files import pose_files, read_handle_file
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
@@ -62,14 +63,14 @@ def command(options: argparse.Namespace) -> int:
     meshes, handle_files = _sorted(options.files)
     for path in meshes:
         check_mesh(path)
-    given = [read_handle_file(path) for path in handle_files]
+    given = [read_handle_file(*pose) for pose in pose_files(handle_files)]
     from sshade.files.door import on_shape
 
     options.mesh = meshes[0]
     _, shape = open_mesh(options)
     handles = None
-    for path, file in zip(handle_files, given, strict=True):
-        with naming(path):
+    for file in given:
+        with naming(handle_files[0]):
             handles = on_shape(file, shape)
     poses = {}
     for path in meshes[1:]:
@@ -94,12 +95,12 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _sorted(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the files of meshes, and the file of handles if there is one."""
+    """Return the files of meshes, and the handle file or the two landmark files, if there are any."""
     meshes = [path for path in files if path.suffix.lower() in READABLE]
     others = [path for path in files if path.suffix.lower() not in READABLE]
     if not meshes:
         raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
-    if len(others) > 1:
+    if len(pose_files(others)) > 1:
         raise InputError(f"{others[0]} and {others[1]} are no meshes; show takes one handle file")
     return meshes, others
 

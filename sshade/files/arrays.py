@@ -36,7 +36,8 @@ def read(path: str | os.PathLike[str]) -> Arrays:
     Parameters
     ----------
     path : path
-        A .ply, .obj, .off, .stl, .glb or .gltf file.
+        A .ply, .obj, .off, .stl, .glb or .gltf file, or with the extras ``formats`` and ``figures`` a .3mf,
+        .dae, .xyz, .vtp, .vtu or .vtk file.
 
     Returns
     -------
@@ -47,7 +48,7 @@ def read(path: str | os.PathLike[str]) -> Arrays:
     Raises
     ------
     InputError
-        When the file is missing, unreadable, empty, or of another format.
+        When the file is missing, unreadable, empty, or of another format, or a library is missing.
 
     Warns
     -----
@@ -76,7 +77,8 @@ def write(
     Parameters
     ----------
     path : path
-        The suffix selects the format. STL, GLB and glTF hold positions as float32.
+        The suffix selects the format, which is one of :func:`read` except .xyz. STL, GLB and glTF hold
+        positions as float32.
     mesh : (n, 3) float64, or an object
         Positions, or a mesh as :func:`sshade.deform` takes it: of this package, of trimesh or of pyvista.
     F : (m, 3) int, optional

@@ -24,6 +24,8 @@ EXTRA = dict.fromkeys(FORMATS, "formats") | dict.fromkeys(FIGURES, "figures")
 #: Suffixes of all meshes that are read and written, some of them by libraries. A file .xyz has no faces.
 READABLE = (*SUFFIXES, *EXTRA)
 WRITABLE = tuple(suffix for suffix in READABLE if suffix != ".xyz")
+#: Methods of data sets of VTK that return cells with ids of points.
+CELLS = ("GetPolys", "GetStrips", "GetCells")
 #: Units that trimesh writes.
 UNITS = {".3mf": ("millimeter", "millimeters"), ".dae": ("meters",)}
 
@@ -115,6 +117,10 @@ def _with_pyvista(path: Path) -> MeshFile:
     for event in caught.events:  # VTK goes on after an error, with numbers that are not in the file
         if event.kind == "ERROR" or "Error" in event.alert:
             raise ValueError(event.alert.splitlines()[-1])
+    for cells in (getattr(data, name)() for name in CELLS if hasattr(data, name)):
+        ids = pyvista.convert_array(cells.GetConnectivityArray())
+        if ids.min(initial=0) < 0 or ids.max(initial=-1) >= data.n_points:  # VTK would read any memory
+            raise ValueError(f"a cell has a point with an id outside of 0 to {data.n_points - 1}")
     V, is_surface = np.array(data.points, dtype=np.float64), isinstance(data, pyvista.PolyData)
     rounding = single_steps(V) if data.points.dtype == np.float32 else None
     outer = data
@@ -124,7 +130,7 @@ def _with_pyvista(path: Path) -> MeshFile:
     if not is_surface and len(F):
         F = np.asarray(outer.point_data["vtkOriginalPointIds"], dtype=np.int64)[F]
     of_points, of_cells = data.point_data, data.cell_data
-    other_cells = data.n_cells != len(F)
+    other_cells = not outer.is_all_triangles or outer.n_cells != data.n_cells
     holds = present(
         point_data=len(of_points), cell_data=len(of_cells), other_cells_than_triangles=other_cells
     )

@@ -173,8 +173,8 @@ def read_handle_file(*paths: str | os.PathLike[str], raw: bool = False, amount: 
     kinds = list(map(is_landmark_file, paths))
     if kinds not in ([False], [True, True]):
         raise InputError(
-            f"{paths[0]}: `sshade deform` takes one handle file for each pose, or two landmark files "
-            f"({', '.join(ENDINGS)}), of the rest shape and of the target"
+            f"{paths[0]}: a pose is one handle file, or two landmark files ({', '.join(ENDINGS)}), of the "
+            "rest shape and of the target"
         )
     read = _landmarks if kinds[0] else _handles
     return replace(read(*map(Path, paths), raw=raw), amount=amount)

@@ -33,8 +33,6 @@ ENDINGS = (".csv", ".txt", ".mrk.json", ".fcsv", ".pp", ".particles")
 SYSTEMS = {"RAS": "RAS", "0": "RAS", "LPS": "LPS", "1": "LPS"}
 #: A number that is no id of a landmark.
 DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
-#: Columns of a file .fcsv without a line that names them.
-COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label")
 
 
 class Landmark(NamedTuple):
@@ -142,7 +140,7 @@ def _markups(content: bytes) -> Iterator[Landmark]:
 
 def _fiducials(content: bytes) -> Iterator[Landmark]:
     """Read the fiducials of earlier versions of 3D Slicer: a table behind lines of comments."""
-    columns, system, rows = list(COLUMNS), "RAS", []
+    columns, system, rows = [], "RAS", []
     for line in decoded(content).splitlines():
         key, _, value = line.lstrip("# ").partition("=")
         if not line.startswith("#"):

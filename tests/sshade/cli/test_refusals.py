@@ -54,7 +54,7 @@ LIGHT = {
     "deform body.ply target.json -o a.ply": "entry 0: 2 handles have 1 targets",
     "deform body.ply parts.yaml -o a.ply": "no such file: parts/gone.txt",
     "deform body.ply pose.abc -o a.ply": "pose.abc: unknown format '.abc'",
-    "deform body.ply pose.txt -o a.ply": "takes one handle file for each pose, or two landmark files",
+    "deform body.ply pose.txt -o a.ply": "a pose is one handle file, or two landmark files",
     "deform body.ply pose.txt pose.txt -o a.ply": "pose.txt: it has no landmarks",
     "deform body.ply pose.json -o a.ply --amount 2.5": "the amount goes from 0 to 2, not 2.5",
     "deform body.abc pose.json -o a.ply": "body.abc: unknown format '.abc'; use .ply, .obj, .off, .stl, .glb",

@@ -105,6 +105,11 @@ def test_polygons_strips_and_quadratic_cells_become_triangles(here):
     pyvista.Plane(i_resolution=3, j_resolution=2).save("quads.vtp")
     assert read_file("quads.vtp").F.shape == (12, 3)
     assert np.array_equal(read_file("quads.vtp").V, pyvista.Plane(i_resolution=3, j_resolution=2).points)
+    lines = pyvista.PolyData(V[:4], lines=[2, 0, 1], faces=[4, 0, 1, 2, 3])
+    lines.save("lines.vtp")
+    assert len(read_file("lines.vtp").F) == 2 and read_file("lines.vtp").holds == (
+        "other cells than triangles",
+    )
     surface().strip().save("strips.vtp")
     assert np.array_equal(
         np.unique(np.sort(read_file("strips.vtp").F), axis=0), np.unique(np.sort(F), axis=0)
@@ -164,7 +169,9 @@ def test_all_commands_and_meshes_that_go_along_take_them(sound, capsys):
     assert main(["transfer-pose", "body.vtp", "a.vtp", "body.vtp", "-o", "t.vtk", "--vertices", "60"]) == 0
     box().save("box.vtu")
     assert main([*line, "--with", "box.vtu"]) == 2
-    assert "box.vtu: its point data and other cells than triangles would be lost" in capsys.readouterr().err
+    assert (
+        "box.vtu: cannot be written again with all its contents; save it as a .ply" in capsys.readouterr().err
+    )
 
 
 def cut(suffix: str, path: Path) -> None:
@@ -177,6 +184,15 @@ def points(path: Path) -> None:
     pyvista.UnstructuredGrid([2, 0, 1], [pyvista.CellType.LINE], V[:2]).save(path)
 
 
+def legacy(kind: str, cells: str, path: Path) -> None:
+    """Write a file of VTK with three points, and cells that name others."""
+    head = f"# vtk DataFile Version 3.0\nany\nASCII\nDATASET {kind}\nPOINTS 3 float\n"
+    path.write_text(f"{head}0 0 0 1 0 0 0 1 0\n{cells}\n")
+
+
+OUTSIDE = "a cell has a point with an id outside of 0 to 2)"
+
+
 #: Names of files, how they are written, and words of their refusal.
 BAD = {
     **{
@@ -185,6 +201,12 @@ BAD = {
     },
     **{f"cut{end}": (partial(cut, end), f"not a readable {end[1:].upper()} file (") for end in KEPT},
     "no.dae": (lambda path: path.write_text("hello"), "not a readable DAE file ("),
+    "far.vtk": (partial(legacy, "POLYDATA", "POLYGONS 1 5\n4 0 1 2 1000000000"), OUTSIDE),
+    "below.vtk": (partial(legacy, "POLYDATA", "TRIANGLE_STRIPS 1 4\n3 0 1 -1"), OUTSIDE),
+    "cell.vtk": (
+        partial(legacy, "UNSTRUCTURED_GRID", "CELLS 1 4\n3 0 1 1000000000\nCELL_TYPES 1\n5"),
+        OUTSIDE,
+    ),
     "lines.vtu": (points, "the file holds no triangles; give a mesh with faces"),
     "empty.vtp": (lambda path: path.write_text(""), "the file is empty"),
     "a.abc": (

@@ -122,6 +122,7 @@ def test_two_landmark_files_deform_a_mesh(sound, capsys):
     line = ["deform", "body.ply", "rest.mrk.json", "target.fcsv", "-o", "out.ply", "--vertices", "60"]
     assert main(line) == 0 and "4 handles reached" in capsys.readouterr().err
     np.testing.assert_allclose(sshade.read("out.ply").V[chosen], target, rtol=0, atol=1e-12)
+    assert main(["show", "body.ply", "rest.mrk.json", "target.fcsv", "out.ply", "-o", "page.html"]) == 0
     handles = sshade.read_handles("rest.mrk.json", sshade.Mesh(V, F), target="target.fcsv")
     assert np.array_equal(handles.index, chosen) and handles.group.tolist() == [0, 1, 2, 3]
     assert handles.dynamic.tolist() == [True, False, False, True]
@@ -167,7 +168,7 @@ BAD = {
     ),
     "pose.json": (
         '{"handles": [{"vertices": [0]}]}',
-        "a.csv: `sshade deform` takes one handle file for each pose, or two",
+        "a.csv: a pose is one handle file, or two landmark files",
     ),
     "gone.csv": (None, "gone.csv: no such file"),
 }
