@@ -17,7 +17,7 @@ from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, naming
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.mesh_file import MeshFile, listed
-from sshade.mesh.weld import NEAR, check_weld
+from sshade.mesh.weld import check_weld
 from sshade.problem.options import described, help_text
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
     text = "largest distance of a copy of a vertex from its place, as a fraction of the diagonal; "
     text += "copies along a seam move as one (default: 1e-9, or two rounding steps of a file in single "
     text += "precision; 0 for exact copies alone)"
-    parser.add_argument("--weld", type=_weld, default=NEAR, metavar="W", help=text)
+    parser.add_argument("--weld", type=_weld, metavar="W", help=text)
     text = "weld all copies of a vertex, along seams or not, and drop faces that are there twice; the output "
     text += "still has all vertices of the input"
     add_flags(parser, {"--repair": text})

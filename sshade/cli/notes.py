@@ -18,7 +18,7 @@ from sshade.files.door import handle_notes
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
-from sshade.mesh.surface import Surface, as_single, is_single, single_steps
+from sshade.mesh.surface import Surface, as_single
 from sshade.method.dense_handles import are_dense
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
@@ -162,7 +162,7 @@ def _on_pieces(facts: Facts) -> Iterator[str]:
         )
         yield f"{follow} the nearest component rigidly"
     if facts.opening > APART:
-        yield f"components that touched came apart by {_percent(facts.opening)}"
+        yield f"parts of the mesh that touched came apart by {_percent(facts.opening)}"
 
 
 def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -> list[str]:
@@ -252,12 +252,9 @@ def rounding_notes(file: MeshFile, paths: tuple[Path, Path], *, moved: float, di
         Largest distance of a position in the output from the computed position.
     diagonal : float
     """
-    steps = file.rounding
-    if steps is None:
-        steps = single_steps(file.V) if is_single(file.V) else np.zeros(3)
     source, output = paths
     found = []
-    if (step := float(np.max(steps)) / diagonal) > COARSE:
+    if file.rounding is not None and (step := float(np.max(file.rounding)) / diagonal) > COARSE:
         found.append(
             f"positions in {source} are rounded to steps of {100 * step:.2g} % of the diagonal, because the "
             "mesh is far from the origin; move it to the origin before it is stored in single precision"

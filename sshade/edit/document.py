@@ -24,7 +24,6 @@ from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handl
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
-from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 
@@ -98,7 +97,7 @@ class Document:
         handles: Path | None,
         shape: OpenShape | None = None,
         refuse: bool,
-        weld: float = NEAR,
+        weld: float | None = None,
         repair: bool = False,
     ) -> None:
         self.name, self._path = path.name, path
@@ -123,7 +122,7 @@ class Document:
         self._files = [path] if self.is_in_memory else [path, *buffer_files(path)]
         self._opened = [opened, *map(_signature, self._files[1:])]
         self.notes = () if self._file is None else self._file.notes
-        self._flags: dict[str, Any] = {} if weld == NEAR else {"weld": weld}
+        self._flags: dict[str, Any] = {} if weld is None else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
         self._flags |= {"refuse_unconstrained": True} if refuse else {}
         self.mesh = shape.mesh

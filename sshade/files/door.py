@@ -21,8 +21,7 @@ from sshade.files.mesh_file import MeshFile
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rotations_partway
-from sshade.mesh.surface import Surface, surface
-from sshade.mesh.weld import NEAR
+from sshade.mesh.surface import Surface, rounding_steps, surface
 from sshade.problem.handle_checks import SAME_TARGET
 from sshade.problem.handles import Handles
 from sshade.problem.snapping import snap_to_vertices, vertices_in
@@ -111,7 +110,7 @@ class OpenShape:
 
 
 def open_shape(
-    shape: Any, F: np.ndarray | None = None, *, weld: float = NEAR, repair: bool = False
+    shape: Any, F: np.ndarray | None = None, *, weld: float | None = None, repair: bool = False
 ) -> OpenShape:
     """Open a shape: find the surface in it that can be deformed.
 
@@ -133,7 +132,7 @@ def open_shape(
     rounding: np.ndarray | None = None
     made: Callable[[np.ndarray], Any] = _positions
     if F is not None:
-        V = np.asarray(shape, dtype=np.float64)
+        V, rounding = np.asarray(shape, dtype=np.float64), rounding_steps(shape)
     elif isinstance(shape, MeshFile):
         shape.require_triangles()
         V, F, rounding = shape.V, shape.F, shape.rounding
@@ -141,7 +140,7 @@ def open_shape(
         found = shape if isinstance(shape, MeshObject) else mesh_in(shape)
         if found is None:
             raise InputError(f"there is no mesh in an object of type {type(shape).__name__}")
-        V, F, made = found.V, found.F, found.moved
+        V, F, made, rounding = found.V, found.F, found.moved, found.rounding
     return OpenShape(V, F, surface(V, F, weld=weld, rounding=rounding, repair=repair), made)
 
 
@@ -307,9 +306,7 @@ def _placed(
         distance = np.zeros(len(at))
     if group.motion is None:
         return at, mesh.V[at] if group.target is None else group.target, distance
-    _, first = np.unique(at, return_index=True)  # each vertex counts once in the centroid
-    at = at[np.sort(first)]
-    return at, group.motion.partway(amount)(mesh.V[at]), distance[np.sort(first)]
+    return at, group.motion.partway(amount)(mesh.V[at]), distance
 
 
 def _vertices(group: HandleGroup, mesh: Mesh, vertex: np.ndarray) -> np.ndarray:

@@ -21,7 +21,8 @@ skipped). Without a ``kind``, an entry with a motion is moved. A motion is given
 
 - ``target``: the position of each handle.
 - ``translation`` t, ``rotation`` R and ``scale`` s, or some of them: a vertex v moves to s R (v - c) + c + t.
-  The ``center`` c is a point or ``"centroid"``, the mean of the vertices; by default it is the origin.
+  The ``center`` c is a point or ``"centroid"``, the mean of the places of the vertices, of which copies along
+  a seam have one; by default it is the origin.
 
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or

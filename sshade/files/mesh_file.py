@@ -73,8 +73,7 @@ class MeshFile:
         ``stored(V)`` returns positions V (n, 3) as the numbers of the file hold them; by default unchanged.
         None if only reading the file again tells.
     rounding : (3,) float64, optional
-        Rounding steps of the coordinates. None if the numbers of the file tell: see
-        :func:`sshade.mesh.surface.surface`.
+        Rounding steps of the coordinates, where the file holds them in single precision.
     colours : callable, optional
         ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
         file has none, or is an .off file, whose colours are not read.

@@ -12,6 +12,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.surface import rounding_steps
 
 
 class MeshObject(NamedTuple):
@@ -23,11 +24,14 @@ class MeshObject(NamedTuple):
     F : (m, 3) int
     moved : callable
         ``moved(V)`` returns a copy of the object with positions V (n, 3).
+    rounding : (3,) float64, optional
+        Rounding steps of coordinates in single precision.
     """
 
     V: np.ndarray
     F: np.ndarray
     moved: Callable[[np.ndarray], Any]
+    rounding: np.ndarray | None = None
 
 
 def mesh_in(shape: Any) -> MeshObject | None:
@@ -90,7 +94,7 @@ def _poly_data(shape: Any) -> MeshObject:
                 del data[data.active_normals_name]
         return copy
 
-    return MeshObject(_floats(shape.points), shape.regular_faces, moved)
+    return MeshObject(_floats(shape.points), shape.regular_faces, moved, rounding_steps(shape.points))
 
 
 def _with(shape: Any, name: str, value: np.ndarray) -> Any:

@@ -77,10 +77,8 @@ def read_ply(path: Path) -> MeshFile:
     suffixes = () if whole else (".ply",)
     kinds = {vertices.properties[number].kind.type for number in at}
     single = kinds == {np.float32}
-    content, rounding = (
-        partial(_content, ply, V, F, face, path),
-        single_steps(V) if single and len(V) else None,
-    )
+    content = partial(_content, ply, V, F, face, path)
+    rounding = single_steps(V) if single and not ply.words else None  # a text is exact
     holds = _holds(ply, int((face >= 0).sum()))
     stored = unchanged if ply.words or kinds == {np.float64} else as_single if single else None
     coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)

@@ -10,7 +10,7 @@ from sshade.files.mesh_file import MeshFile, as_floats, present, unchanged
 from sshade.files.normals import turned, turns
 from sshade.files.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
-from sshade.mesh.surface import as_single
+from sshade.mesh.surface import as_single, single_steps
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -26,7 +26,7 @@ def read_stl(path: Path) -> MeshFile:
     ValueError
         When the file is no STL file, or ends early.
     """
-    data, stored = path.read_bytes(), unchanged
+    data, stored, rounding = path.read_bytes(), unchanged, None
     notes: tuple[str, ...] = ()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if len(data) == 84 + _FACET.itemsize * count:
@@ -39,7 +39,8 @@ def read_stl(path: Path) -> MeshFile:
             changed["corners"] = as_floats(posed, path).reshape(-1, 3, 3)
             return data[:84] + changed.tobytes()
 
-        stored, holds = as_single, present(facet_attributes=facets["attribute"].any())
+        stored, rounding = as_single, single_steps(V)
+        holds = present(facet_attributes=facets["attribute"].any())
     elif data.removeprefix(BOM).lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         normals, corners, solids, notes = _solids(Text(data))
         V, holds = corners.value, present(solids=solids > 1)
@@ -52,7 +53,7 @@ def read_stl(path: Path) -> MeshFile:
             "it is neither a text that begins with solid, nor as long as the header of a binary file says"
         )
     F = np.arange(len(V)).reshape(-1, 3)
-    return MeshFile(V, F, holds, (".stl",), content, notes, stored=stored)
+    return MeshFile(V, F, holds, (".stl",), content, notes, rounding, stored)
 
 
 def write_stl(path: Path, V: np.ndarray, F: np.ndarray) -> None:

@@ -18,7 +18,6 @@ from sshade.files.handle_files import FILE_RECORDS, read_handle_file
 from sshade.files.handwritten import require_known
 from sshade.files.meshes import read_file
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.weld import NEAR
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 
@@ -67,7 +66,7 @@ def read_task(
     handles: str,
     raw: bool = False,
     refuse_unconstrained: bool = False,
-    weld: float = NEAR,
+    weld: float | None = None,
     repair: bool = False,
 ) -> DeformationTask:
     """Read a mesh file and a handle file as a task, which is named after both.

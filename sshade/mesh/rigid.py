@@ -89,7 +89,7 @@ class Similarity(NamedTuple):
     translation : (3,) float64
         t.
     center : (3,) float64 or "centroid", optional
-        c, or the mean of the points. None stands for the origin.
+        c, or the mean of the places of the points, each place once. None stands for the origin.
     scale : float
         s, above 0.
     """
@@ -126,7 +126,7 @@ class Similarity(NamedTuple):
         """Move points (k, 3)."""
         if self.center is None or self.is_translation:  # a translation is exact
             return rigidly_moved(points, self.scale * self.rotation, self.translation)
-        center = points.mean(axis=0) if isinstance(self.center, str) else self.center
+        center = np.unique(points, axis=0).mean(axis=0) if isinstance(self.center, str) else self.center
         return rigidly_moved(points - center, self.scale * self.rotation, center + self.translation)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -9,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh, repeats_vertex, unit_rows
 from sshade.mesh.sides import flagged, sides_by_edge
+from sshade.mesh.weld import COPY
 
 #: Largest width of a group of near positions, as a multiple of the tolerance. A wider chain of positions is
 #: no vertex, but an edge with vertices closer together than the tolerance.
@@ -52,11 +55,20 @@ def _same_rows(rows):
     return ids
 
 
-def same_places(P: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+def same_places(
+    P: np.ndarray, tolerance: np.ndarray, *, reach: Callable[[np.ndarray], np.ndarray] | None = None
+) -> np.ndarray:
     """Return (k,) int64 ids of positions P (k, 3), such that copies of one place have the same id.
 
     Copies differ from their place by at most the tolerance (3,) on each axis. Without a tolerance, copies are
     equal. Chains of near positions that are wider than :data:`WIDEST` tolerances are no copies.
+
+    Parameters
+    ----------
+    P : (k, 3) float64
+    tolerance : (3,) float64
+    reach : callable, optional
+        ``reach(rows)`` returns how far other copies of some rows (r,) of P may be from them, (r,) float64.
     """
     ids = same_rows(P)
     if not (len(P) and tolerance.all()):
@@ -69,6 +81,12 @@ def same_places(P: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     if tree.count_neighbors(tree, radius, p=np.inf) > CROWD * len(Q):
         return ids
     pairs = tree.query_pairs(radius, p=np.inf, output_type="ndarray")
+    if reach is not None and len(pairs):
+        rows = np.flatnonzero(flagged(pairs, len(Q))[ids])
+        far = np.full(len(Q), np.inf)
+        np.minimum.at(far, ids[rows], reach(rows))
+        apart = np.linalg.norm(P[first[pairs[:, 0]]] - P[first[pairs[:, 1]]], axis=1)
+        pairs = pairs[apart <= far[pairs].min(axis=1)]
     if not len(pairs):
         return ids
     group = connected(len(Q), pairs[:, 0], pairs[:, 1])
@@ -88,20 +106,52 @@ def connected(n: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return first[group.ravel()]
 
 
+def vertex_places(
+    mesh: Mesh, tolerance: np.ndarray, vertices: np.ndarray | slice = slice(None)
+) -> np.ndarray:
+    """Return (k,) int64 ids of vertices (k,) of a mesh, such that copies of one place have the same id.
+
+    Copies are near each other, and far nearer than to any neighbour: see :data:`sshade.mesh.weld.COPY`. No
+    face with an area therefore has two corners at one place.
+    """
+    ids = np.arange(mesh.n)[vertices]
+    return same_places(
+        mesh.V[vertices], tolerance, reach=lambda rows: COPY * _shortest_edges(mesh, ids[rows])
+    )
+
+
+def _shortest_edges(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
+    """Return the length (k,) of the shortest edge at some vertices (k,); edges of length 0 are none."""
+    at, other = _neighbours(mesh, vertices)
+    length = np.linalg.norm(mesh.V[vertices[at]] - mesh.V[other], axis=1)
+    shortest = np.full(len(vertices), np.inf)
+    np.minimum.at(shortest, at, np.where(length > 0, length, np.inf))
+    return shortest
+
+
+def _neighbours(mesh: Mesh, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (e,) of vertices (k,) in their list, once a neighbour, and the neighbours (e,)."""
+    near = mesh.connectivity.neighbours
+    begin, count = near.indptr[vertices], np.diff(near.indptr)[vertices]
+    at = np.repeat(np.arange(len(vertices)), count)
+    rank = np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
+    return at, near.indices[begin[at] + rank]
+
+
 def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     """Find vertices at one place that matching boundary edges join.
 
     Two boundary edges match if they join the same two places and run in opposite directions, like the two
     sides of a cut. Without a third boundary edge between the places, the two edges may run in the same
     direction, as where a file has turned some faces, unless the two faces lie upon each other. The two ends
-    of a boundary edge at one place, as around the pole of a globe made of squares, are joined too. Other
-    vertices at one place, as of parts that touch in a point, stay apart.
+    of a boundary edge at one place, as around the pole of a globe made of squares, are joined too. For other
+    vertices at one place, see :func:`pinches`.
 
     Parameters
     ----------
     mesh : Mesh
     tolerance : (3,) float64
-        See :func:`same_places`.
+        See :func:`vertex_places`.
 
     Returns
     -------
@@ -112,14 +162,12 @@ def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     if mesh.is_closed:
         return unchanged
     # Faces with two corners on the boundary include all faces at boundary edges.
-    near = mesh.connectivity.neighbours
-    on_boundary = np.bincount(near.indices[near.boundary], minlength=mesh.n) > 0
-    F = mesh.F[on_boundary[mesh.F].sum(axis=1) >= 2]
+    F = mesh.F[_on_boundary(mesh)[mesh.F].sum(axis=1) >= 2]
     edges = sides_by_edge(F, mesh.n)
     side = edges.side[edges.start[:-1][edges.faces == 1]].astype(np.int64)
     begin, end, third = (F[side // 3, (side + k) % 3] for k in range(3))
     place, rim = np.full(mesh.n, -1), np.unique([begin, end])
-    place[rim] = same_places(mesh.V[rim], tolerance)
+    place[rim] = vertex_places(mesh, tolerance, rim)
     forward = place[begin] < place[end]
     low, high = np.where(forward, begin, end), np.where(forward, end, begin)
     _, first, edge = np.unique(place[low] * mesh.n + place[high], return_index=True, return_inverse=True)
@@ -137,10 +185,76 @@ def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     twin = first[edge[matched]]
     one = np.concatenate([low[matched], high[matched], low[point]])
     other = np.concatenate([low[twin], high[twin], high[point]])
-    return _with_faces(mesh, connected(mesh.n, one, other))
+    return with_faces(mesh, connected(mesh.n, one, other))
 
 
-def _with_faces(mesh: Mesh, first: np.ndarray) -> np.ndarray:
+def pinches(mesh: Mesh) -> np.ndarray:
+    """Find vertices at exactly one place in which a component touches itself: fans that meet in a point.
+
+    Vertices stay apart where the component touches itself along an edge, as closed lips do.
+
+    Returns
+    -------
+    (n,) int64
+        The first of the vertices at the place of each vertex, often the vertex itself.
+    """
+    first, place = np.arange(mesh.n), same_rows(mesh.V)
+    vertices = np.flatnonzero(np.bincount(place)[place] > 1)
+    if not len(vertices):
+        return first
+    pairs = np.column_stack([place, mesh.component])[vertices]
+    _, one, group = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    at, other = _neighbours(mesh, vertices)
+    # Neighbours at one place, of different vertices of a group, or at the place of the group.
+    beside = np.unique(np.column_stack([group.ravel()[at], place[other], at]), axis=0)
+    twice = (beside[1:, :2] == beside[:-1, :2]).all(axis=1)
+    along = np.concatenate([beside[1:][twice, 0], group.ravel()[at[place[other] == place[vertices[at]]]]])
+    in_point = ~flagged(along, len(one))[group.ravel()]
+    first[vertices[in_point]] = vertices[one[group.ravel()]][in_point]
+    return with_faces(mesh, first)
+
+
+def touching(mesh: Mesh, distance: float) -> np.ndarray:
+    """Find vertices at which a component touches itself, and is not joined.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    distance : float
+        Largest distance of boundary vertices from their place; others are at exactly one place.
+
+    Returns
+    -------
+    (2, k) int64
+        Vertices, and the first vertex at the place of each. No edge joins the two.
+    """
+    place = same_rows(mesh.V)
+    vertices = np.flatnonzero(_on_boundary(mesh) | (np.bincount(place)[place] > 1))
+    if not len(vertices):
+        return np.zeros((2, 0), dtype=np.int64)
+    place = vertex_places(mesh, np.full(3, distance), vertices)
+    group = same_rows(np.column_stack([place, mesh.component[vertices]]))
+    first = vertices[first_at_label(group)]
+    apart = first != vertices
+    vertices, first = vertices[apart], first[apart]
+    at, other = _neighbours(mesh, vertices)
+    joined = flagged(at[other == first[at]], len(vertices))
+    return np.stack([vertices, first])[:, ~joined]
+
+
+def first_at_label(labels: np.ndarray) -> np.ndarray:
+    """Return the first position (k,) at which each of some labels (k,) occurs."""
+    _, first, which = np.unique(labels, return_index=True, return_inverse=True)
+    return first[which.ravel()]
+
+
+def _on_boundary(mesh: Mesh) -> np.ndarray:
+    """Return (n,) bool: vertices with a boundary edge."""
+    near = mesh.connectivity.neighbours
+    return np.bincount(near.indices[near.boundary], minlength=mesh.n) > 0
+
+
+def with_faces(mesh: Mesh, first: np.ndarray) -> np.ndarray:
     """Leave out groups of vertices (n,) whose merging takes the last face of a vertex, as of a sliver."""
     first = first.copy()
     while True:

@@ -10,14 +10,12 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.mesh.cutting import Cut, cut_to_manifold
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
-from sshade.mesh.seams import same_places, seams
+from sshade.mesh.seams import first_at_label, pinches, seams, vertex_places, with_faces
 from sshade.mesh.weld import NEAR, check_weld
 
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
 #: positions are stored as float32.
 STEPS = 2
-#: Number of vertices that nearly always show whether positions are float32 numbers.
-HEAD = 64
 
 
 @dataclass(frozen=True)
@@ -109,26 +107,28 @@ def surface(
     V: np.ndarray,
     F: np.ndarray,
     *,
-    weld: float = NEAR,
+    weld: float | None = None,
     rounding: np.ndarray | None = None,
     repair: bool = False,
 ) -> Surface:
     """Leave out whatever is not part of a surface, and join seams.
 
     Drops faces that repeat a vertex, then vertices that no face uses (:func:`cleaned`), and merges
-    vertices along seams (:func:`sshade.mesh.seams.seams`). Everything else keeps its position and
-    its order.
+    vertices along seams (:func:`sshade.mesh.seams.seams`) and where a component touches itself in a point
+    (:func:`sshade.mesh.seams.pinches`). In a soup, where no two faces share a vertex, all vertices at one
+    place are merged, as they are in a file with vertex ids. Everything else keeps its position and its order.
 
     Parameters
     ----------
     V : (n, 3) float
     F : (m, 3) int
-    weld : float
+    weld : float, optional
         Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal.
-        Raise it if a file has gaps along seams; 0 merges exact copies alone.
+        Raise it if a file has gaps along seams; 0 merges exact copies alone. The default is
+        :data:`sshade.mesh.weld.NEAR`, or :data:`STEPS` rounding steps where they are larger. At any `weld`,
+        copies are far nearer to each other than to their neighbours: see :data:`sshade.mesh.weld.COPY`.
     rounding : (3,) float64, optional
-        Rounding steps of the coordinates. Copies may be :data:`STEPS` steps from their place, if `weld` is
-        not 0. By default, the steps of float32 where all coordinates are float32 numbers, or else 0.
+        Rounding steps of the coordinates. By default, those of the type of V; float64 counts as exact.
     repair : bool
         Merge all vertices at one place, along seams or not, and drop faces that are there twice.
 
@@ -138,22 +138,24 @@ def surface(
         As :class:`sshade.Mesh`; also when every face repeats a vertex, all vertices coincide, or `weld` is
         out of range.
     """
-    check_weld(weld)
+    if weld is not None:
+        check_weld(weld)
     whole = cleaned(V, F)
     if whole.mesh.diagonal == 0:
         raise InputError("all vertices of the mesh coincide; there is no surface to deform")
-    tolerance = np.zeros(3)
-    if weld > 0:
-        if rounding is None:
-            rounding = single_steps(whole.mesh.V) if is_single(whole.mesh.V) else np.zeros(3)
-        tolerance = np.maximum(weld * whole.mesh.diagonal, STEPS * rounding)
+    tolerance = np.full(3, (NEAR if weld is None else weld) * whole.mesh.diagonal)
+    if weld is None:
+        tolerance = np.maximum(tolerance, STEPS * (rounding_steps(V) if rounding is None else rounding))
     facts = replace(whole.facts, tolerance=float(tolerance.max()) / whole.mesh.diagonal)
     result = whole._replace(facts=facts)
     if repair:
         result = _welded(result, tolerance)
-    elif not whole.mesh.is_closed:
+    else:
+        soup = whole.mesh.n == 3 * whole.mesh.m
         for within in (np.zeros(3), tolerance):
-            result = result.merged(seams(result.mesh, within))
+            if not result.mesh.is_closed:
+                result = result.merged(_by_place(result.mesh, within) if soup else seams(result.mesh, within))
+        result = result.merged(pinches(result.mesh))
     near = doubled = 0
     if result.mesh.n < whole.mesh.n:
         there = result.vertex >= 0
@@ -164,18 +166,26 @@ def surface(
 
 def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
     """Merge all vertices at one place, and drop faces that are there twice."""
-    _, first, place = np.unique(same_places(whole.mesh.V, tolerance), return_index=True, return_inverse=True)
-    first = first[place.ravel()]
+    first = first_at_label(vertex_places(whole.mesh, tolerance))
     if repeats_vertex(first[whole.mesh.F]).all():
         raise InputError(
-            f"all {whole.mesh.m} faces collapse where vertices within {tolerance.max():.2g} of their place "
-            "are welded; choose a smaller weld"
+            f"all {whole.mesh.m} faces have two corners at one place, where repair welds them; leave it out"
         )
     welded = whole.merged(first)
     once = without_duplicates(welded.mesh)
     collapsed = whole.facts.collapsed + whole.mesh.m - welded.mesh.m
     facts = replace(whole.facts, collapsed=collapsed, duplicates=welded.mesh.m - once.m)
     return welded._replace(mesh=once, facts=facts)
+
+
+def _by_place(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
+    """Return (n,) int64: the first of the vertices at the place of each vertex."""
+    return with_faces(mesh, first_at_label(vertex_places(mesh, tolerance)))
+
+
+def rounding_steps(V: np.ndarray) -> np.ndarray:
+    """Return the rounding steps (3,) float64 of the coordinates of an array; 0 unless it is float32."""
+    return single_steps(np.asarray(V)) if np.asarray(V).dtype == np.float32 else np.zeros(3)
 
 
 def single_steps(V: np.ndarray) -> np.ndarray:
@@ -188,11 +198,6 @@ def as_single(V: np.ndarray) -> np.ndarray:
     """Return V (n, 3) float64 as float32 holds it."""
     with np.errstate(over="ignore", under="ignore"):
         return V.astype(np.float32).astype(np.float64)
-
-
-def is_single(V: np.ndarray) -> bool:
-    """Whether all coordinates are float32 numbers."""
-    return all((as_single(part) == part).all() for part in (V[:HEAD], V[HEAD:]))
 
 
 def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from sshade.core.errors import counted
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.mesh.seams import same_places
+from sshade.mesh.seams import same_places, touching
 from sshade.mesh.sides import members
-from sshade.mesh.weld import NEAR
 
 log = logging.getLogger(__name__)
 
@@ -19,6 +20,11 @@ log = logging.getLogger(__name__)
 NEAREST = 8
 #: Largest distance of touching vertices from their place, as a fraction of the bounding-box diagonal.
 TOUCHING = 1e-6
+#: What can be done about components without handles.
+HOW_TO_CONSTRAIN = (
+    "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=True): they then "
+    "move with the nearest component"
+)
 
 
 class Contacts(NamedTuple):
@@ -41,10 +47,10 @@ class Contacts(NamedTuple):
     def warn(self) -> None:
         """Say in the log that components may come apart."""
         if self.components:
+            touch = ("component without handles touches", "components without handles touch")
             log.warning(
-                "%d components without handles touch other components, and come apart from them where the "
-                "others do not move rigidly",
-                self.components,
+                "%s other components, and may come apart from them where the others do not move rigidly",
+                counted(self.components, *touch),
             )
 
     def opening(self, V: np.ndarray) -> float:
@@ -52,7 +58,7 @@ class Contacts(NamedTuple):
         return float(np.linalg.norm(V[self.vertex] - V[self.first], axis=1).max(initial=0.0))
 
 
-def contacts(mesh: Mesh, unconstrained: np.ndarray, *, distance: float = TOUCHING) -> Contacts:
+def contacts(mesh: Mesh, unconstrained: np.ndarray) -> Contacts:
     """Find the places where components touch, of which one at least is unconstrained.
 
     Parameters
@@ -60,13 +66,11 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray, *, distance: float = TOUCHIN
     mesh : Mesh
     unconstrained : (u,) int
         Components without handles.
-    distance : float
-        Largest distance of a vertex from the place, as a fraction of the diagonal.
     """
     if len(unconstrained) == 0:
         none = np.zeros(0, dtype=np.int64)
         return Contacts(0, none, none)
-    place = same_places(mesh.V, np.full(3, distance * mesh.diagonal))
+    place = same_places(mesh.V, np.full(3, TOUCHING * mesh.diagonal))
     vertex = np.argsort(place, kind="stable")
     start = np.flatnonzero(np.diff(place[vertex], prepend=-1))
     free = np.isin(mesh.component, unconstrained)
@@ -77,20 +81,16 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray, *, distance: float = TOUCHIN
     return Contacts(len(np.unique(mesh.component[vertex[free[vertex]]])), vertex, first)
 
 
-def how_to_constrain(mesh: Mesh, unconstrained: np.ndarray) -> str:
-    """Return what can be done about components (u,) without handles."""
-    weld = ""
-    for distance, tolerance in ((NEAR, ""), (TOUCHING, f"{TOUCHING:g}")):
-        if touching := contacts(mesh, unconstrained, distance=distance).components:
-            command = "sshade deform --repair" + (f" --weld {tolerance}" if tolerance else "")
-            python = "repair=True" + (f", weld={tolerance}" if tolerance else "")
-            weld = f"weld the vertices in which {touching} of them touch other components ({command}, in "
-            weld += f"Python {python}), "
-            break
-    return (
-        f"give each one, {weld}or leave --refuse-unconstrained out (in Python refuse_unconstrained=True): "
-        "they then move with the nearest component"
-    )
+#: Vertices of one component that touch in each mesh, for further poses of the mesh.
+_TOUCHING: WeakKeyDictionary[Mesh, np.ndarray] = WeakKeyDictionary()
+
+
+def opening_within(mesh: Mesh, V: np.ndarray) -> float:
+    """Return the largest distance, at positions V (n, 3), of vertices of one component that touch at rest."""
+    if mesh not in _TOUCHING:
+        _TOUCHING[mesh] = touching(mesh, TOUCHING * mesh.diagonal)
+    one, other = _TOUCHING[mesh]
+    return float(np.linalg.norm(V[one] - V[other], axis=1).max(initial=0.0))
 
 
 def move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:

@@ -9,6 +9,8 @@ from sshade.core.errors import InputError
 #: Largest distance of a copy of a vertex from its place, on each axis, as a fraction of the bounding-box
 #: diagonal: the default, and the largest value that a user can choose.
 NEAR, FARTHEST_COPY = 1e-9, 1e-3
+#: Largest distance of two copies from each other, as a fraction of the shortest edge at either.
+COPY = 1e-3
 
 
 def check_weld(weld: float) -> None:

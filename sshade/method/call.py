@@ -10,7 +10,6 @@ import numpy as np
 
 from sshade.core.console import compilation_told
 from sshade.files.door import open_arguments
-from sshade.mesh.weld import NEAR
 from sshade.method.deform import deform_task
 from sshade.problem.handle_checks import ids_of
 from sshade.problem.options import accepted, require_method, takes_options
@@ -40,7 +39,7 @@ def deform(
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
     refuse_unconstrained: bool = False,
-    weld: float = NEAR,
+    weld: float | None = None,
     repair: bool = False,
     **options: Any,
 ) -> np.ndarray: ...
@@ -55,7 +54,7 @@ def deform(
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
     refuse_unconstrained: bool = False,
-    weld: float = NEAR,
+    weld: float | None = None,
     repair: bool = False,
     **options: Any,
 ) -> ShapeT: ...
@@ -70,7 +69,7 @@ def deform(
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
     refuse_unconstrained: bool = False,
-    weld: float = NEAR,
+    weld: float | None = None,
     repair: bool = False,
     **options: Any,
 ) -> Any:
@@ -117,9 +116,9 @@ def deform(
     refuse_unconstrained : bool
         Refuse components without a handle, which by default move rigidly with the nearest component. A task
         has weights, rotations and this flag itself.
-    weld : float
-        Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal; two
-        rounding steps if all coordinates are float32 numbers, and two steps are larger. Copies along a seam
+    weld : float, optional
+        Largest distance of a copy of a vertex from its place, as a fraction of the bounding-box diagonal. The
+        default is 1e-9, or two rounding steps of float32 arrays where they are larger. Copies along a seam
         move as one. 0 joins exact copies alone.
     repair : bool
         Weld all copies of a vertex, along seams or not.
@@ -157,7 +156,7 @@ def deform(
     run = method if callable(method) else partial(deform_task, method=require_method(method))
     if isinstance(shape, DeformationTask):
         has = weight is not None or rotations is not None or refuse_unconstrained
-        if arrays or has or repair or weld != NEAR:
+        if arrays or has or repair or weld is not None:
             raise TypeError(
                 "a task has handles, weights, rotations and refuse_unconstrained itself, and its mesh is not "
                 "welded"

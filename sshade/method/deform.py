@@ -30,6 +30,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
+from sshade.mesh.unconstrained import opening_within
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.pieces import Piece, Pieces, both
 from sshade.method.polish import Polish
@@ -91,7 +92,11 @@ def deform_task(
                 result = both(result, deform_piece(again, method, values, whole, make_proxies))
         pieces.put(piece, result)
     result = pieces.together()
-    facts = replace(result.facts, hard_handle_error=_hard_error(task, result.vertices))
+    facts = replace(
+        result.facts,
+        hard_handle_error=_hard_error(task, result.vertices),
+        opening=max(result.facts.opening, opening_within(task.mesh, result.vertices) / task.mesh.diagonal),
+    )
     return replace(result, facts=replace(facts, options=facts.options or as_row(whole, method)))
 
 

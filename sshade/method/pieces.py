@@ -37,6 +37,8 @@ log = logging.getLogger(__name__)
 #: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
 #: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
 APART = 0.01
+#: Number of further sheets by cutting from which on a mesh is taken for one with inner faces.
+SHEETS = 100
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,14 @@ class Pieces:
             "turned": cut.turned,
             "gap": 0.0,
         }
-        if cut.mesh.topology.components == 1 and cut.mesh is mesh:
+        sheets, components = cut.mesh.topology.components, mesh.topology.components
+        if sheets - components > SHEETS:
+            log.warning(
+                "the mesh is cut into %d sheets where more than two faces meet at an edge, as faces inside "
+                "of a solid do; leave out the inner faces, and keep the outer surface",
+                sheets,
+            )
+        if sheets == 1 and cut.mesh is mesh:
             self._alone = replace(task, mesh=mesh)
             return
         self._alone, self._parts = None, ComponentSet(mesh, cut, task, options)

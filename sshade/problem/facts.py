@@ -92,7 +92,7 @@ class Facts:
         Faces turned around, to agree with their neighbours.
     gap, side_gap, opening : float
         Largest distances between a copy and the joined vertex, between a side of a one-sided surface and the
-        mean of its sides, and between vertices of different components that touched at rest.
+        mean of its sides, and between vertices that touched at rest and are not joined.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict, metadata={"pieces": _first})

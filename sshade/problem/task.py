@@ -13,7 +13,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.shown import Shown
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.mesh.unconstrained import how_to_constrain
+from sshade.mesh.unconstrained import HOW_TO_CONSTRAIN
 from sshade.problem.facts import Facts, Joint
 from sshade.problem.handles import Handles
 
@@ -63,8 +63,8 @@ class DeformationTask(Shown):
             raise TypeError(f"DeformationTask takes Handles, not a {type(self.handles).__name__}")
         index = self.handles.index
         self.mesh.require_handles(index, everywhere=False)
-        if self.refuse_unconstrained and len(free := self.mesh.components_without(index)):
-            self.mesh.require_handles(index, advice=how_to_constrain(self.mesh, free))
+        if self.refuse_unconstrained and len(self.mesh.components_without(index)):
+            self.mesh.require_handles(index, advice=HOW_TO_CONSTRAIN)
         object.__setattr__(self, "handles", self.handles.with_portions(self.mesh))
         for name in ("truth", "guess"):
             if (positions := getattr(self, name)) is not None:

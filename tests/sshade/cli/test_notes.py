@@ -31,7 +31,7 @@ PLAIN = Facts(samples=100, options={"coarser": 4})
         ({"copies": 5, "gap": 0.01}, ["5 vertices were duplicated, and joined again over gaps of"]),
         ({"snap": 0.02}, ["were snapped by at most 0.02, 2 % of the diagonal"]),
         ({"dense": True}, ["the handles are dense: --method interpolate"]),
-        ({"opening": 0.11}, ["components that touched came apart by 11 % of the diagonal"]),
+        ({"opening": 0.11}, ["parts of the mesh that touched came apart by 11 % of the diagonal"]),
         ({"opening": 1e-9, "touching": 3}, []),
         ({"near": 3, "tolerance": 1e-3}, ["3 vertices lie near another vertex", "0.001 of the diagonal"]),
     ],

@@ -70,7 +70,7 @@ def test_the_largest_opening_of_all_poses_is_noted(folder, capsys):
     write_handles("rest.json", ENDS.at(BODY.V[ENDS.index]), names={0: "low", 1: "high"})
     follow = ["-o", "out_%d.ply", *FAST]
     assert main(["deform", "body.ply", "rest.json", "pose_3.json", *follow]) == 0
-    assert "components that touched came apart by" in capsys.readouterr().err
+    assert "parts of the mesh that touched came apart by" in capsys.readouterr().err
 
 
 def test_files_of_a_sequence_are_not_compared_with_each_input(folder, monkeypatch):

@@ -9,7 +9,7 @@ from sshade.files.door import handle_notes, on_mesh
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_handles, read_task, write_handles
-from sshade.mesh.rigid import rigid_motion
+from sshade.mesh.rigid import Similarity, rigid_motion
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, rotation, shifted, tetrahedron, torn
 
@@ -127,6 +127,24 @@ def test_groups_of_every_kind_move_rigidly_and_a_missing_part_is_the_identity(wr
             assert np.array_equal(still.target, at) and not still.dynamic.any()
         moved = read_handles(write([{**place, "translation": t}]), body)
         assert np.array_equal(moved.target, at + t)  # exact
+
+
+@pytest.mark.parametrize("weld", [None, 0])
+def test_the_centroid_does_not_depend_on_seams(write, body, tmp_path, weld):
+    """Copies along a seam count once: as one vertex of the surface, or as places that are equal."""
+    V, F, seam = torn(body)
+    write_mesh(tmp_path / "torn.ply", V, F)
+    own = np.intersect1d(np.flatnonzero(V[:, 0] > 0), F)
+    places = np.unique(V[own], axis=0)
+    assert len(np.intersect1d(own, seam)) and len(places) < len(own)
+    center, R = places.mean(axis=0), rotation(4)
+    entry = {"rotation": R.tolist(), "kind": "moved", "center": "centroid"}
+    for place in ({"vertices": own.tolist()}, {"source": V[own].tolist()}):
+        task = read_task(str(tmp_path / "torn.ply"), handles=str(write([{**entry, **place}])), weld=weld)
+        at = task.mesh.V[task.handles.index]
+        assert np.allclose(task.handles.target, (at - center) @ R.T + center, rtol=0, atol=1e-12)
+    twice = Similarity(R, np.zeros(3), "centroid")(np.repeat(places[:9], [5, *[1] * 8], axis=0))
+    assert np.allclose(twice[4:], Similarity(R, np.zeros(3), "centroid")(places[:9]), rtol=0, atol=1e-12)
 
 
 def test_a_rotation_alone_beside_vertices_still_prescribes_the_rotation_of_the_surface(write, body):
@@ -307,14 +325,14 @@ def test_targets_of_copies_may_differ_as_far_from_the_origin_as_single_precision
     V, F, seam = torn(shifted(bumpy(2), [100, -3, 1]))
     V = V.astype(np.float32)
     V[-len(seam) :] = np.nextafter(V[-len(seam) :], np.float32(200))
-    write_mesh(tmp_path / "far.ply", V, F)
+    write_mesh(tmp_path / "far.glb", V, F)  # in single precision
     at = np.concatenate([seam[:3], np.arange(len(V) - len(seam), len(V))[:3]])
     target = V[at] + np.array([0, 0, 0.125])
     assert len(np.unique(deform(V, F, at, target)[at], axis=0)) == 3
 
     def read() -> Handles:
         path = write([{"vertices": at.tolist(), "target": target.tolist()}])
-        return read_task(str(tmp_path / "far.ply"), handles=str(path)).handles
+        return read_task(str(tmp_path / "far.glb"), handles=str(path)).handles
 
     assert len(read()) == 3
     target[5] += 1e-4
