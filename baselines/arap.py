@@ -17,7 +17,7 @@ import numpy as np
 from baselines.hard_handles import require_hard
 from baselines.iteration import Plain, iterated
 from baselines.stopwatch import Stopwatch
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import ITERATION, Energy, Start, takes_options
@@ -141,6 +141,7 @@ def require_areas(mesh: Mesh) -> None:
     """Raise InputError if a triangle of the rest mesh has zero area, because libigl then returns NaN."""
     if flat := int(mesh.without_area.sum()):
         raise InputError(
-            f"{flat} triangles of the rest mesh have no area, and libigl would return NaN; remove them, or "
-            "use accelerated_arap or accelerated_elastic"
+            f"{counted(flat, 'triangle', 'triangles')} of the rest mesh {'has' if flat == 1 else 'have'} no "
+            "area, and libigl would return NaN; remove faces without area, or use accelerated_arap or "
+            "accelerated_elastic"
         )

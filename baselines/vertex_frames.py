@@ -18,7 +18,7 @@ import logging
 import numpy as np
 from scipy.sparse import coo_array
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, TransferTask
@@ -84,7 +84,8 @@ def transfer_pose(
     R = F_posed @ F.transpose(0, 2, 1)
     missing |= missing_posed
     if missing.any():
-        log.warning("%d vertices have no frame and take the rotation of their neighbours", int(missing.sum()))
+        take = ("vertex has no frame and takes", "vertices have no frame and take")
+        log.warning("%s the rotation of neighbours", counted(int(missing.sum()), *take))
         R = fill_from_neighbours(R, ~missing, pairs=mesh.edges, onto=nearest_rotations)
     return posed + np.einsum("nab,nb->na", R, edited - mesh.V)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sshade.core.completion import add_completion
 from sshade.core.console import CommandParser, progress_bar, run_command, version_of
+from sshade.core.errors import counted
 
 EPILOG = """examples:
   defaust example DIR                                              a body with handles, to try sshade deform
@@ -115,7 +116,7 @@ def _build(args: argparse.Namespace) -> int:
     number = len(document["subjects"])
     poses = ", ".join(document["source"].get("rest_poses", []))
     rest = f", at rest: {poses}" if poses else ""
-    print(f"{out}: {number} subject{'s' if number > 1 else ''} ({counts} vertices){rest}")  # noqa: T201
+    print(f"{out}: {counted(number, 'subject', 'subjects')} ({counts} vertices){rest}")  # noqa: T201
     return 0
 
 
@@ -130,7 +131,8 @@ def _verify(args: argparse.Namespace) -> int:
     for fault in faults:
         print(f"{fault.file}: {fault.text}")  # noqa: T201
     files = len({fault.file for fault in faults})
-    print(f"{args.folder}: {f'{files} files are damaged' if faults else 'every file is as listed'}")  # noqa: T201
+    found = f"{counted(files, 'file is', 'files are')} damaged" if faults else "every file is as listed"
+    print(f"{args.folder}: {found}")  # noqa: T201
     return 1 if faults else 0
 
 

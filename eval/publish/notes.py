@@ -22,7 +22,7 @@ from eval.publish.intervals import LEAST
 from eval.rows.frame import distinct, method_order, numbers
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 
 #: Notes on the halves of the benchmark.
 HALF_NOTES = {
@@ -86,7 +86,7 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
         over = f"{common} of {cases}, the cases for which every compared method has a result"
     subjects = len({*subjects_of(rows).values()})
     count = f"{subjects} subject{'s' * (subjects > 1)}"
-    notes = [f"{cases} case{'s' * (cases > 1)} of {size} vertices, {count}; means over {over}."]
+    notes = [f"{counted(cases, 'case', 'cases')} of {size} vertices, {count}; means over {over}."]
     tasks = begun(rows).reindex(columns=["task.name", "task.checksum"]).groupby("task.name").nunique()
     if several := list(tasks.index[tasks["task.checksum"] > 1]):
         notes.append(

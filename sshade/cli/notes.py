@@ -84,7 +84,7 @@ def tell(
     for note in [
         *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=diagonal),
         *unused_options(options, options.handles[0], given[0]),
-        *handle_notes(given[0], poses[0], shape.mesh),
+        *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
         *notes(facts, shape.surface, asked=asked, snap=snap, dense=dense),
     ]:
         say(f"note: {note}")
@@ -107,11 +107,13 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
     """
     rest = surface.facts
     if rest.doubled:
-        yield f"{rest.doubled} vertices share their place with another vertex, and move with it"
+        shares = counted(rest.doubled, "vertex shares its place", "vertices share their place")
+        yield f"{shares} with another vertex, and {_verb('move', rest.doubled)} with it"
     if rest.near:
         yield (
-            f"{rest.near} vertices lie near another vertex, and move with it (at most "
-            f"{rest.tolerance:.2g} of the diagonal from their common place)"
+            f"{counted(rest.near, 'vertex lies', 'vertices lie')} near another vertex, and "
+            f"{_verb('move', rest.near)} with it (at most {rest.tolerance:.2g} of the diagonal from their "
+            "common place)"
         )
     if snap > 0:
         share = _percent(snap / surface.mesh.diagonal)
@@ -141,13 +143,14 @@ def _on_pieces(facts: Facts) -> Iterator[str]:
         yield f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours"
     if copies := facts.copies:
         yield (
-            f"the surface was cut where it is not manifold: {copies} vertices were duplicated, and joined "
-            f"again over gaps of at most {_percent(facts.gap)}"
+            "the surface was cut where it is not manifold: "
+            f"{counted(copies, 'vertex was', 'vertices were')} duplicated, and joined again over gaps of at "
+            f"most {_percent(facts.gap)}"
         )
     if one_sided := facts.one_sided:
         yield (
-            f"{one_sided} vertices lie on one-sided surfaces: both sides were deformed, and the result is "
-            f"their mean, at most {_percent(facts.side_gap)} from either side"
+            f"{counted(one_sided, 'vertex lies', 'vertices lie')} on one-sided surfaces: both sides were "
+            f"deformed, and the result is their mean, at most {_percent(facts.side_gap)} from either side"
         )
     if (bent := facts.components - facts.rigid) > 1:
         yield f"{bent} components were deformed separately and divide the proxy vertices"
@@ -173,6 +176,10 @@ def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -
     return [f"{path} was saved with other values of {', '.join(differ)}; pass --options {path} to use them"]
 
 
+def _verb(verb: str, count: int) -> str:
+    return f"{verb}s" if count == 1 else verb
+
+
 def _percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} % of the diagonal"
 
@@ -181,7 +188,7 @@ def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
     """Yield a sentence if the number of samples differs from the number asked for by more than rounding."""
     samples, coarser = facts.samples, facts.options["coarser"]
     rounded = (facts.components - facts.rigid) / 2
-    differs = f"the proxy has {samples} samples instead of {asked}: "
+    differs = f"the proxy has {counted(samples, 'sample', 'samples')} instead of {asked}: "
     if samples == 0:
         yield "no proxy was made: the handles alone determine the result"
     elif samples < asked - rounded:
@@ -215,10 +222,10 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     exact, soft = int(hard.sum()), int((~hard).sum())
     parts = []
     if exact:
-        parts.append(f"{exact} handle{'s' * (exact > 1)} reached to {100 * error:.2g} %")
+        parts.append(f"{counted(exact, 'handle', 'handles')} reached to {100 * error:.2g} %")
     if soft:
         mean = 100 * distance[~hard].mean()
-        parts.append(f"{soft} soft handle{'s' * (soft > 1)} to {mean:.2g} % on average")
+        parts.append(f"{counted(soft, 'soft handle', 'soft handles')} to {mean:.2g} % on average")
     return f"{' and '.join(parts)} of the diagonal", error
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sshade.cli.arguments import NUMBER, OpenTask, check_outputs, has_number
 from sshade.core.console import progress_bar, say
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.atomic import check_output, identity, naming
 from sshade.files.by_library import WRITABLE
 from sshade.files.mesh_file import MORPHS, MeshFile
@@ -109,7 +109,7 @@ def write_poses(
 
 
 def _poses(count: int) -> str:
-    return f"{count} pose{'s' * (count > 1)}"
+    return counted(count, "pose", "poses")
 
 
 def deform_poses(

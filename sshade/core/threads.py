@@ -12,7 +12,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Generic, Protocol, TypeVar, cast
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 
 Result = TypeVar("Result")
 Covariant = TypeVar("Covariant", covariant=True)
@@ -35,7 +35,9 @@ def available_cpus() -> int:
 def number_of_workers(workers: int | None, *, default: int) -> int:
     """Return `workers`, or `default` for None; raise InputError on fewer than one."""
     if workers is not None and workers < 1:
-        raise InputError(f"{workers} workers were asked for; at least one is needed")
+        raise InputError(
+            f"{counted(workers, 'worker was', 'workers were')} asked for; at least one is needed"
+        )
     return workers or default
 
 

@@ -166,6 +166,10 @@ def _not_expected(what: str, path: str | os.PathLike[str], error: Exception) -> 
     why = " ".join(str(reason(error) if isinstance(error, OSError) else error).split())
     if isinstance(error, KeyError) and " " not in why:
         why = f"it has no {why}"
+    elif isinstance(error, AttributeError | TypeError | IndexError):  # their texts are about the code
+        why = (
+            "one of its entries is missing" if isinstance(error, IndexError) else "an entry has a wrong type"
+        )
     return InputError(f"{path}: not {what} ({why})")
 
 

@@ -45,6 +45,10 @@ from sshade.mesh.surface import single_steps
 ROUNDING = 1e-5
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
+_OTHER_VERSION = "{}: it is a file of glTF {}, and only glTF 2.0 is read; export it again as glTF 2.0"
+#: Keys of the JSON whose values are lists of objects.
+_LISTS = {"accessors", "animations", "bufferViews", "buffers", "images", "materials", "meshes", "nodes"}
+_LISTS |= {"scenes", "skins", "textures"}
 
 
 class _BufferPart(NamedTuple):
@@ -81,6 +85,8 @@ def read_gltf(path: Path) -> MeshFile:
         without nodes.
     """
     gltf = parsed_gltf(path.read_bytes(), path)
+    if not gltf.tree.get("meshes"):
+        raise InputError(f"{path}: it has no mesh")
     require_plain(gltf.tree, path)
     gltf, notes = with_own_numbers(gltf)
     matrices = mesh_matrices(gltf.tree)
@@ -98,7 +104,8 @@ def read_gltf(path: Path) -> MeshFile:
             key = accessor_bytes(gltf.tree, position)
             if key not in parts:
                 P = gltf.array(position).astype(np.float64)
-                V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
+                with np.errstate(invalid="ignore"):  # an infinite position, which is refused later
+                    V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
                 rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
                 parts[key] = _BufferPart(position, *shading, count, M)
                 count += len(P)
@@ -117,7 +124,21 @@ def read_gltf(path: Path) -> MeshFile:
         colours = partial(gltf_colours, gltf, coloured)
     if any("material" in primitive for primitive, _ in primitives):
         skin = partial(gltf_skin, gltf, primitives)
-    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, colours, skin)
+    named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
+    return MeshFile(
+        rest,
+        triangles,
+        holds,
+        suffixes,
+        content,
+        notes,
+        rounding,
+        None,
+        colours,
+        skin,
+        source=path,
+        named=named,
+    )
 
 
 def parsed_gltf(data: bytes, path: Path) -> Gltf:
@@ -132,8 +153,10 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     """
     text, binary, further = data, None, b""
     if data[:4] == _MAGIC:
-        if int.from_bytes(data[4:8], "little") != 2 or int.from_bytes(data[8:12], "little") != len(data):
-            raise ValueError("it is not of version 2, or not as long as its header says")
+        if (version := int.from_bytes(data[4:8], "little")) != 2:
+            raise InputError(_OTHER_VERSION.format(path, version))
+        if int.from_bytes(data[8:12], "little") != len(data):
+            raise ValueError("it is not as long as its header says")
         at, chunks = 12, []
         while at < len(data):
             end = at + 8 + int.from_bytes(data[at : at + 4], "little")
@@ -152,8 +175,13 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
         tree = json.loads(decoded(text))
     except InputError as error:
         raise ValueError(str(error)) from error
-    if not isinstance(tree, dict) or str(tree.get("asset", {}).get("version", "")).split(".")[0] != "2":
-        raise ValueError("it names no version 2 of glTF")
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise ValueError("it names no version of glTF")
+    if not str(version := tree["asset"].get("version", "")).startswith("2."):
+        raise InputError(_OTHER_VERSION.format(path, str(version)[:20]))
+    for name in _LISTS & tree.keys():
+        if not isinstance(tree[name], list) or not all(isinstance(one, dict) for one in tree[name]):
+            raise ValueError(f"its {name} are no list of objects")
     buffers = [
         _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
     ]
@@ -165,8 +193,12 @@ def buffer_files(path: Path) -> list[Path]:
     if path.suffix.lower() not in (".glb", ".gltf"):
         return []
     tree = parsed_gltf(path.read_bytes(), path).tree
-    uris = [buffer.get("uri", "data:") for buffer in tree.get("buffers", [])]
-    return [path.parent / unquote(uri) for uri in uris if not is_embedded(uri)]
+    return [path.parent / unquote(entry["uri"]) for entry in _outside(tree, "buffers")]
+
+
+def _outside(tree: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    """Return the "buffers" or the "images" whose bytes are in other files."""
+    return [entry for entry in tree.get(kind, []) if not is_embedded(entry.get("uri", "data:"))]
 
 
 def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
@@ -221,8 +253,8 @@ def _content(
     for part in parts:
         if part.normal is not None:
             with np.errstate(invalid="ignore"):  # the bytes may be no numbers
-                stored = new.array(part.normal).astype(np.float64)
-            normals[part.first : part.first + len(stored)] = stored @ np.linalg.inv(part.matrix[:3, :3])
+                stored = new.array(part.normal).astype(np.float64) @ np.linalg.inv(part.matrix[:3, :3])
+            normals[part.first : part.first + len(stored)] = stored
     Q = vertex_turns(normals, F, rest, V)
     turned = (np.eye(3) != Q).any(axis=(1, 2))
     for part in parts:
@@ -296,11 +328,11 @@ def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
         elif uri is None or data != old.buffers[number]:
             body = base64.b64encode(data[: buffer["byteLength"]]).decode()
             buffer["uri"] = f"data:application/octet-stream;base64,{body}"
-    for entry in [*tree.get("buffers", []), *tree.get("images", [])]:
-        uri = entry.get("uri", "data:")
-        if not is_embedded(uri):
-            moved = moved_reference(unquote(uri), gltf.source, path)
-            entry["uri"] = uri if moved == unquote(uri) else quote(moved)
+    for kind in ("buffers", "images"):
+        for entry in _outside(tree, kind):
+            name = unquote(entry["uri"])
+            moved = moved_reference(name, gltf.source, path, along=kind == "images")
+            entry["uri"] = entry["uri"] if moved == name else quote(moved)
     if not binary:
         return _json(tree, indent=2) + b"\n"
     text = _json(tree, separators=(",", ":"))

@@ -63,10 +63,11 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
                 continue
             converted += use not in copied and not plain
             copied.setdefault(use, (here, []))[1].append(attributes)
+    primitives = counted(converted, "primitive", "primitives")
     notes = {
         f"{counted(instances, 'node has', 'nodes have')} a mesh that another node has; each gets a mesh of "
         "its own": instances,
-        f"sparse or quantised positions and normals of {converted} primitives become float32": converted,
+        f"sparse or quantised positions and normals of {primitives} become float32": converted,
     }
     if copied:
         longer = gltf._replace(buffers=[bytearray(gltf.buffers[0]), *gltf.buffers[1:]])

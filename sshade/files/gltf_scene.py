@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.mesh_file import strip_triangles
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -210,7 +210,7 @@ def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray
         ids = np.arange(size)
     if mode == _TRIANGLES:
         if len(ids) % 3:
-            raise ValueError(f"{len(ids)} corners are announced for triangles")
+            raise ValueError(f"{counted(len(ids), 'corner is', 'corners are')} announced for triangles")
         return ids.reshape(-1, 3)
     if mode == _FAN:
         return np.column_stack([ids[1:-1], ids[2:], np.full(max(len(ids) - 2, 0), ids[0])])

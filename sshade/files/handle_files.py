@@ -44,7 +44,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.atomic import naming
 from sshade.files.handwritten import (
     LONGEST,
@@ -253,7 +253,8 @@ def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
         if "target" in entry and (raw or moves or "source" in entry):
             target = as_points(entry["target"], '"target"')
             if len(target) != len(place):
-                raise InputError(f"{len(place)} handles have {len(target)} targets; each needs one")
+                has = counted(len(place), "handle has", "handles have")
+                raise InputError(f"{has} {counted(len(target), 'target', 'targets')}; each needs one")
         if (raw or moves) and _moves_rigidly(entry, moves):
             motion = _motion(entry)
         elif "rotation" in entry and "boxes" not in entry:

@@ -6,7 +6,9 @@ to triangles here.
 
 from __future__ import annotations
 
+import filecmp
 import os
+import shutil
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -15,7 +17,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.atomic import check_suffix
+from sshade.files.atomic import check_suffix, replacing
 from sshade.files.skins import Skin
 
 #: Suffixes of the formats of meshes that are read and written.
@@ -77,6 +79,9 @@ class MeshFile:
     colours : callable, optional
         ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
         file has none, or is an .off file, whose colours are not read.
+    source, named : Path and tuple of str
+        The file, and the names of the files that it refers to. Files in its folder are copied beside an
+        output elsewhere.
     skin : callable, optional
         ``skin()`` returns the materials of the triangles. None if the file has none, or is a .ply file, whose
         textures are not read.
@@ -92,6 +97,8 @@ class MeshFile:
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
     colours: Callable[[], np.ndarray] | None = None
     skin: Callable[[], Skin] | None = None
+    source: Path = Path()
+    named: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them
@@ -119,15 +126,39 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def moved_reference(name: str, source: Path, path: Path) -> str:
+def goes_along(name: str, source: Path, path: Path) -> bool:
+    """Whether a file that `source` names can be copied beside `path` under its name.
+
+    It lies in the folder of `source` or below, and no other file has its place.
+    """
+    file, copy = source.parent / name, path.parent / name
+    inside = not _is_absolute(name) and ".." not in Path(name).parts and file.is_file()
+    return inside and (not copy.exists() or filecmp.cmp(file, copy))
+
+
+def copy_along(names: Sequence[str], source: Path, path: Path) -> None:
+    """Copy files that `source` names beside `path`; many readers follow no names out of a folder."""
+    for name in names:
+        copy = path.parent / name
+        if goes_along(name, source, path) and not copy.exists():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(copy) as temporary:
+                shutil.copy2(source.parent / name, temporary)
+
+
+def _is_absolute(name: str) -> bool:
+    return Path(name).is_absolute() or PureWindowsPath(name).is_absolute()
+
+
+def moved_reference(name: str, source: Path, path: Path, *, along: bool = True) -> str:
     """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay.
 
-    Names are sought beside `source`, even if it is a link to a file elsewhere. A name becomes absolute if
-    `path` is on another drive of Windows.
+    With `along`, the name of a file that goes along stays, too. Names are sought beside `source`, even if it
+    is a link to a file elsewhere. A name becomes absolute if `path` is on another drive of Windows.
     """
     here, there = source.parent.resolve(), path.parent.resolve()
-    absolute = Path(name).is_absolute() or PureWindowsPath(name).is_absolute()
-    if here == there or absolute or len(urlsplit(name).scheme) > 1:
+    stays = _is_absolute(name) or len(urlsplit(name).scheme) > 1
+    if here == there or stays or (along and goes_along(name, source, path)):
         return name
     try:
         return Path(os.path.relpath(here / name, there)).as_posix()

@@ -11,7 +11,7 @@ from sshade.core.errors import InputError
 from sshade.files.atomic import check_output, expecting, naming, replacing
 from sshade.files.by_library import WRITABLE, check_mesh, read_by_library, write_by_library
 from sshade.files.gltf import plain_gltf, read_gltf
-from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats
+from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats, copy_along
 from sshade.files.obj import read_obj
 from sshade.files.off import read_off
 from sshade.files.ply import read_ply, write_ply
@@ -76,7 +76,8 @@ def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> N
     """Write a mesh file with all its contents and new positions.
 
     A file of another format receives the mesh alone; :meth:`MeshFile.lost` lists the contents that it
-    lacks. The file appears whole or not at all.
+    lacks. The file appears whole or not at all. In another folder, files that it refers to, such as materials
+    and textures, are copied beside it; where this would replace another file, it refers to the old place.
 
     Parameters
     ----------
@@ -98,6 +99,7 @@ def write_file(path: str | os.PathLike[str], file: MeshFile, V: np.ndarray) -> N
         write_mesh(path, V, file.F)
         return
     content = file.content(V, path)
+    copy_along(file.named, file.source, path)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.files.mesh_file import MeshFile, fanned, moved_reference, present
-from sshade.files.obj_materials import obj_skin, rest_of
+from sshade.files.mesh_file import MeshFile, fanned, goes_along, moved_reference, present
+from sshade.files.obj_materials import files_of, obj_skin, rest_of
 from sshade.files.obj_normals import Corners, Obj, turned_normals
 from sshade.files.skins import Skin
 from sshade.files.words import Edits, Text, edited, key_of, without_comments
@@ -57,6 +57,8 @@ def read_obj(path: Path) -> MeshFile:
         comments=b"#" in data,
     )
     places = np.stack(text.line_ends(libraries))
+    named = tuple(n for line in places.T.tolist() for n in _libraries(data[slice(*line)], path)[1])
+    named = tuple(file for name in named for file in files_of(name, path))
     obj = Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
     coloured = bool((text.size[vertices] >= 7).all())
@@ -69,6 +71,8 @@ def read_obj(path: Path) -> MeshFile:
         tuple(n for n, there in notes.items() if there),
         colours=partial(_colours, text, vertices) if coloured else None,
         skin=partial(_skin, data, path) if there >= {b"mtllib", b"usemtl"} else None,
+        source=path,
+        named=named,
     )
 
 
@@ -157,13 +161,19 @@ def _content(obj: Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
 
 def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
+    written, names = _libraries(line, source)
+    # Materials go along with all their textures, or stay where they are.
+    along = {name for name in names if all(goes_along(file, source, path) for file in files_of(name, source))}
+    moved = [name if name in along else moved_reference(name, source, path, along=False) for name in names]
+    if moved == names:
+        return line
+    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[len(written.rstrip()) :]
+
+
+def _libraries(line: bytes, source: Path) -> tuple[bytes, list[str]]:
+    """Return a line "mtllib" without its comment, and the names in it."""
     written = line if isfile(source.parent / rest_of(line)) else line.partition(b"#")[0]
     text = rest_of(written)
     # Names are separated by blanks, but a single name may contain blanks.
     single = isfile(source.parent / text) or text.lower().count(".mtl") == 1
-    names = [text] if single else text.split()
-    moved = [moved_reference(name, source, path) for name in names]
-    if moved == names:
-        return line
-    kept = line[len(written.rstrip()) :]
-    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + kept
+    return written, [text] if single else text.split()

@@ -10,6 +10,8 @@ import numpy as np
 from sshade.files.skins import Material, Skin, require_image
 from sshade.files.words import Text
 
+#: How lines of a .mtl file with a texture begin.
+_MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
 #: Colour of faces without a material.
 _PLAIN = Material(np.full(3, 0.8))
 
@@ -78,6 +80,15 @@ def rest_of(line: bytes) -> str:
     """Return what follows the keyword of a line."""
     rest = line.split(None, 1)[1:]
     return rest[0].strip().decode("utf-8", "surrogateescape") if rest else ""
+
+
+def files_of(name: str, source: Path) -> list[str]:
+    """Return the name of a .mtl file and the names of its textures that are there, as from `source`."""
+    library = source.parent / name
+    lines = library.read_text("utf-8", "surrogateescape").splitlines() if library.is_file() else []
+    words = [line.split() for line in lines if line.strip().lower().startswith(_MAPS)]
+    textures = [f"{Path(name).parent / _file_name(rest).replace(chr(92), '/')}" for _, *rest in words]
+    return [name, *(file for file in dict.fromkeys(textures) if (source.parent / file).is_file())]
 
 
 def _library(path: Path) -> dict[str, Material]:

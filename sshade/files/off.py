@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,12 +19,12 @@ _KEYWORD = re.compile(rb"((?:ST|st|[Cc]|N)*)(?:OFF|off)(\d*)$")
 
 
 def read_off(path: Path) -> MeshFile:
-    """Read an OFF file.
+    """Read an OFF file: a stream of numbers, or a vertex and a face on each line, with colours behind them.
 
     Raises
     ------
     ValueError
-        When the file is no OFF file, or the number of lines differs from the announced one.
+        When the file is no OFF file, or holds fewer or more numbers than it announces.
     InputError
         When the file is binary.
     """
@@ -35,27 +36,21 @@ def read_off(path: Path) -> MeshFile:
         raise ValueError("it does not begin with OFF, or its vertices do not have three coordinates each")
     if b"BINARY" in head[0]:
         raise InputError(f"{path}: it is a binary OFF file; write it as text, or in another format")
-    if len(head) < 2:
-        raise ValueError("it ends after its first line")
-    first = [keyword[2]] * bool(keyword[2]) + head[0][1:]  # files of ModelNet lack the end of the first line
-    counts, begun = (first, 1) if first else (head[1], 2)
-    if len(counts) < 2:
-        raise ValueError("it does not say how many vertices and faces it holds")
-    n, m = int(counts[0]), int(counts[1])
-    body = np.arange(begun, len(text.first))
-    if n < 0 or m < 0 or len(body) != n + m:
-        raise ValueError(f"{n} vertices and {m} faces are announced, {len(body)} lines follow")
-    vertices = body[:n]
-    F, polygons, face_colours = _faces(text, body[n:])
-    positions = text.vectors(vertices, 0, "a vertex")
-    letters, size = keyword[1].upper(), text.size[vertices]
-    textured, coloured, at = b"ST" in letters, b"C" in letters, 3
+    letters = keyword[1].upper()
+    rows = _rows(text, keyword[2], 3 + 3 * (b"N" in letters) + 4 * (b"C" in letters) + 2 * (b"ST" in letters))
+    positions = text.numbers(rows.vertices[:, None] + np.arange(3))
+    F, polygons, face_colours = _faces(text, rows)
+    textured, coloured, at, size = b"ST" in letters, b"C" in letters, 3, rows.vertex_size
     if letters.startswith(b"NC"):  # MeshLab writes the normals behind the colours, Geomview (CN) before them
-        width = int(size[0]) if n else 11
+        width = int(size[0]) if len(size) else 11
         at = width - (5 if textured else 3)
         if at < 6 or (size != width).any():
             raise ValueError("its vertices do not all have a colour and a normal")
-    normals = text.vectors(vertices, at, "a normal") if b"N" in letters else None
+    normals = None
+    if b"N" in letters:
+        if (size < at + 3).any():
+            raise ValueError("its vertices do not all have a normal")
+        normals = text.numbers(rows.vertices[:, None] + at + np.arange(3))
     holds = present(
         texture_coordinates=textured,
         normals=normals,
@@ -75,13 +70,52 @@ def read_off(path: Path) -> MeshFile:
     return MeshFile(positions.value, F, holds, (".off",), content)
 
 
-def _faces(text: Text, lines: np.ndarray) -> tuple[np.ndarray, bool, bool]:
+class _Rows(NamedTuple):
+    """First words of the vertices (n,) and the faces (m,), and how many words each has."""
+
+    vertices: np.ndarray
+    vertex_size: np.ndarray
+    faces: np.ndarray
+    face_size: np.ndarray
+
+
+def _rows(text: Text, glued: bytes, width: int) -> _Rows:
+    """Find the vertices and the faces behind the first word, to which files of ModelNet glue the first count.
+
+    In a stream, whose rows are no lines, vertices have `width` words and faces no colours.
+    """
+    own = [glued] * bool(glued) + text.words(0)[1:]
+    counts, line = (own, 1) if own else (text.words(1) if len(text.first) > 1 else [], 2)
+    if len(counts) in (2, 3) and all(count.isdigit() for count in counts[:2]):
+        n, m = int(counts[0]), int(counts[1])
+        if len(text.first) - line == n + m:
+            first, size = text.first[line:], text.size[line:]
+            if (size[:n] < 3).any():
+                short = line + int(np.argmax(size[:n] < 3))
+                raise ValueError(f"line {text.line_number(short)}: a vertex needs three coordinates")
+            return _Rows(first[:n], size[:n], first[n:], size[n:])
+    words = [glued] * bool(glued) + [text.word(i) for i in range(1, min(4, len(text.begin)))]
+    if len(words) < 3 or not (words[0].isdigit() and words[1].isdigit()):
+        raise ValueError("it does not say how many vertices and faces it holds")
+    n, m, at = int(words[0]), int(words[1]), 4 - bool(glued)
+    begin, end, starts = at, len(text.begin), [at + width * n]
+    while len(starts) <= m and starts[-1] < end and (size := text.word(starts[-1])).isdigit():
+        starts.append(starts[-1] + 1 + int(size))
+    if starts[-1] != end or len(starts) != m + 1:
+        found = f"{end - begin} numbers on {len(text.first) - line} lines follow"
+        raise ValueError(f"{n} vertices and {m} faces are announced, {found}")
+    faces = np.array(starts)
+    return _Rows(begin + width * np.arange(n), np.full(n, width), faces[:-1], np.diff(faces))
+
+
+def _faces(text: Text, rows: _Rows) -> tuple[np.ndarray, bool, bool]:
     """Return the triangles (m, 3), and whether some faces are larger polygons or have colours."""
-    first, words = text.first[lines], text.size[lines]
+    first, words = rows.faces, rows.face_size
     size = text.integers(text.begin[first], text.end[first])
-    short = lines[(size < 3) | (words < size + 1)]
+    short = first[(size < 3) | (words < size + 1)]
     if len(short):
-        number = text.line_number(short[0])
+        line = int(np.searchsorted(text.first, short[0], side="right")) - 1
+        number = text.line_number(line)
         raise ValueError(f"line {number}: a face needs at least three vertices and as many as it announces")
     of_size = [(size == k).nonzero()[0] for k in np.unique(size).tolist()]
     polygons = []

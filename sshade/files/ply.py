@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, fanned, moved_reference, present, strip_triangles, unchanged
 from sshade.files.normals import turned, turns, vertex_turns
 from sshade.files.ply_elements import Element, copy_rows, declared_words, read_header, take
@@ -83,7 +84,10 @@ def read_ply(path: Path) -> MeshFile:
     stored = unchanged if ply.words or kinds == {np.float64} else as_single if single else None
     coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)
     colours = partial(_colours, vertices, coloured) if coloured else None
-    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored, colours)
+    named = tuple(name for _, name in _texture_files(ply.data[: ply.body].splitlines()))
+    return MeshFile(
+        V, F, holds, suffixes, content, ply.notes, rounding, stored, colours, source=path, named=named
+    )
 
 
 def _colours(vertices: Element, properties: list[int]) -> np.ndarray:
@@ -117,7 +121,7 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     polygons = _vertex_ids(faces)
     small = min((ids.shape[1] for ids in polygons), default=3)
     if small < 3:
-        raise ValueError(f"a face has {small} corners")
+        raise ValueError(f"a face has {counted(small, 'corner', 'corners')}")
     return fanned(polygons, [np.arange(faces.size)[rows.selection] for rows in faces.rows])
 
 
@@ -232,13 +236,22 @@ def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
 def _header_at(header: bytes, source: Path, path: Path) -> bytes:
     """Return a header in which the names of texture files, in comments, are valid in `path`."""
     lines = header.splitlines(keepends=True)
-    for i, line in enumerate(lines):
-        words = line.split(None, 2)
-        if words[:2] == [b"comment", b"TextureFile"] and len(words) == 3:
-            name = words[2].strip().decode("utf-8", "surrogateescape")
-            moved = moved_reference(name, source, path).encode("utf-8", "surrogateescape")
-            lines[i] = line.replace(words[2].strip(), moved)
+    for number, name in _texture_files(lines):
+        old, new = (
+            text.encode("utf-8", "surrogateescape") for text in (name, moved_reference(name, source, path))
+        )
+        lines[number] = lines[number].replace(old, new)
     return b"".join(lines)
+
+
+def _texture_files(lines: list[bytes]) -> list[tuple[int, str]]:
+    """Return the numbers of the lines of a header that name a texture, and the names."""
+    words = [(number, line.split(None, 2)) for number, line in enumerate(lines)]
+    return [
+        (number, parts[2].strip().decode("utf-8", "surrogateescape"))
+        for number, parts in words
+        if parts[:2] == [b"comment", b"TextureFile"] and len(parts) == 3
+    ]
 
 
 def write_ply(path: Path, V: np.ndarray, F: np.ndarray) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sshade.core.errors import counted
 from sshade.core.threads import CHUNK, ThreadTeam, available_cpus
 from sshade.files.words import BOM, Text
 
@@ -189,7 +190,8 @@ def declared_words(text: Text, elements: list[Element]) -> tuple[np.ndarray, tup
     short = np.flatnonzero(text.size < declared)
     if len(short):
         line, number = short[0], text.line_number(short[0])
-        raise ValueError(f"line {number} has {text.size[line]} values; its header declares {declared[line]}")
+        has = counted(text.size[line], "value", "values")
+        raise ValueError(f"line {number} has {has}; its header declares {declared[line]}")
     within = np.arange(len(text.begin)) - np.repeat(text.first, text.size)
     words = np.flatnonzero(within < np.repeat(declared, text.size))
     longer = np.flatnonzero(text.size > declared)
@@ -197,7 +199,8 @@ def declared_words(text: Text, elements: list[Element]) -> tuple[np.ndarray, tup
         return words, ()
     count, number = len(longer), text.line_number(longer[0])
     return words, (
-        f"further values than the header declares stay as they are: {count} lines, from line {number}",
+        f"further values than the header declares stay as they are: {counted(count, 'line', 'lines')}, from "
+        f"line {number}",
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, as_floats, present, unchanged
 from sshade.files.normals import turned, turns
 from sshade.files.words import BOM, Numbers, Text, edited, key_of
@@ -29,7 +30,8 @@ def read_stl(path: Path) -> MeshFile:
     data, stored, rounding = path.read_bytes(), unchanged, None
     notes: tuple[str, ...] = ()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if len(data) == 84 + _FACET.itemsize * count:
+    end = 84 + _FACET.itemsize * count
+    if count >= 0 and len(data) >= end:
         facets = np.frombuffer(data, _FACET, count, 84)
         V = facets["corners"].reshape(-1, 3).astype(np.float64)
 
@@ -37,8 +39,10 @@ def read_stl(path: Path) -> MeshFile:
             changed = facets.copy()
             changed["normal"] = _turned(facets["normal"].astype(np.float64), V, posed)
             changed["corners"] = as_floats(posed, path).reshape(-1, 3, 3)
-            return data[:84] + changed.tobytes()
+            return data[:84] + changed.tobytes() + data[end:]
 
+        if further := len(data) - end:
+            notes = (f"{counted(further, 'byte', 'bytes')} behind its last facet, which stay in the output",)
         stored, rounding = as_single, single_steps(V)
         holds = present(facet_attributes=facets["attribute"].any())
     elif data.removeprefix(BOM).lstrip()[:5].lower() == b"solid" and b"\0" not in data:

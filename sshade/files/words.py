@@ -93,6 +93,10 @@ class Text:
         words = slice(self.first[line], self.first[line] + self.size[line])
         return self._slices(self.begin[words], self.end[words])
 
+    def word(self, number: int) -> bytes:
+        """Return a word."""
+        return self.data[self.begin[number] : self.end[number]]
+
     def line_number(self, line: int) -> int:
         """Return the number of a line for messages, counted from 1."""
         return self._line_number(self.begin[self.first[line]])

@@ -83,13 +83,13 @@ class Mesh(Shown):
             raise InputError(f"face {outside} has vertices {ids}, but the ids go from 0 to {len(V) - 1}")
         if repeated >= 0:
             raise InputError(
-                f"{repeating} faces repeat a vertex (the first is face {repeated}: {F[repeated].tolist()}); "
-                "remove them; sshade.deform leaves them out by itself"
+                f"{counted(repeating, 'face repeats', 'faces repeat')} a vertex (the first is face "
+                f"{repeated}: {F[repeated].tolist()}); remove such faces; sshade.deform leaves them out"
             )
         if not used.all():
             raise InputError(
-                f"{int((~used).sum())} vertices belong to no face (the first is {int(np.argmin(used))}); "
-                "remove them; sshade.deform leaves them out by itself"
+                f"{counted(int((~used).sum()), 'vertex belongs', 'vertices belong')} to no face (the first is"
+                f" {int(np.argmin(used))}); remove such vertices; sshade.deform leaves them out"
             )
         object.__setattr__(self, "V", _read_only(V, self.V))
         object.__setattr__(self, "F", _read_only(F, self.F))

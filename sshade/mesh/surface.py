@@ -169,13 +169,19 @@ def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
     first = first_at_label(vertex_places(whole.mesh, tolerance))
     if repeats_vertex(first[whole.mesh.F]).all():
         raise InputError(
-            f"all {whole.mesh.m} faces have two corners at one place, where repair welds them; leave it out"
+            f"{_every(whole.mesh.m, 'has', 'have')} two corners at one place, where repair welds them; leave "
+            "it out"
         )
     welded = whole.merged(first)
     once = without_duplicates(welded.mesh)
     collapsed = whole.facts.collapsed + whole.mesh.m - welded.mesh.m
     facts = replace(whole.facts, collapsed=collapsed, duplicates=welded.mesh.m - once.m)
     return welded._replace(mesh=once, facts=facts)
+
+
+def _every(number: int, one: str, several: str) -> str:
+    """Return the subject of a sentence on all faces, with its verb."""
+    return f"the only face {one}" if number == 1 else f"all {number} faces {several}"
 
 
 def _by_place(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
@@ -213,12 +219,12 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
     if outside >= 0 or len(F) == 0:
         Mesh(V, F)  # raises InputError
     if repeating == len(F):
-        raise InputError(f"all {len(F)} faces repeat a vertex; there is no surface to deform")
+        raise InputError(f"{_every(len(F), 'repeats', 'repeat')} a vertex; there is no surface to deform")
     if repeating:
         F, used = F[~repeats_vertex(F)], np.zeros(len(V), dtype=bool)
         used[F] = True
     if (V[F[0]] == V[F[0, 0]]).all() and (V[F] == V[F[:, :1]]).all():
-        raise InputError(f"all {len(F)} faces are points; there is no surface to deform")
+        raise InputError(f"{_every(len(F), 'is a point', 'are points')}; there is no surface to deform")
     vertex = np.arange(len(V))
     facts = SurfaceFacts(unused=int((~used).sum()), collapsed=int(repeating))
     if not used.all():

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.mesh.surface import without_duplicates
@@ -37,8 +37,8 @@ log = logging.getLogger(__name__)
 #: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
 #: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
 APART = 0.01
-#: Number of further sheets by cutting from which on a mesh is taken for one with inner faces.
-SHEETS = 100
+#: Number of copies over the number of vertices from which on a cut mesh is taken for one with inner faces.
+INNER = 0.5
 
 
 @dataclass(frozen=True)
@@ -122,12 +122,12 @@ class Pieces:
             "turned": cut.turned,
             "gap": 0.0,
         }
-        sheets, components = cut.mesh.topology.components, mesh.topology.components
-        if sheets - components > SHEETS:
+        sheets = cut.mesh.topology.components
+        if self._facts["copies"] > INNER * mesh.n:
             log.warning(
-                "the mesh is cut into %d sheets where more than two faces meet at an edge, as faces inside "
-                "of a solid do; leave out the inner faces, and keep the outer surface",
-                sheets,
+                "more than two faces meet at an edge in most of the mesh, as faces inside of a solid do, and it "
+                "is cut into %s; leave out the inner faces, and keep the outer surface",
+                counted(sheets, "sheet", "sheets"),
             )
         if sheets == 1 and cut.mesh is mesh:
             self._alone = replace(task, mesh=mesh)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.problem.handle_checks import (
     NO_HANDLES,
@@ -279,7 +279,8 @@ class Handles:
         if k == 0:
             raise InputError(NO_HANDLES)
         if len(target) != k:
-            raise InputError(f"{k} handles have {len(target)} targets; each needs one")
+            has, targets = counted(k, "handle has", "handles have"), counted(len(target), "target", "targets")
+            raise InputError(f"{has} {targets}; each needs one")
         if source.shape != (k, 3) or target.shape != (k, 3):
             raise InputError(
                 f"handles need positions and targets of shape (k, 3), not {source.shape} and {target.shape}"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.mesh.adjacency import VertexGraph
 from sshade.proxy import advance
 
@@ -139,9 +139,14 @@ def farthest_point_sampling(graph: VertexGraph, count: int, *, first: np.ndarray
         If `count` is larger than the number of vertices or smaller than h, or as :class:`Fronts`.
     """
     if count > graph.n:
-        raise InputError(f"{count} samples were asked for, but the mesh has only {graph.n} vertices")
+        raise InputError(
+            f"{counted(count, 'sample was', 'samples were')} asked for, but the mesh has only {graph.n} "
+            "vertices"
+        )
     if count < len(first):
-        raise InputError(f"{count} samples cannot hold the {len(first)} given first ones; ask for more")
+        raise InputError(
+            f"{counted(count, 'sample', 'samples')} cannot hold {len(first)} given first ones; ask for more"
+        )
     fronts = Fronts(graph, first)
     fronts.insert_farthest(count - len(first))
     return fronts

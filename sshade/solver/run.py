@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.kernels import kernel
 from sshade.core.progress import Progress, silent
 from sshade.mesh.rigid import rigid_motion
@@ -175,7 +175,9 @@ def run(
         residuals.append(residual)
         iterations = len(residuals)
         if not np.isfinite(residual):
-            raise FloatingPointError(f"the positions are not finite after {iterations} iterations")
+            raise FloatingPointError(
+                f"the positions are not finite after {counted(iterations, 'iteration', 'iterations')}"
+            )
         converged = state.end_step(residual < stop.tolerance) and iterations >= stop.least_iterations
         last = converged or iterations == stop.max_iterations or perf_counter() >= deadline
         state.move(last=last)

@@ -88,7 +88,6 @@ BAD: dict[str, tuple[str, bytes, str]] = {
         changed(b"vertex 162", b"vertex 1" + b"0" * 12, mesh_ply(V, F, "")),
         "not a readable",
     ),
-    "STL with bytes behind its end": (".stl", sound(".stl") + b"abc", "not a readable"),
     "GLB longer than it says": (".glb", sound(".glb") + bytes(4), "not a readable"),
     "glTF without its buffer": (".gltf", linked("gone.bin"), "gone.bin is missing"),
     "glTF on the web": (".gltf", linked("https://example.org/a.bin"), "not a file beside it"),

@@ -5,6 +5,8 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 
 import sshade
 from sshade.cli.main import main
@@ -185,17 +187,42 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
     (tmp_path / "in" / "of it.mtl").write_text("newmtl red\n")
     path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it.mtl"))
     write_file(tmp_path / "out" / "b.obj", read_file(path), V)
-    assert "mtllib ../in/of it.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    assert "mtllib of it.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    assert (tmp_path / "out" / "of it.mtl").read_text() == "newmtl red\n"
     # So may a name with a "#", which else begins a comment.
     (tmp_path / "in" / "of it #2.mtl").write_text("newmtl red #1\nKd 1 0 0\n", encoding="utf-8-sig")
     path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it #2.mtl") + "usemtl red #1\nf 1 2 3\n")
     write_file(tmp_path / "out" / "b.obj", read_file(path), V)
-    assert "mtllib ../in/of it #2.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
+    assert "mtllib of it #2.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
     assert read_file(path).skin().materials[-1].colour.tolist() == [1, 0, 0]
     path = path.with_suffix(".ply")
     path.write_text(MESHLAB)
     write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])
     assert (tmp_path / "out" / "b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
+
+
+def test_materials_and_textures_go_along_so_that_other_readers_find_them(tmp_path):
+    """Readers like trimesh follow no names that lead out of the folder of the mesh."""
+    (tmp_path / "in" / "maps").mkdir(parents=True)
+    (tmp_path / "out").mkdir()
+    ball, image = icosphere(1), Image.new("RGB", (2, 2), (9, 120, 30))
+    image.save(tmp_path / "in" / "maps" / "skin.png")
+    (tmp_path / "in" / "a.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd -s 1 1 1 maps\\skin.png\n")
+    uv = "".join(f"vt {x!r} {y!r}\n" for x, y in ball.V[:, :2].tolist())
+    faces = "".join("f {0}/{0} {1}/{1} {2}/{2}\n".format(*(face + 1)) for face in ball.F)
+    vertices = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in ball.V.tolist())
+    path, posed = tmp_path / "in" / "a.obj", tmp_path / "out" / "b.obj"
+    path.write_text(f"mtllib a.mtl\nusemtl skin\n{vertices}{uv}{faces}")
+    for _ in range(2):  # also where the files are there already
+        write_file(posed, read_file(path), ball.V)
+        assert posed.read_text().startswith("mtllib a.mtl\n")
+        assert sorted(p.name for p in (tmp_path / "out").rglob("*.*")) == ["a.mtl", "b.obj", "skin.png"]
+        assert trimesh.load_mesh(posed, process=False).visual.material.name == "skin"
+    # Another file of that name stays, and the output refers to the old place.
+    (tmp_path / "out" / "maps" / "skin.png").write_bytes(b"another image")
+    write_file(posed, read_file(path), ball.V)
+    assert posed.read_text().startswith("mtllib ../in/a.mtl\n")
+    assert (tmp_path / "out" / "maps" / "skin.png").read_bytes() == b"another image"
 
 
 @pytest.mark.parametrize(

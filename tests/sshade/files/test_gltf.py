@@ -157,6 +157,13 @@ def test_a_gltf_with_buffer_and_images_beside_it(tmp_path):
     assert (tmp_path / "in" / "with space.bin").read_bytes() == buffer
     data = base64.b64decode(new["buffers"][0]["uri"].partition(",")[2])
     assert np.array_equal(table(data)[:, 9:], table(buffer)[:, 9:])
+    # Images that are there are copied; a buffer that changes is not.
+    (tmp_path / "in" / "maps").mkdir()
+    (tmp_path / "in" / "maps" / "skin 1.png").write_bytes(b"image")
+    write_file(tmp_path / "out" / "b.gltf", file, file.V + [1, 0, 0])
+    assert json.loads((tmp_path / "out" / "b.gltf").read_text())["images"][0]["uri"] == "maps/skin%201.png"
+    assert (tmp_path / "out" / "maps" / "skin 1.png").read_bytes() == b"image"
+    assert not (tmp_path / "out" / "with space.bin").exists()
     # If nothing moves, a .gltf refers to the old file of the buffer. A .glb contains the buffer.
     write_file(tmp_path / "out" / "c.gltf", file, file.V)
     new = json.loads((tmp_path / "out" / "c.gltf").read_text())
@@ -300,7 +307,7 @@ def test_quantised_and_sparse_positions_are_written_as_single_precision(tmp_path
     expected = positions * 0.001
     expected[0] = [2, 0, 0]
     assert np.allclose(file.V[:-3], expected, atol=1e-12) and np.array_equal(file.F[:-1], SPHERE.F)
-    assert file.notes == ("sparse or quantised positions and normals of 1 primitives become float32",)
+    assert file.notes == ("sparse or quantised positions and normals of 1 primitive become float32",)
     write_file(tmp_path / "b.glb", file, file.V + [0, 0, 1])
     again = read_file(tmp_path / "b.glb")
     assert np.allclose(again.V, file.V + [0, 0, 1], atol=1e-6) and again.notes == ()
@@ -342,7 +349,7 @@ def sparse(view: int, offset: int) -> dict:
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "their own ancestors"),
         ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
-        ({"asset.version": "1.0"}, "version 2"),
+        ({"asset.version": "1.0"}, "it is a file of glTF 1.0, and only glTF 2.0 is read"),
         ({"buffers.0.byteLength": 10**9}, "bytes of the"),
         ({"buffers.0.byteLength": 9600}, "reaches out of its buffer"),
         ({"bufferViews.0.byteLength": 8}, "reaches out of its view"),
