@@ -14,7 +14,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group, groups_of
-from sshade.edit.skin import DrawnSkin, drawn
+from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
 from sshade.files.atomic import check_output, is_same_file, naming
 from sshade.files.by_library import WRITABLE
@@ -262,7 +262,7 @@ class Document:
     @property
     def has_skin(self) -> bool:
         """Whether the file has materials."""
-        return self._file is not None and self._file.skin is not None
+        return self._file is not None and has_skin(self._file)
 
     @cached_property
     def skin(self) -> DrawnSkin:
@@ -273,10 +273,10 @@ class Document:
         InputError
             When the file has no materials, or materials or texture coordinates cannot be read.
         """
-        if self._file is None or self._file.skin is None:
+        if self._file is None or not has_skin(self._file):
             raise InputError(f"{self.name}: the file has no materials")
         try:
-            return drawn(self._file.skin(), self._shape.surface.vertex[self._file.F])
+            return drawn(skin_of(self._path), self._shape.surface.vertex[self._file.F])
         except (ValueError, LookupError, TypeError) as error:
             raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files import skins
+from sshade.edit import skins
+from sshade.edit.gltf_materials import gltf_skin
+from sshade.edit.obj_materials import obj_skin
+from sshade.files.mesh_file import MeshFile
 from sshade.mesh.mesh import repeats_vertex
 
 
@@ -23,7 +27,7 @@ class DrawnSkin(NamedTuple):
         Triangles, by material.
     runs : list of (int, int, int)
         First triangle, number of triangles, and place in `materials`.
-    materials : list of sshade.files.skins.Material
+    materials : list of sshade.edit.skins.Material
     """
 
     vertex: np.ndarray
@@ -33,12 +37,22 @@ class DrawnSkin(NamedTuple):
     materials: list[skins.Material]
 
 
+def has_skin(file: MeshFile) -> bool:
+    """Whether a file has materials that can be drawn; those of a .ply file are not read."""
+    return "materials" in file.holds
+
+
+def skin_of(path: Path) -> skins.Skin:
+    """Return the materials of the triangles of a file."""
+    return obj_skin(path) if path.suffix.lower() == ".obj" else gltf_skin(path)
+
+
 def drawn(skin: skins.Skin, F: np.ndarray) -> DrawnSkin:
     """Prepare the materials of a file for drawing.
 
     Parameters
     ----------
-    skin : sshade.files.skins.Skin
+    skin : sshade.edit.skins.Skin
     F : (m, 3) int64
         Vertices of the mesh at the corners of the file's triangles; -1 where the mesh has none.
     """

@@ -20,7 +20,6 @@ from urllib.parse import quote, unquote, unquote_to_bytes, urlsplit
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.gltf_materials import gltf_colours, gltf_skin
 from sshade.files.gltf_own import with_own_numbers
 from sshade.files.gltf_scene import (
     OF_TRIANGLES,
@@ -28,6 +27,7 @@ from sshade.files.gltf_scene import (
     NewAccessors,
     accessor_bytes,
     bounds,
+    gltf_colours,
     is_embedded,
     is_surface,
     mesh_matrices,
@@ -84,61 +84,61 @@ def read_gltf(path: Path) -> MeshFile:
         When there are contents that cannot be deformed: skins, morph targets, compressed buffers, instances
         without nodes.
     """
+    gltf, notes, shown = shown_primitives(path)
+    parts: dict[tuple, _BufferPart] = {}
+    coloured: list[tuple[int, int | None]] = []
+    V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+    count, rounding = 0, np.zeros(3)
+    for primitive, M, corners in shown:
+        attributes = primitive["attributes"]
+        position, shading = attributes["POSITION"], (attributes.get("NORMAL"), attributes.get("TANGENT"))
+        key = accessor_bytes(gltf.tree, position)
+        if key not in parts:
+            P = gltf.array(position).astype(np.float64)
+            with np.errstate(invalid="ignore"):  # an infinite position, which is refused later
+                V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
+            rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
+            parts[key] = _BufferPart(position, *shading, count, M)
+            count += len(P)
+            coloured.append((len(P), attributes.get("COLOR_0")))
+        F.append(parts[key].first + corners)
+    rest, triangles = np.concatenate(V), np.concatenate(F)
+    content = partial(_content, gltf, list(parts.values()), rest, triangles)
+    holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
+    any_colours = any(one is not None for _, one in coloured)
+    colours = partial(gltf_colours, gltf, coloured) if any_colours else None
+    named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
+    return MeshFile(
+        rest, triangles, holds, suffixes, content, notes, rounding, None, colours, source=path, named=named
+    )
+
+
+def shown_primitives(
+    path: Path,
+) -> tuple[Gltf, tuple[str, ...], list[tuple[dict[str, Any], np.ndarray, np.ndarray]]]:
+    """Read a file, and give each mesh numbers of its own.
+
+    Returns
+    -------
+    gltf : Gltf
+    notes : tuple of str
+    primitives : list of (dict, (4, 4) float64, (k, 3) int64)
+        The primitives that nodes show, their matrices, and the corners of their triangles as numbers of their
+        vertices.
+    """
     gltf = parsed_gltf(path.read_bytes(), path)
     if not gltf.tree.get("meshes"):
         raise InputError(f"{path}: it has no mesh")
     require_plain(gltf.tree, path)
     gltf, notes = with_own_numbers(gltf)
-    matrices = mesh_matrices(gltf.tree)
-    parts: dict[tuple, _BufferPart] = {}
-    coloured: list[tuple[int, int | None]] = []
-    primitives: list[tuple[dict[str, Any], np.ndarray]] = []
-    V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
-    count, rounding = 0, np.zeros(3)
-    for number, mesh in enumerate(gltf.tree.get("meshes", [])):
-        if number not in matrices:
-            continue  # no node shows it
-        for primitive in mesh["primitives"]:
-            attributes, M = primitive["attributes"], matrices[number]
-            position, shading = attributes["POSITION"], (attributes.get("NORMAL"), attributes.get("TANGENT"))
-            key = accessor_bytes(gltf.tree, position)
-            if key not in parts:
-                P = gltf.array(position).astype(np.float64)
-                with np.errstate(invalid="ignore"):  # an infinite position, which is refused later
-                    V.append(P if (np.eye(4) == M).all() else P @ M[:3, :3].T + M[:3, 3])
-                rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
-                parts[key] = _BufferPart(position, *shading, count, M)
-                count += len(P)
-                coloured.append((len(P), attributes.get("COLOR_0")))
-            size = gltf.tree["accessors"][position]["count"]
+    shown = []
+    for number, M in sorted(mesh_matrices(gltf.tree).items()):
+        for primitive in gltf.tree["meshes"][number]["primitives"]:
+            size = gltf.tree["accessors"][primitive["attributes"]["POSITION"]]["count"]
             corners = triangles_of(gltf, primitive, size)
-            if np.linalg.det(M[:3, :3]) < 0:  # a mirror turns faces around
-                corners = corners[:, ::-1]
-            F.append(parts[key].first + corners)
-            primitives.append((primitive, corners))
-    rest, triangles = np.concatenate(V), np.concatenate(F)
-    content = partial(_content, gltf, list(parts.values()), rest, triangles)
-    holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
-    colours = skin = None
-    if any(one is not None for _, one in coloured):
-        colours = partial(gltf_colours, gltf, coloured)
-    if any("material" in primitive for primitive, _ in primitives):
-        skin = partial(gltf_skin, gltf, primitives)
-    named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
-    return MeshFile(
-        rest,
-        triangles,
-        holds,
-        suffixes,
-        content,
-        notes,
-        rounding,
-        None,
-        colours,
-        skin,
-        source=path,
-        named=named,
-    )
+            # A mirror turns faces around.
+            shown.append((primitive, M, corners[:, ::-1] if np.linalg.det(M[:3, :3]) < 0 else corners))
+    return gltf, notes, shown
 
 
 def parsed_gltf(data: bytes, path: Path) -> Gltf:

@@ -18,7 +18,6 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.atomic import check_suffix, replacing
-from sshade.files.skins import Skin
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
@@ -82,9 +81,6 @@ class MeshFile:
     source, named : Path and tuple of str
         The file, and the names of the files that it refers to. Files in its folder are copied beside an
         output elsewhere.
-    skin : callable, optional
-        ``skin()`` returns the materials of the triangles. None if the file has none, or is a .ply file, whose
-        textures are not read.
     """
 
     V: np.ndarray
@@ -96,7 +92,6 @@ class MeshFile:
     rounding: np.ndarray | None = None
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
     colours: Callable[[], np.ndarray] | None = None
-    skin: Callable[[], Skin] | None = None
     source: Path = Path()
     named: tuple[str, ...] = ()
 

@@ -6,15 +6,13 @@ Vertices are never split by texture coordinates, normals, colours, groups or mat
 from __future__ import annotations
 
 from functools import partial
-from os.path import isfile
 from pathlib import Path
 
 import numpy as np
 
-from sshade.files.mesh_file import MeshFile, fanned, goes_along, moved_reference, present
-from sshade.files.obj_materials import files_of, obj_skin, rest_of
+from sshade.files.libraries import library_files, moved_library
+from sshade.files.mesh_file import MeshFile, fanned, present
 from sshade.files.obj_normals import Corners, Obj, turned_normals
-from sshade.files.skins import Skin
 from sshade.files.words import Edits, Text, edited, key_of, without_comments
 
 
@@ -27,13 +25,13 @@ def read_obj(path: Path) -> MeshFile:
         On a vertex, a normal or a face that is not complete.
     """
     data = path.read_bytes()
-    text, key = _words(data)
+    text, key = words_of(data)
     vertices, shading, polygons, libraries = (
         np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"mtllib")
     )
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
-    corners, triangles, _, texture = _faces(text, polygons, vertices, shading)
+    corners, triangles, _, texture = faces_of(text, polygons, vertices, shading)
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}
@@ -57,8 +55,7 @@ def read_obj(path: Path) -> MeshFile:
         comments=b"#" in data,
     )
     places = np.stack(text.line_ends(libraries))
-    named = tuple(n for line in places.T.tolist() for n in _libraries(data[slice(*line)], path)[1])
-    named = tuple(file for name in named for file in files_of(name, path))
+    named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
     obj = Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
     coloured = bool((text.size[vertices] >= 7).all())
@@ -70,13 +67,12 @@ def read_obj(path: Path) -> MeshFile:
         content,
         tuple(n for n, there in notes.items() if there),
         colours=partial(_colours, text, vertices) if coloured else None,
-        skin=partial(_skin, data, path) if there >= {b"mtllib", b"usemtl"} else None,
         source=path,
         named=named,
     )
 
 
-def _words(data: bytes) -> tuple[Text, np.ndarray]:
+def words_of(data: bytes) -> tuple[Text, np.ndarray]:
     """Return the words of a file without comments, and the keys of its lines."""
     joined = without_comments(data)
     if b"\\" in joined:  # a line that ends with a backslash goes on in the next line
@@ -85,24 +81,13 @@ def _words(data: bytes) -> tuple[Text, np.ndarray]:
     return text, text.keys()
 
 
-def _skin(data: bytes, path: Path) -> Skin:
-    """Return the materials of a file; its words are read again, because few callers need materials."""
-    text, key = _words(data)
-    vertices, shading, polygons, coordinates, uses, libraries = (
-        np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"vt", b"usemtl", b"mtllib")
-    )
-    _, triangles, face, texture = _faces(text, polygons, vertices, shading)
-    lines = {"polygons": polygons, "coordinates": coordinates, "uses": uses, "libraries": libraries}
-    return obj_skin(text, data, path, **lines, face=face, texture=texture, triangles=triangles)
-
-
 def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) from 0 to 1. Some programs write numbers from 0 to 255."""
     colours = text.vectors(vertices, 4, "a colour").value
     return colours / 255 if colours.max() > 1 else colours
 
 
-def _faces(
+def faces_of(
     text: Text, faces: np.ndarray, vertex_lines: np.ndarray, normal_lines: np.ndarray
 ) -> tuple[Corners, np.ndarray, np.ndarray, np.ndarray]:
     """Read the faces from their lines.
@@ -154,26 +139,6 @@ def _content(obj: Obj, source: Path, V: np.ndarray, path: Path) -> bytes:
     edits = [obj.positions.edits(V)]
     if len(obj.normals.value):
         edits += turned_normals(obj, V)
-    lines = [_moved_library(obj.data[a:b], source, path) for a, b in obj.libraries.T.tolist()]
+    lines = [moved_library(obj.data[a:b], source, path) for a, b in obj.libraries.T.tolist()]
     edits.append(Edits(obj.libraries[0], obj.libraries[1], [line.decode("latin-1") for line in lines]))
     return edited(obj.data, edits)
-
-
-def _moved_library(line: bytes, source: Path, path: Path) -> bytes:
-    """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    written, names = _libraries(line, source)
-    # Materials go along with all their textures, or stay where they are.
-    along = {name for name in names if all(goes_along(file, source, path) for file in files_of(name, source))}
-    moved = [name if name in along else moved_reference(name, source, path, along=False) for name in names]
-    if moved == names:
-        return line
-    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[len(written.rstrip()) :]
-
-
-def _libraries(line: bytes, source: Path) -> tuple[bytes, list[str]]:
-    """Return a line "mtllib" without its comment, and the names in it."""
-    written = line if isfile(source.parent / rest_of(line)) else line.partition(b"#")[0]
-    text = rest_of(written)
-    # Names are separated by blanks, but a single name may contain blanks.
-    single = isfile(source.parent / text) or text.lower().count(".mtl") == 1
-    return written, [text] if single else text.split()

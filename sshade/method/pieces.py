@@ -125,8 +125,8 @@ class Pieces:
         sheets = cut.mesh.topology.components
         if self._facts["copies"] > INNER * mesh.n:
             log.warning(
-                "more than two faces meet at an edge in most of the mesh, as faces inside of a solid do, and it "
-                "is cut into %s; leave out the inner faces, and keep the outer surface",
+                "more than two faces meet at an edge in most of the mesh, as faces inside of a solid do, and "
+                "it is cut into %s; leave out the inner faces, and keep the outer surface",
                 counted(sheets, "sheet", "sheets"),
             )
         if sheets == 1 and cut.mesh is mesh:

@@ -11,6 +11,7 @@ from PIL import Image
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
+from sshade.edit.skin import skin_of
 from sshade.files.mesh_file import moved_reference
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
@@ -194,7 +195,7 @@ def test_references_to_other_files_are_from_the_new_place(tmp_path):
     path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it #2.mtl") + "usemtl red #1\nf 1 2 3\n")
     write_file(tmp_path / "out" / "b.obj", read_file(path), V)
     assert "mtllib of it #2.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
-    assert read_file(path).skin().materials[-1].colour.tolist() == [1, 0, 0]
+    assert skin_of(path).materials[-1].colour.tolist() == [1, 0, 0]
     path = path.with_suffix(".ply")
     path.write_text(MESHLAB)
     write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])

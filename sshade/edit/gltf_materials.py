@@ -1,49 +1,32 @@
-"""Colours of vertices, materials and textures of glTF files."""
+"""Materials and textures of glTF files."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
 from functools import partial
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from sshade.files.gltf_scene import Gltf, is_embedded
-from sshade.files.skins import Material, Skin, require_image, srgb
+from sshade.edit.skins import Material, Skin, require_image
+from sshade.files.gltf import shown_primitives
+from sshade.files.gltf_scene import Gltf, is_embedded, srgb
 
 
-def gltf_colours(gltf: Gltf, parts: Iterable[tuple[int, int | None]]) -> np.ndarray:
-    """Return the colours (n, 3) of vertices in sRGB; white where a part has none.
-
-    Parameters
-    ----------
-    gltf : Gltf
-    parts : iterable of (int, int or None)
-        Number of vertices of each part, and the accessor of its colours.
-    """
-    rows = [np.ones((n, 3)) if one is None else gltf.fractions(one)[:, :3] for n, one in parts]
-    return srgb(np.concatenate(rows))
-
-
-def gltf_skin(gltf: Gltf, primitives: list[tuple[dict[str, Any], np.ndarray]]) -> Skin:
-    """Return the materials of the primitives of a file.
-
-    Parameters
-    ----------
-    gltf : Gltf
-    primitives : list of (dict, (k, 3) int64)
-        Each primitive, and the corners of its triangles as numbers of its vertices.
+def gltf_skin(path: Path) -> Skin:
+    """Return the materials of a .glb or a .gltf.
 
     Raises
     ------
     ValueError
         When the file refers to missing entries.
     """
+    gltf, _, shown = shown_primitives(path)
     materials = [_material(gltf, one) for one in [{}, *gltf.tree.get("materials", [])]]
     uv, corners, material, count = [np.zeros((1, 2))], [], [], 1
-    for primitive, F in primitives:
+    for primitive, _, F in shown:
         number = primitive.get("material", -1)
         info = {} if number < 0 else gltf.tree["materials"][number].get("pbrMetallicRoughness", {})
         texture = info.get("baseColorTexture", {})

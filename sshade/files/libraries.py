@@ -1,0 +1,66 @@
+"""The lines "mtllib" of OBJ files: names of .mtl files, which name textures."""
+
+from __future__ import annotations
+
+from os.path import isfile
+from pathlib import Path
+
+from sshade.files.mesh_file import goes_along, moved_reference
+
+#: How lines of a .mtl file with a texture begin.
+_MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
+
+
+def moved_library(line: bytes, source: Path, path: Path) -> bytes:
+    """Convert the names of a line "mtllib" so that they are valid in `path`."""
+    written, names = _libraries(line, source)
+    # Materials go along with all their textures, or stay where they are.
+    along = {
+        name for name in names if all(goes_along(file, source, path) for file in _files_of(name, source))
+    }
+    moved = [name if name in along else moved_reference(name, source, path, along=False) for name in names]
+    if moved == names:
+        return line
+    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[len(written.rstrip()) :]
+
+
+def _libraries(line: bytes, source: Path) -> tuple[bytes, list[str]]:
+    """Return a line "mtllib" without its comment, and the names in it."""
+    written = line if isfile(source.parent / rest_of(line)) else line.partition(b"#")[0]
+    text = rest_of(written)
+    # Names are separated by blanks, but a single name may contain blanks.
+    single = isfile(source.parent / text) or text.lower().count(".mtl") == 1
+    return written, [text] if single else text.split()
+
+
+def library_files(line: bytes, source: Path) -> list[str]:
+    """Return the names of the .mtl files in a line "mtllib" of `source`, and of their textures."""
+    return [file for name in _libraries(line, source)[1] for file in _files_of(name, source)]
+
+
+def _files_of(name: str, source: Path) -> list[str]:
+    """Return the name of a .mtl file and the names of its textures that are there, as from `source`."""
+    library = source.parent / name
+    lines = library.read_text("utf-8", "surrogateescape").splitlines() if library.is_file() else []
+    words = [line.split() for line in lines if line.strip().lower().startswith(_MAPS)]
+    textures = [f"{Path(name).parent / texture_name(rest).replace(chr(92), '/')}" for _, *rest in words]
+    return [name, *(file for file in dict.fromkeys(textures) if (source.parent / file).is_file())]
+
+
+def rest_of(line: bytes) -> str:
+    """Return what follows the keyword of a line."""
+    rest = line.split(None, 1)[1:]
+    return rest[0].strip().decode("utf-8", "surrogateescape") if rest else ""
+
+
+def texture_name(words: list[str]) -> str:
+    """Return the file name behind the options of a texture, such as ``-s 1 1 1``."""
+    while words and words[0].startswith("-"):
+        words = words[1:]
+        while len(words) > 1 and (words[0] in ("on", "off") or _is_number(words[0])):
+            words = words[1:]
+    return " ".join(words)
+
+
+def _is_number(word: str) -> bool:
+    return word.replace(".", "", 1).lstrip("+-").isdecimal()
