@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from sshade.cli.arguments import OpenTask
+from sshade.cli.handle_notes import handle_notes
 from sshade.core.console import say
 from sshade.core.errors import counted
 from sshade.files.by_library import EXTRA
-from sshade.files.door import handle_notes
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file

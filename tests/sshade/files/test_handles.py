@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, Mesh, deform
-from sshade.files.door import handle_notes, on_mesh
+from sshade.cli.handle_notes import handle_notes
+from sshade.files.door import on_mesh
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_handles, read_task, write_handles
