@@ -56,7 +56,7 @@ def read_obj(path: Path) -> MeshFile:
     )
     places = np.stack(text.line_ends(libraries))
     named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
-    obj = Obj(data, positions, normals, text.line_ends(shading)[0], corners, triangles, places)
+    obj = Obj(data, positions, normals, corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
     coloured = bool((text.size[vertices] >= 7).all())
     return MeshFile(

@@ -41,8 +41,6 @@ class Obj(NamedTuple):
     ----------
     data : bytes
     positions, normals : Numbers
-    normal_lines : (k,) int64
-        Byte where the line of each normal begins.
     corners : Corners
     triangles : (m, 3) int64
         Numbers of corners.
@@ -53,7 +51,6 @@ class Obj(NamedTuple):
     data: bytes
     positions: Numbers
     normals: Numbers
-    normal_lines: np.ndarray
     corners: Corners
     triangles: np.ndarray
     libraries: np.ndarray
@@ -63,7 +60,7 @@ def turned_normals(obj: Obj, V: np.ndarray) -> list[Edits]:
     """Turn normals with the surface.
 
     Programs write equal normals once. Where the vertices that share a normal turn differently, further
-    lines precede the line of the normal, and the faces are numbered anew.
+    lines follow the line of the normal, and the faces are numbered anew.
     """
     corners, rest, N = obj.corners, obj.positions.value, obj.normals.value
     shaded = np.flatnonzero(corners.normal >= 0)
@@ -82,17 +79,14 @@ def turned_normals(obj: Obj, V: np.ndarray) -> list[Edits]:
     order = np.argsort(normal[one], kind="stable")  # the order in which variants are written
     line_of, value = normal[one][order], new[one][order]
     written = np.bincount(line_of, minlength=len(N))
-    edits = _variants(obj, line_of, value)
+    edits = [_variants(obj.normals, line_of, value)]
     if (written > 1).any():
-        above = np.append(0, np.cumsum(np.maximum(written, 1)))  # new lines above each normal
-        rank = np.arange(len(order)) - np.searchsorted(line_of, line_of)
         place = np.empty(len(order), dtype=np.int64)
-        place[order] = above[line_of] + rank
-        # Numbers that count backwards from the face keep doing so. Numbers without a normal stay without one.
+        place[order] = np.arange(len(order)) + (np.cumsum(written == 0) - (written == 0))[line_of]
+        # Numbers without a normal stay without one.
         number = corners.number
-        new = number + np.sign(number) * (above[-1] - len(N))
-        base = (corners.normal - number)[shaded]  # the normals above the face, or -1
-        new[shaded] = place[variant[pair_of]] - np.where(base < 0, -1, above[base])
+        new = number + np.sign(number) * np.maximum(written - 1, 0).sum()
+        new[shaded] = place[variant[pair_of]] + 1
         numbered = number != 0
         numbers = Numbers(corners.begin[numbered], corners.end[numbered], number[numbered])
         edits.append(numbers.edits(new[numbered]))
@@ -119,11 +113,14 @@ def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, 
     return pair, vertex[one], normal[one]
 
 
-def _variants(obj: Obj, line_of: np.ndarray, value: np.ndarray) -> list[Edits]:
-    """Write normals (w, 3) to their lines (w,), ascending. Only the last normal of a line replaces it."""
-    last = np.append(line_of[1:] != line_of[:-1], True)
-    in_place = Numbers(*(column[line_of[last]] for column in obj.normals)).edits(value[last])
-    line_end = "\r\n" if b"\r\n" in obj.data else "\n"
-    further = [f"vn {x!r} {y!r} {z!r}{line_end}" for x, y, z in value[~last].tolist()]
-    begin = obj.normal_lines[line_of[~last]]
-    return [Edits(begin, begin, further), in_place]
+def _variants(normals: Numbers, line_of: np.ndarray, value: np.ndarray) -> Edits:
+    """Write normals (w, 3) to their lines (w,), ascending; further normals of a line get lines behind it."""
+    first = np.flatnonzero(np.diff(line_of, prepend=-1))
+    lines, rows = line_of[first], [" ".join(map(repr, row)) for row in value.tolist()]
+    end = np.append(first[1:], len(rows))
+    old = normals.value[lines]
+    changes = (end - first > 1) | ((value[first] != old) & ~np.isnan(old)).any(axis=1)
+    texts = [
+        "\nvn ".join(rows[a:b]) for a, b in zip(first[changes].tolist(), end[changes].tolist(), strict=True)
+    ]
+    return Edits(normals.begin[lines[changes], 0], normals.end[lines[changes], 2], texts)

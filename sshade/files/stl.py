@@ -15,8 +15,6 @@ from sshade.mesh.surface import as_single, single_steps
 
 #: A facet of a binary STL file.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: Keywords inside a solid of a text STL file. Each fits into a key of eight bytes.
-_WORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet")
 
 
 def read_stl(path: Path) -> MeshFile:
@@ -80,28 +78,19 @@ def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
     """Return the normals (m, 3), the corners (3m, 3), the number of solids, and notes for the user."""
     key = text.keys(fold=True)
     solid, end, facet, vertex = (key == key_of(word) for word in (b"solid", b"endsolid", b"facet", b"vertex"))
-    last = np.maximum.accumulate(np.where(solid | end, np.arange(len(key)), -1))
-    inside = (last >= 0) & solid[last]
-    before = np.append(False, inside[:-1])
-    known = solid | before & (end | np.isin(key, [key_of(word) for word in _WORDS]))
-
-    def require(wrong: np.ndarray, message: str) -> None:
-        if len(wrong):
-            words = b" ".join(text.words(wrong[0])).decode("latin-1")
-            raise ValueError(f"line {text.line_number(wrong[0])}{message}: {words[:60]!r}")
-
-    require(np.flatnonzero(~known), " is not understood")
-    vertices = np.flatnonzero(vertex)
-    corners = text.vectors(vertices, 1, "a vertex")
-    require(vertices[text.size[vertices] != 4], " has more than three coordinates")
-    normals = text.vectors(np.flatnonzero(facet), 2, "a normal")
-    loops = np.flatnonzero(key == key_of(b"endloop"))
-    uneven = np.cumsum(vertex)[loops] != 3 * np.cumsum(facet)[loops]
-    require(loops[uneven], " ends a facet that does not have three vertices")
-    open_facets = np.cumsum(facet) > np.cumsum(key == key_of(b"endfacet"))
-    require(np.flatnonzero((solid | end) & open_facets), " stands within a facet")
-    if open_facets[-1] or len(corners.value) != 3 * len(normals.value):
+    facets, vertices = np.flatnonzero(facet), np.flatnonzero(vertex)
+    corners, normals = text.vectors(vertices, 1, "a vertex"), text.vectors(facets, 2, "a normal")
+    if len(longer := vertices[text.size[vertices] != 4]):
+        raise ValueError(f"line {text.line_number(longer[0])} has more than three coordinates")
+    if (key == key_of(b"endfacet")).sum() != len(facets):
         raise ValueError("it ends within a facet")
+    count = np.diff(np.searchsorted(vertices, facets), append=len(vertices))
+    if len(uneven := facets[count != 3]):
+        raise ValueError(
+            f"line {text.line_number(uneven[0])} begins a facet that does not have three vertices"
+        )
+    if len(vertices) != 3 * len(facets):
+        raise ValueError("it has vertices before its first facet")
     unended = int(solid.sum() - end.sum())
     note = f"solids without a line endsolid: {unended} of {solid.sum()}; check that the file is complete"
     return normals, corners, int(solid.sum()), (note,) * (unended > 0)

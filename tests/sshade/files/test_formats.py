@@ -67,7 +67,8 @@ def test_a_text_that_ends_behind_a_facet_gives_a_note_and_elsewhere_it_is_refuse
     whole, noted = STL.rstrip(), 0
     for end in range(6, len(whole) - len("endsolid two") + 1):
         (tmp_path / "a.stl").write_text(whole[:end])
-        if whole[:end].rstrip().endswith("endfacet"):
+        words = whole[:end].split()
+        if words.count("endfacet") == words.count("facet") > 0:
             (note,) = read_file(tmp_path / "a.stl").notes
             assert note.startswith("solids without a line endsolid: 1 of 1;")
             noted += 1
@@ -150,10 +151,7 @@ def test_references_beyond_the_normals_of_an_obj_stay_beyond_where_normals_are_a
     V[3:] = V[3:, [1, 2, 0]]
     write_file(tmp_path / "b.obj", file, V)
     faces = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line[0] == "f"]
-    assert sorted(faces[:2]) == ["f 1//1 2//1 3//1", "f 4//-1 5//-1 6//-1"] or faces[:2] == [
-        "f 1//2 2//2 3//2",
-        "f 4//-2 5//-2 6//-2",
-    ]
+    assert sorted(face[-1] for face in faces[:2]) == ["1", "2"]
     assert faces[2] == "f 1//3 2//-3 4//8"
     assert [note.rpartition(" ")[2] for note in read_file(tmp_path / "b.obj").notes] == ["3"]
 
@@ -215,11 +213,17 @@ end
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0", "line 12: a vertex needs three"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1 1 1", "line 12 has more than three"),
         (".stl", STL, "vertex 1 1e0 0", "vertex 1 1e0 z", "is no number"),
-        (".stl", STL, "      vertex 1 1e0 0\n", "", "line 13 ends a facet .* not have three vertices"),
+        (
+            ".stl",
+            STL,
+            "      vertex 1 1e0 0\n",
+            "",
+            "line 9 begins a facet that does not have three vertices",
+        ),
         (".stl", STL, "  endfacet\nendsolid two", "", "ends within a facet"),
-        (".stl", STL, "  endfacet\nendsolid two", "endsolid", "line 15 stands within a facet"),
-        (".stl", STL, "  endfacet\n  facet", "  endfaces\n  facet", "line 8 is not understood: 'endfaces'"),
-        (".stl", STL, "endsolid two", "endsolid\nvertex 1 2 3", "line 17 is not understood"),
+        (".stl", STL, "  endfacet\nendsolid two", "endsolid", "ends within a facet"),
+        (".stl", STL, "  endfacet\n  facet", "  endfaces\n  facet", "ends within a facet"),
+        (".stl", STL, "endsolid two", "endsolid\nvertex 1 2 3", "line 9 begins a facet that does not"),
         (".stl", STL, STL, "<html>", "neither a text that begins with solid, nor"),
     ],
 )
