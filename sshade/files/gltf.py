@@ -36,8 +36,8 @@ from sshade.files.gltf_scene import (
 )
 from sshade.files.handwritten import decoded
 from sshade.files.mesh_file import MeshFile, as_floats, moved_reference, present
-from sshade.files.normals import vertex_turns
 from sshade.mesh.mesh import unit_rows
+from sshade.mesh.normals import vertex_turns
 from sshade.mesh.surface import single_steps
 
 #: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the

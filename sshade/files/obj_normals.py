@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files.normals import smooth_groups, turned, turns
 from sshade.files.words import Edits, Numbers
+from sshade.mesh.normals import smooth_groups, turned, turns
 from sshade.mesh.seams import same_rows
 
 #: Decimal places of written normals.

@@ -10,8 +10,8 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.files.mesh_file import MeshFile, fanned, present
-from sshade.files.normals import turned, vertex_turns
 from sshade.files.words import Text, edited, without_comments
+from sshade.mesh.normals import turned, vertex_turns
 
 #: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n
 #: means something else: the number of coordinates.

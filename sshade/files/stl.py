@@ -8,9 +8,9 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, as_floats, present, unchanged
-from sshade.files.normals import turned, turns
 from sshade.files.words import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
+from sshade.mesh.normals import turned, turns
 from sshade.mesh.surface import as_single, single_steps
 
 #: A facet of a binary STL file.

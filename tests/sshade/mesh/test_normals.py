@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade.files.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_turns
 from sshade.mesh.mesh import Mesh, unit_rows
+from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_turns
 from tests.shapes import icosphere
 
 #: Without triangles of equal area: the largest triangle at a vertex is the same in any order.
