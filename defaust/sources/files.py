@@ -17,7 +17,7 @@ import numpy as np
 from defaust.sources.choices import shortened
 from defaust.sources.matlab import read_surface
 from sshade import InputError
-from sshade.files.atomic import read_npz
+from sshade.core.atomic import read_npz
 from sshade.files.meshes import read_arrays
 
 #: Mesh formats that keep shared vertices, in order of preference.

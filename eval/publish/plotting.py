@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eval.rows.files import writing
-from sshade.files.atomic import check_suffix
+from sshade.core.atomic import check_suffix
 from sshade.plotting.pictures import TOWARDS, UP, View, new_plotter, panel
 
 if TYPE_CHECKING:

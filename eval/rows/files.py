@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from eval.installation import CONFIGURATION
+from sshade.core.atomic import replacing
 from sshade.core.errors import InputError, reason
-from sshade.files.atomic import replacing
 
 #: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
@@ -84,7 +84,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path that becomes `path` on success: see :func:`sshade.files.atomic.replacing`."""
+    """Yield a temporary path that becomes `path` on success: see :func:`sshade.core.atomic.replacing`."""
     make_folder(Path(path).parent)
     with replacing(path) as temporary:
         yield temporary

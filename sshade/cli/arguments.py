@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sshade.cli.option_file import as_number, read_values
+from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
-from sshade.files.atomic import check_output, naming
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.mesh_file import MeshFile, listed
 from sshade.mesh.weld import check_weld

@@ -26,10 +26,10 @@ from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 from sshade.cli.arguments import add_flags, check_outputs
+from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
-from sshade.files.atomic import replacing
 
 #: The extension's own files.
 ADDON = Path(__file__).parents[1] / "blender"

@@ -70,9 +70,9 @@ from sshade.cli.arguments import (
     open_task,
 )
 from sshade.cli.sequence import FPS, check_sequence, deform_poses
+from sshade.core.atomic import naming
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
 from sshade.problem.options import GROUPS, Options, require_method, resolve

@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sshade.core.atomic import naming
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming
 from sshade.files.handwritten import parsed_json, parsed_yaml, require_known
 from sshade.files.mesh_file import check_input
 from sshade.mesh.weld import check_weld

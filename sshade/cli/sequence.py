@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from sshade.cli.arguments import NUMBER, OpenTask, check_outputs, has_number
+from sshade.core.atomic import check_output, identity, naming
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError, counted
-from sshade.files.atomic import check_output, identity, naming
 from sshade.files.by_library import WRITABLE
 from sshade.files.mesh_file import MORPHS, MeshFile
 from sshade.problem.options import Options

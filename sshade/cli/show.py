@@ -25,9 +25,9 @@ import numpy as np
 
 from sshade.cli.arguments import FORMATS, HANDLES, add_flags, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
+from sshade.core.atomic import naming, replacing
 from sshade.core.console import say
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming, replacing
 from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
 

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.atomic import check_output, is_same_file, naming
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
-from sshade.files.atomic import check_output, is_same_file, naming
 from sshade.files.by_library import WRITABLE
 from sshade.files.door import OpenShape, on_shape, open_shape
 from sshade.files.gltf import buffer_files

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sshade.core.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group
 from sshade.edit.state import EditState, Settings
-from sshade.files.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import require_method
 

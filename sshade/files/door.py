@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
-from sshade.files.atomic import naming
 from sshade.files.handle_files import HandleFile, HandleGroup
 from sshade.files.implicit_arap import implicit_arap_frame
 from sshade.files.mesh_file import MeshFile

@@ -44,8 +44,8 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
-from sshade.files.atomic import naming
 from sshade.files.handwritten import (
     LONGEST,
     as_array,

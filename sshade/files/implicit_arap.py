@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sshade.core.atomic import naming
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming
 from sshade.files.handwritten import as_points, decoded, parsed_yaml, require_known
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from sshade.core.atomic import expecting, naming
 from sshade.core.errors import InputError, counted
-from sshade.files.atomic import expecting, naming
 from sshade.files.handwritten import decoded, parsed_list
 from sshade.files.mesh_file import check_input
 

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from sshade.core.atomic import check_suffix, replacing
 from sshade.core.errors import InputError
-from sshade.files.atomic import check_suffix, replacing
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sshade.core.atomic import check_output, expecting, naming, replacing
 from sshade.core.errors import InputError
-from sshade.files.atomic import check_output, expecting, naming, replacing
 from sshade.files.by_library import WRITABLE, check_mesh, read_by_library, write_by_library
 from sshade.files.gltf import plain_gltf, read_gltf
 from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats, copy_along

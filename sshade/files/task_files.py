@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sshade.core.atomic import naming, replacing
 from sshade.core.errors import InputError
-from sshade.files.atomic import naming, replacing
 from sshade.files.compact import packed
 from sshade.files.door import on_mesh, on_shape, open_shape
 from sshade.files.handle_files import FILE_RECORDS, read_handle_file

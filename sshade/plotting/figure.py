@@ -18,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sshade.core.atomic import check_output, replacing
 from sshade.core.errors import InputError
 from sshade.files.arrays import Arrays
-from sshade.files.atomic import check_output, replacing
 from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, SurfaceFacts, cleaned

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sshade.core.atomic import replacing
 from sshade.core.console import run_command
-from sshade.files.atomic import replacing
 
 
 def bake_command(

@@ -209,7 +209,7 @@ def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(ca
 ENDLESS = """\
 import sys, time
 from sshade.core.console import run_command
-from sshade.files.atomic import replacing
+from sshade.core.atomic import replacing
 
 def work():
     with replacing("a.txt") as temporary:

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.cli.main import main
-from sshade.files import atomic, gltf_morph
+from sshade.core import atomic
+from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh

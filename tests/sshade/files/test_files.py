@@ -7,8 +7,8 @@ from threading import Barrier
 
 import pytest
 
+from sshade.core.atomic import check_output, read_npz, replacing
 from sshade.core.errors import InputError
-from sshade.files.atomic import check_output, read_npz, replacing
 
 
 def test_the_file_appears_whole_on_success_under_its_name_alone(tmp_path):
