@@ -188,10 +188,16 @@ def seams(mesh: Mesh, tolerance: np.ndarray) -> np.ndarray:
     return with_faces(mesh, connected(mesh.n, one, other))
 
 
-def pinches(mesh: Mesh) -> np.ndarray:
-    """Find vertices at exactly one place in which a component touches itself: fans that meet in a point.
+def pinches(mesh: Mesh, part: np.ndarray) -> np.ndarray:
+    """Find vertices at exactly one place in which a part touches itself: fans that meet in a point.
 
-    Vertices stay apart where the component touches itself along an edge, as closed lips do.
+    Vertices stay apart where the part touches itself along an edge, as closed lips do.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    part : (n,) int
+        Part of each vertex, such as its component.
 
     Returns
     -------
@@ -202,7 +208,7 @@ def pinches(mesh: Mesh) -> np.ndarray:
     vertices = np.flatnonzero(np.bincount(place)[place] > 1)
     if not len(vertices):
         return first
-    pairs = np.column_stack([place, mesh.component])[vertices]
+    pairs = np.column_stack([place, part])[vertices]
     _, one, group = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     at, other = _neighbours(mesh, vertices)
     # Neighbours at one place, of different vertices of a group, or at the place of the group.

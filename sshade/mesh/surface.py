@@ -114,9 +114,10 @@ def surface(
     """Leave out whatever is not part of a surface, and join seams.
 
     Drops faces that repeat a vertex, then vertices that no face uses (:func:`cleaned`), and merges
-    vertices along seams (:func:`sshade.mesh.seams.seams`) and where a component touches itself in a point
-    (:func:`sshade.mesh.seams.pinches`). In a soup, where no two faces share a vertex, all vertices at one
-    place are merged, as they are in a file with vertex ids. Everything else keeps its position and its order.
+    vertices along seams (:func:`sshade.mesh.seams.seams`) and where fans meet in a point
+    (:func:`sshade.mesh.seams.pinches`): fans of one component, or of vertices that the file has split. In a
+    soup, where no two faces share a vertex, all vertices at one place are merged, as they are in a file with
+    vertex ids. Everything else keeps its position and its order.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def surface(
         for within in (np.zeros(3), tolerance):
             if not result.mesh.is_closed:
                 result = result.merged(_by_place(result.mesh, within) if soup else seams(result.mesh, within))
-        result = result.merged(pinches(result.mesh))
+        result = _pinched(result)
     near = doubled = 0
     if result.mesh.n < whole.mesh.n:
         there = result.vertex >= 0
@@ -177,6 +178,15 @@ def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:
     collapsed = whole.facts.collapsed + whole.mesh.m - welded.mesh.m
     facts = replace(whole.facts, collapsed=collapsed, duplicates=welded.mesh.m - once.m)
     return welded._replace(mesh=once, facts=facts)
+
+
+def _pinched(result: Surface) -> Surface:
+    """Join fans that meet in a point: of one component, or where the file has copies of both fans' vertex."""
+    result = result.merged(pinches(result.mesh, result.mesh.component))
+    split = np.bincount(result.vertex[result.vertex >= 0]) > 1
+    if not split.any():
+        return result
+    return result.merged(pinches(result.mesh, np.where(split, -1, np.arange(result.mesh.n))))
 
 
 def _every(number: int, one: str, several: str) -> str:
