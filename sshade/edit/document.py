@@ -14,6 +14,7 @@ import numpy as np
 
 from sshade.core.atomic import check_output, is_same_file, naming
 from sshade.core.errors import InputError
+from sshade.edit.colours import colours_of
 from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
@@ -244,20 +245,20 @@ class Document:
         self._propose("mesh", path)
         return () if self._file is None else self._file.lost(path)
 
-    @property
+    @cached_property
     def colours(self) -> np.ndarray | None:
-        """Colours (n, 3) uint8 of the vertices, or None; see :class:`sshade.files.mesh_file.MeshFile`.
+        """Colours (n, 3) uint8 of the vertices, or None; see :func:`sshade.edit.colours.colours_of`.
 
         A vertex that a seam doubles has the colour of its first copy.
         """
-        if self._file is None or self._file.colours is None:
+        if self._file is None or (colours := colours_of(self._path)) is None:
             return None
-        return (255 * self._file.colours()[self._id].clip(0, 1)).round().astype(np.uint8)
+        return (255 * colours[self._id].clip(0, 1)).round().astype(np.uint8)
 
     @property
     def is_coloured(self) -> bool:
         """Whether the file has colours of vertices."""
-        return self._file is not None and self._file.colours is not None
+        return self._file is not None and "vertex colours" in self._file.holds and self.colours is not None
 
     @property
     def has_skin(self) -> bool:

@@ -10,9 +10,9 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from sshade.edit.skins import Material, Skin, require_image
+from sshade.edit.skins import Material, Skin, require_image, srgb
 from sshade.files.gltf import shown_primitives
-from sshade.files.gltf_scene import Gltf, is_embedded, srgb
+from sshade.files.gltf_scene import Gltf, is_embedded
 
 
 def gltf_skin(path: Path) -> Skin:

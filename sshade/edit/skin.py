@@ -10,7 +10,7 @@ import numpy as np
 from sshade.edit import skins
 from sshade.edit.gltf_materials import gltf_skin
 from sshade.edit.obj_materials import obj_skin
-from sshade.files.mesh_file import MeshFile
+from sshade.files.mesh_file import MORPHS, MeshFile
 from sshade.mesh.mesh import repeats_vertex
 
 
@@ -38,8 +38,8 @@ class DrawnSkin(NamedTuple):
 
 
 def has_skin(file: MeshFile) -> bool:
-    """Whether a file has materials that can be drawn; those of a .ply file are not read."""
-    return "materials" in file.holds
+    """Whether an OBJ or glTF file has materials."""
+    return "materials" in file.holds and file.source.suffix.lower() in (".obj", *MORPHS)
 
 
 def skin_of(path: Path) -> skins.Skin:

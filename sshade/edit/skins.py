@@ -51,3 +51,9 @@ def require_image(data: bytes) -> bytes:
     if not data.startswith(_IMAGES):
         raise ValueError("it is no PNG, JPEG, GIF, BMP or WebP image")
     return data
+
+
+def srgb(linear: np.ndarray) -> np.ndarray:
+    """Convert linear colours from 0 to 1 to sRGB (IEC 61966-2-1)."""
+    linear = np.clip(linear, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

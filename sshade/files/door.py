@@ -16,7 +16,6 @@ import numpy as np
 from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
 from sshade.files.handle_files import HandleFile, HandleGroup
-from sshade.files.implicit_arap import implicit_arap_frame
 from sshade.files.mesh_file import MeshFile
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
@@ -24,6 +23,7 @@ from sshade.mesh.rigid import rotations_partway
 from sshade.mesh.surface import Surface, rounding_steps, surface
 from sshade.problem.handle_checks import SAME_TARGET
 from sshade.problem.handles import Handles
+from sshade.problem.registration import implicit_arap_frame
 from sshade.problem.snapping import snap_to_vertices, vertices_in
 from sshade.problem.task import DeformationTask
 

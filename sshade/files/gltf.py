@@ -27,7 +27,6 @@ from sshade.files.gltf_scene import (
     NewAccessors,
     accessor_bytes,
     bounds,
-    gltf_colours,
     is_embedded,
     is_surface,
     mesh_matrices,
@@ -86,7 +85,6 @@ def read_gltf(path: Path) -> MeshFile:
     """
     gltf, notes, shown = shown_primitives(path)
     parts: dict[tuple, _BufferPart] = {}
-    coloured: list[tuple[int, int | None]] = []
     V, F = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     count, rounding = 0, np.zeros(3)
     for primitive, M, corners in shown:
@@ -100,17 +98,12 @@ def read_gltf(path: Path) -> MeshFile:
             rounding = np.maximum(rounding, np.abs(M[:3, :3]) @ single_steps(P))
             parts[key] = _BufferPart(position, *shading, count, M)
             count += len(P)
-            coloured.append((len(P), attributes.get("COLOR_0")))
         F.append(parts[key].first + corners)
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
-    any_colours = any(one is not None for _, one in coloured)
-    colours = partial(gltf_colours, gltf, coloured) if any_colours else None
     named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
-    return MeshFile(
-        rest, triangles, holds, suffixes, content, notes, rounding, None, colours, source=path, named=named
-    )
+    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named)
 
 
 def shown_primitives(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -293,22 +293,3 @@ def node_matrix(node: dict[str, Any]) -> np.ndarray:
     matrix[:3, :3] = R * np.array(node.get("scale", [1.0, 1.0, 1.0]))
     matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])
     return matrix
-
-
-def gltf_colours(gltf: Gltf, parts: Iterable[tuple[int, int | None]]) -> np.ndarray:
-    """Return the colours (n, 3) of vertices in sRGB; white where a part has none.
-
-    Parameters
-    ----------
-    gltf : Gltf
-    parts : iterable of (int, int or None)
-        Number of vertices of each part, and the accessor of its colours.
-    """
-    rows = [np.ones((n, 3)) if one is None else gltf.fractions(one)[:, :3] for n, one in parts]
-    return srgb(np.concatenate(rows))
-
-
-def srgb(linear: np.ndarray) -> np.ndarray:
-    """Convert linear colours from 0 to 1 to sRGB (IEC 61966-2-1)."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -75,9 +75,6 @@ class MeshFile:
         None if only reading the file again tells.
     rounding : (3,) float64, optional
         Rounding steps of the coordinates, where the file holds them in single precision.
-    colours : callable, optional
-        ``colours()`` returns the colours (n, 3) of the vertices, float64 in sRGB from 0 to 1. None if the
-        file has none, or is an .off file, whose colours are not read.
     source, named : Path and tuple of str
         The file, and the names of the files that it refers to. Files in its folder are copied beside an
         output elsewhere.
@@ -91,7 +88,6 @@ class MeshFile:
     notes: tuple[str, ...] = ()
     rounding: np.ndarray | None = None
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
-    colours: Callable[[], np.ndarray] | None = None
     source: Path = Path()
     named: tuple[str, ...] = ()
 

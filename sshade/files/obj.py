@@ -58,7 +58,6 @@ def read_obj(path: Path) -> MeshFile:
     named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
     obj = Obj(data, positions, normals, corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
-    coloured = bool((text.size[vertices] >= 7).all())
     return MeshFile(
         positions.value,
         F,
@@ -66,7 +65,6 @@ def read_obj(path: Path) -> MeshFile:
         (".obj",),
         content,
         tuple(n for n, there in notes.items() if there),
-        colours=partial(_colours, text, vertices) if coloured else None,
         source=path,
         named=named,
     )
@@ -79,12 +77,6 @@ def words_of(data: bytes) -> tuple[Text, np.ndarray]:
         joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
     text = Text(joined)
     return text, text.keys()
-
-
-def _colours(text: Text, vertices: np.ndarray) -> np.ndarray:
-    """Return colours (n, 3) from 0 to 1. Some programs write numbers from 0 to 255."""
-    colours = text.vectors(vertices, 4, "a colour").value
-    return colours / 255 if colours.max() > 1 else colours
 
 
 def faces_of(

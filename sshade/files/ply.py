@@ -82,19 +82,8 @@ def read_ply(path: Path) -> MeshFile:
     rounding = single_steps(V) if single and not ply.words else None  # a text is exact
     holds = _holds(ply, int((face >= 0).sum()))
     stored = unchanged if ply.words or kinds == {np.float64} else as_single if single else None
-    coloured = next(filter(None, map(vertices.numbers, _COLOURS)), None)
-    colours = partial(_colours, vertices, coloured) if coloured else None
     named = tuple(name for _, name in _texture_files(ply.data[: ply.body].splitlines()))
-    return MeshFile(
-        V, F, holds, suffixes, content, ply.notes, rounding, stored, colours, source=path, named=named
-    )
-
-
-def _colours(vertices: Element, properties: list[int]) -> np.ndarray:
-    """Return colours (n, 3) from 0 to 1; whole numbers are parts of the largest number of their type."""
-    kinds = [vertices.properties[i].kind for i in properties]
-    full = [np.iinfo(kind).max if kind.kind in "iu" else 1.0 for kind in kinds]
-    return vertices.columns(properties) / full
+    return MeshFile(V, F, holds, suffixes, content, ply.notes, rounding, stored, path, named)
 
 
 def parsed(data: bytes) -> Ply:
@@ -131,8 +120,6 @@ def _strips(element: Element) -> np.ndarray:
     return strip_triangles(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
 
 
-#: Names of the colours of vertices.
-_COLOURS = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")
 #: Properties of vertices and faces by their meaning.
 _MEANING = {
     "normals": _CHANGED[3:],

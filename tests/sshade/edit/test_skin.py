@@ -9,9 +9,10 @@ import trimesh
 from PIL import Image
 
 from sshade import InputError
+from sshade.edit.colours import colours_of
 from sshade.edit.commands import Commands
 from sshade.edit.session import Session
-from sshade.files.meshes import read_file, write_mesh
+from sshade.files.meshes import write_mesh
 from tests.browser import changed, opened, pixels, portion
 from tests.shapes import bumpy, strip
 from tests.sshade.edit.lent import ask, lent, unpacked
@@ -85,7 +86,7 @@ def test_every_corner_has_the_colour_that_the_texture_has_there(name):
 def test_colours_of_vertices_of_a_gltf_are_read():
     colours = np.random.default_rng(0).integers(0, 256, (BODY.n, 4), dtype=np.uint8)
     trimesh.Trimesh(BODY.V, BODY.F, vertex_colors=colours, process=False).export("body.glb")
-    found = read_file("body.glb").colours()
+    found = colours_of(Path("body.glb"))
     linear = colours[:, :3] / 255  # the numbers of the file are linear
     back = np.where(found <= 0.04045, found / 12.92, ((found + 0.055) / 1.055) ** 2.4)
     assert np.abs(back - linear).max() < 1e-6

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sshade.edit.colours import colours_of
 from sshade.edit.document import Document
-from sshade.files.meshes import read_file, write_mesh
+from sshade.files.meshes import write_mesh
 from tests.shapes import icosphere
 from tests.write import columns, mesh_ply, obj, rows
 
@@ -41,7 +42,7 @@ def test_colours_of_vertices_are_read(name):
     Path(name).write_bytes(FILES[name])
     document = Document(Path(name), output=None, handles=None, refuse=False)
     assert document.is_coloured and np.array_equal(document.colours, COLOURS)
-    assert np.abs(read_file(name).colours() - COLOURS / 255).max() < 1e-6
+    assert np.abs(colours_of(Path(name)) - COLOURS / 255).max() < 1e-6
 
 
 def test_of_vertices_along_a_seam_the_first_gives_the_colour():
