@@ -19,11 +19,12 @@ from math import cos, pi, sin
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
+from typing import Any
 
 import igl
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, Response, sync_playwright
 
 from defaust.tasks import load_task
 from docs.blocks import fill, markdown
@@ -35,8 +36,8 @@ from sshade.files.meshes import write_mesh
 
 PAGE = Path(__file__).with_name("edit.md")
 PICTURE = Path(__file__).parent / "figures" / "edit.png"
-#: Body of the picture, and how its hand moves: by lengths in metres and degrees along x, y and z.
-SHOWN, MOVE, TURN = "data/defaust_20k", (0.12, 0.55, 0.1), (0, 0, 80)
+#: Body of the picture, and how its hand moves: by lengths in metres, and a quarter turn about z.
+SHOWN, MOVE, TURN, AT_REST = "data/defaust_20k", (0.12, 0.55, 0.1), (0, 0, 1, 1), (0, 0, 0, 1)
 #: Folders of bodies, and how often their triangles are split in four.
 BODIES = {"data/defaust_20k": 0, "data/defaust_170k": 0, "data/bench/15625": 3}
 #: Number of drags, seconds of each, and radius in pixels of the circle that the mouse follows in two seconds.
@@ -46,8 +47,11 @@ FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox
 PATIENCE = 600_000
 
 
-def write_task(root: str, level: int, folder: Path) -> None:
-    """Write a body whose feet and head are fixed and whose left hand moves."""
+def write_task(root: str, level: int, folder: Path, move: Any = (0, 0.02, 0), turn: Any = AT_REST) -> None:
+    """Write a body whose feet and head are fixed and whose left hand moves.
+
+    The hand is away from rest, because a group at rest would be read as fixed.
+    """
     mesh = load_task(root, subject=0, pose=1).mesh
     V, F = igl.upsample(np.array(mesh.V), np.array(mesh.F), level)
     write_mesh(folder / "body.ply", V, F)
@@ -57,7 +61,7 @@ def write_task(root: str, level: int, folder: Path) -> None:
         for name, inside in (("feet", y < 0.05), ("head", y > 0.93))
     ]
     hand = np.flatnonzero(x > 0.97)
-    targets = V[hand] + [0, 0.02, 0]  # a group at rest would be read as fixed
+    targets = Motion.about(V[hand].mean(axis=0), np.array(turn), np.array(move))(V[hand])
     groups.append(
         {"landmark": "hand", "kind": "dynamic", "vertices": hand.tolist(), "target": targets.tolist()}
     )
@@ -67,7 +71,7 @@ def write_task(root: str, level: int, folder: Path) -> None:
 def step_alone(folder: Path) -> tuple[int, float]:
     """Return the number of vertices and the median time of a step without a browser, in seconds."""
     session = Session(folder / "body.ply", handles=folder / "handles.json")
-    (group,) = (group for group in session.state.groups if group.kind == "moving")
+    (group,) = (group for group in session.state.groups if group.kind == "moved")
     seconds = []
     for k in range(120):
         angle, begin = 2 * pi * k / 120, perf_counter()
@@ -78,6 +82,13 @@ def step_alone(folder: Path) -> tuple[int, float]:
 
 def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
     """Drag around a circle; return steps per second and the last position of the mouse."""
+    steps: list[str] = []
+
+    def count(answer: Response) -> None:
+        if answer.url.endswith("/drag"):
+            steps.append(answer.url)
+
+    page.on("response", count)
     page.mouse.move(x, y)
     page.mouse.down()
     begin = perf_counter()
@@ -86,13 +97,15 @@ def drag(page: Page, x: float, y: float) -> tuple[float, float, float]:
         page.mouse.move(*at)
         sleep(1 / 100)
     page.mouse.up()
+    rate = len(steps) / (perf_counter() - begin)
+    page.remove_listener("response", count)
     page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
-    return float(page.locator("#stage").get_attribute("data-rate") or 0), *at
+    return rate, *at
 
 
 @contextmanager
 def opened(browser: Browser, folder: Path, height: int) -> Iterator[tuple[Page, float]]:
-    """Yield a page of the editor with the hand chosen, and the seconds until the mesh appeared."""
+    """Yield a page of the editor with the hand selected, and the seconds until the mesh appeared."""
     command = [sys.executable, "-m", "sshade", "edit", "body.ply", "handles.json", "--no-browser"]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as running:
         try:
@@ -102,7 +115,6 @@ def opened(browser: Browser, folder: Path, height: int) -> Iterator[tuple[Page, 
             page.goto(address, timeout=PATIENCE)
             page.wait_for_selector("#stage[data-state=converged]", timeout=PATIENCE)
             loaded = perf_counter() - begin
-            page.get_by_role("button", name="choose hand").click()
             yield page, loaded
             page.close()
         finally:
@@ -126,18 +138,10 @@ def in_browser(browser: Browser, folder: Path) -> tuple[float, list[float]]:
 
 
 def picture(browser: Browser) -> None:
-    """Take the picture of the page with a raised hand, coloured by the change of edge length."""
+    """Take the picture of the page with a raised hand."""
     with TemporaryDirectory() as folder:
-        write_task(SHOWN, 0, Path(folder))
+        write_task(SHOWN, 0, Path(folder), MOVE, TURN)
         with opened(browser, Path(folder), 800) as (page, _):
-            for word, values in ("move", MOVE), ("turn", TURN):
-                for axis, value in zip("xyz", values, strict=True):
-                    page.get_by_label(f"{word} {axis}", exact=True).fill(str(value))
-            with page.expect_response("**/settle"):
-                page.get_by_role("button", name="apply").click()
-            page.locator("#errors").check()
-            page.wait_for_selector("#legend:visible")
-            page.locator("#panels").evaluate("panels => panels.scrollTo(0, 280)")
             sleep(2)
             image = Image.open(BytesIO(page.screenshot())).convert("RGB")
             image.quantize(256, dither=Image.Dither.NONE).save(PICTURE, optimize=True)

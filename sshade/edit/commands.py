@@ -11,12 +11,11 @@ import numpy as np
 
 from sshade.core.errors import InputError, reason
 from sshade.core.progress import Progress, silent
-from sshade.edit.groups import Motion
-from sshade.edit.preview import VERTICES, preview
+from sshade.edit.groups import Group, Motion
+from sshade.edit.preview import preview
 from sshade.edit.session import Session
 from sshade.edit.state import METHODS, Settings
-from sshade.mesh.clusters import Clusters
-from sshade.plotting.pictures import colour_range, edge_error
+from sshade.mesh.mesh import Mesh
 from sshade.problem.options import require_method
 
 #: Arrays of an answer after a change of groups or of the selection.
@@ -29,9 +28,9 @@ OF_GROUPS = ("remove", "restore")
 class Commands:
     """A session in the coordinates of the page: the bounding box has centre 0 and diagonal 1.
 
-    float32 positions then keep seven digits, whatever the place and unit of the mesh. A page says whether it
-    is "drawn" by a graphics "card" or by the "processor". During a drag of a large mesh, it receives only
-    the vertices of the :func:`sshade.edit.preview.preview`.
+    float32 positions then keep seven digits, whatever the place and unit of the mesh. During a drag of a
+    large mesh without materials, the page receives only the vertices of
+    :func:`sshade.edit.preview.preview`.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ class Commands:
         self._opened["skin"] = session.document.has_skin
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
-        self._previews: dict[str, Clusters | None] = {}
+        self._preview = None if session.document.has_skin else preview(session.mesh)
 
     def __call__(self, name: str, arguments: Any) -> bytes:
         """Execute a command and return the answer.
@@ -76,16 +75,12 @@ class Commands:
         getattr(self._session, name)(*given)
         return self._answer(*CHANGED)
 
-    def whole(self, arguments: Mapping[str, Any]) -> bytes:
+    def whole(self) -> bytes:
         """Return everything that a page needs at the beginning."""
-        few = self._preview(arguments)
+        few = self._preview
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
-        return self._answer("faces", "change", *CHANGED, further=further, **self._opened)
-
-    def now(self) -> bytes:
-        """Return everything that changes, for a page that another page left behind."""
-        return self._answer(*CHANGED)
+        return self._answer("faces", *CHANGED, further=further, **self._opened)
 
     def rest(self) -> bytes:
         """Return the rest positions."""
@@ -128,11 +123,6 @@ class Commands:
         self._session.select(vertices, how)
         return self._answer("selection")
 
-    def open(self, content: bytes, name: str) -> bytes:
-        """Replace all groups by the groups of a handle file."""
-        self._session.open(content, name)
-        return self._answer(*CHANGED)
-
     def do_mark(self, arguments: Mapping[str, Any]) -> bytes:
         number = self._session.mark(_given(arguments, "kind", str))
         return self._answer(*CHANGED, marked=number)
@@ -150,19 +140,9 @@ class Commands:
         group = self._session.state.group(_given(arguments, "group", int))
         return self.select(group.vertices, "replace")
 
-    def do_reach(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.reach(_numbers(arguments, "distance", ()))
-        return self._answer("selection")
-
     def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
         return self._answer(*CHANGED)
-
-    def do_frame(self, arguments: Mapping[str, Any]) -> bytes:
-        from scipy.spatial.transform import Rotation
-
-        R = self._session.frame(_given(arguments, "group", int))
-        return packet({"frame": Rotation.from_matrix(R).as_quat().tolist()}, {})
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
         method = require_method(_given(arguments, "method", str), METHODS)
@@ -172,33 +152,22 @@ class Commands:
 
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:
         V = self._session.drag(_given(arguments, "group", int), self._motion(arguments))
-        few = self._preview(arguments)
+        few = self._preview
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
         self._session.release(_given(arguments, "group", int), self._motion(arguments))
-        return self._answer() if self._preview(arguments) is None else self._answer("positions")
+        return self._answer() if self._preview is None else self._answer("positions")
 
     def do_settle(self, _: Mapping[str, Any]) -> bytes:
         self._session.settle(self._progress)
-        return self._answer("positions", "change")
+        return self._answer("positions", volume=self._session.volume_change)
 
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
         content, name = _given(arguments, "what", str), _given(arguments, "name", str)
         over = arguments.get("over") is True
         path, lost = self._session.save(content, name, over=over, progress=self._progress)
-        return self._answer("positions", "change", saved=str(path), lost=list(lost))
-
-    def _preview(self, arguments: Mapping[str, Any]) -> Clusters | None:
-        """Return the preview for a page that says how it is drawn; None for small meshes and other pages."""
-        drawn = arguments.get("drawn")
-        if drawn is None:
-            return None
-        if drawn not in VERTICES:
-            raise InputError(f'"drawn" must be {" or ".join(VERTICES)}, not {drawn!r}')
-        if drawn not in self._previews:
-            self._previews[drawn] = preview(self._session.mesh, drawn)
-        return self._previews[drawn]
+        return self._answer("positions", saved=str(path), lost=list(lost))
 
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
@@ -212,10 +181,7 @@ class Commands:
         return ((V - self._centre) / self._scale).astype(np.float32)
 
     def _answer(self, *names: str, further: Mapping[str, np.ndarray] | None = None, **facts: Any) -> bytes:
-        """Pack the state of the session, further facts, the named arrays and further arrays.
-
-        Changes of the edges are sent only if the shape has converged.
-        """
+        """Pack the state of the session, further facts, the named arrays and further arrays."""
         session, mesh, arrays = self._session, self._session.mesh, dict(further or {})
         state = session.state
         for name in names:
@@ -227,13 +193,9 @@ class Commands:
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint32)
                 for number, group in enumerate(state.groups, start=1):
                     arrays[name][group.vertices] = number
-            elif name == "selection":
+            else:
                 arrays[name] = np.zeros(mesh.n, dtype=np.uint8)
                 arrays[name][state.selection] = 1
-            elif session.is_converged:
-                change = edge_error(mesh, session.shown)
-                facts["top"] = colour_range([change])
-                arrays[name] = np.minimum(255 * change / facts["top"], 255).astype(np.uint8)
         facts["groups"] = [
             {
                 "number": group.number,
@@ -251,6 +213,7 @@ class Commands:
             "version": session.version,
             "returns": session.document.is_in_memory,
             "picked": len(state.selection),
+            "carried": _components_without(mesh, state.groups),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
@@ -287,6 +250,12 @@ def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
         content = array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
         parts += [content, b"\0" * (-len(content) % 4)]
     return b"".join(parts)
+
+
+def _components_without(mesh: Mesh, groups: tuple[Group, ...]) -> int:
+    """Count the components without vertices of groups, which move with the nearest component."""
+    held = [mesh.component[group.vertices] for group in groups]
+    return mesh.topology.components - len(np.unique(np.concatenate(held))) if held else 0
 
 
 def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:

@@ -21,7 +21,7 @@ from sshade.edit.state import EditState
 from sshade.files.by_library import WRITABLE
 from sshade.files.door import OpenShape, on_shape, open_shape
 from sshade.files.gltf import buffer_files
-from sshade.files.handle_files import HandleFile, parsed_handle_file, read_handle_file
+from sshade.files.handle_files import read_handle_file
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
@@ -149,7 +149,10 @@ class Document:
         """
         file = read_handle_file(path)
         with naming(path):
-            return self._given(file, first)
+            handles = on_shape(file, self._shape)
+        names = {group.number: group.name for group in file.groups}
+        groups = groups_of(handles, names, first=first)
+        return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def groups_of(self, handles: Handles) -> tuple[Group, ...]:
         """Return the groups of handles at vertices of the file.
@@ -170,18 +173,6 @@ class Document:
             When there are no groups.
         """
         return self._shape.on_copies(state.handles(self.mesh))
-
-    def received_groups(self, content: bytes, name: str, *, first: int) -> Given:
-        """Read a handle file in this project's JSON; messages call it `name`."""
-        file = parsed_handle_file(content, name)
-        with naming(name):
-            return self._given(file, first)
-
-    def _given(self, file: HandleFile, first: int) -> Given:
-        handles = on_shape(file, self._shape)
-        names = {group.number: group.name for group in file.groups}
-        groups = groups_of(handles, names, first=first)
-        return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.

@@ -11,12 +11,12 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.edit.document import Document
-from sshade.edit.groups import LONGEST, Group, Kind, frame
+from sshade.edit.groups import LONGEST, Group, Kind
 from sshade.edit.selection import near
 from sshade.edit.state import Settings
 from sshade.edit.work import Work
 
-#: Greatest distance from rest at which a new static group counts as at rest, as a fraction of the diagonal.
+#: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
 AT_REST = 1e-6
 
 
@@ -61,7 +61,7 @@ class Grouping(Work):
     def _mark(self, kind: Kind, vertices: np.ndarray, name: str = "") -> int:
         """Create a group of vertices at their current positions; return its number."""
         target, rest = self.shown[vertices], self.mesh.V[vertices]
-        if kind == "static" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
+        if kind == "fixed" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
             target = rest
         number, self._number = self._number, self._number + 1
         name = (name or f"group {number}")[:LONGEST]
@@ -85,7 +85,7 @@ class Grouping(Work):
                 far[other.vertices] = False
             if not far.any():
                 raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
-            return self._mark("static", np.flatnonzero(far), f"beyond {group.name}")
+            return self._mark("fixed", np.flatnonzero(far), f"beyond {group.name}")
 
     def remove(self, number: int) -> None:
         """Remove a group; its vertices become unconstrained."""
@@ -110,7 +110,3 @@ class Grouping(Work):
         """
         with self._lock:
             self._push(self.state.changed(number, **fields))
-
-    def frame(self, number: int) -> np.ndarray:
-        """Return the local axes (3, 3) of a group; see :func:`sshade.edit.groups.frame`."""
-        return frame(self.mesh, self.state.group(number))

@@ -9,10 +9,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 
-Kind = Literal["static", "moving"]
+Kind = Literal["fixed", "moved"]
 
 #: Greatest ratio of the second extent of vertices to the first, at which they count as a line. Their targets
 #: do not determine a rotation, which is therefore prescribed.
@@ -65,7 +64,7 @@ class Group:
     number : int
         Unique among all groups of a session.
     name : str
-    kind : {"static", "moving"}
+    kind : {"fixed", "moved"}
     vertices : (k,) int64
     target : (k, 3) float64
         Targets of the vertices.
@@ -92,8 +91,8 @@ class Group:
     is_prescribed: bool = False
 
     def __post_init__(self) -> None:
-        if self.kind not in ("static", "moving"):
-            raise InputError(f"a group is static or moving, not {self.kind!r}")
+        if self.kind not in ("fixed", "moved"):
+            raise InputError(f"a group is fixed or moved, not {self.kind!r}")
         if not 0 < len(self.name) <= LONGEST:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:
@@ -127,33 +126,10 @@ def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[G
     for number, group in enumerate(np.unique(handles.group), start=first):
         members = np.flatnonzero(handles.group == group)
         name = names.get(int(group), "")[:LONGEST] or f"group {number}"
-        kind: Kind = "moving" if handles.dynamic[members].any() else "static"
+        kind: Kind = "moved" if handles.dynamic[members].any() else "fixed"
         vertices, target = handles.index[members], handles.target[members]
         one = Group(number, name, kind, vertices, target, float(handles.weight[members[0]]))
         if handles.rotation is not None and handles.has_rotation[members[0]]:
             one = replace(one, turn=handles.rotation[members[0]], is_prescribed=True)
         groups.append(one)
     return tuple(groups)
-
-
-def normal(mesh: Mesh, group: Group) -> np.ndarray:
-    """Return the mean normal (3,) of the rest shape at a group, of any length; z if the mean is 0."""
-    own = np.isin(mesh.F, group.vertices).any(axis=1)
-    a, b, c = mesh.V[mesh.F[own]].transpose(1, 0, 2)
-    mean = np.cross(b - a, c - a).sum(axis=0)
-    return mean if mean.any() else np.array([0.0, 0.0, 1.0])
-
-
-def frame(mesh: Mesh, group: Group) -> np.ndarray:
-    """Return the local axes of a group, columns (3, 3), which turn with it: z is its normal."""
-    z = normal(mesh, group)
-    z = z / np.linalg.norm(z)
-    rest = mesh.V[group.vertices] - mesh.V[group.vertices].mean(axis=0)
-    flat = rest - np.outer(rest @ z, z)
-    x = np.linalg.svd(flat, full_matrices=False)[2][0] if len(flat) > 1 and flat.any() else np.zeros(3)
-    if np.linalg.norm(x - z * (x @ z)) < 0.5:  # a single vertex, or vertices along the normal
-        x = np.eye(3)[np.argmin(np.abs(z))]
-    x = x - z * (x @ z)
-    x = x / np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z], axis=1)
-    return R if group.turn is None else group.turn @ R

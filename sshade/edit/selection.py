@@ -73,12 +73,10 @@ def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
     Raises
     ------
     InputError
-        When there are no vertices, or the distance is not above 0.
+        When the distance is not above 0.
     """
     from scipy.sparse.csgraph import dijkstra
 
-    if len(vertices) == 0:
-        raise InputError("no vertex is picked from which a distance could be measured")
     if not distance > 0:
         raise InputError(f"a distance is a number above 0, not {distance:g}")
     return np.isfinite(dijkstra(edge_graph(mesh).matrix, indices=vertices, min_only=True, limit=distance))

@@ -39,7 +39,7 @@ PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
 SCRIPTS = ("view", "picking", "look", "panel", "page")
 PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Methods of :class:`Commands` that answer to a request alone, and to a request with a query.
-ANSWERS, ANSWERS_TO_QUERIES = ("now", "rest", "colours", "skin"), ("whole", "image")
+ANSWERS, ANSWERS_TO_QUERIES = ("whole", "rest", "colours", "skin"), ("image",)
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -110,21 +110,15 @@ class Server(ThreadingHTTPServer):
         if not already:
             Thread(target=self.shutdown, daemon=True).start()
 
-    def tell(self) -> None:
-        """Let :meth:`stages` look for changes of the session."""
-        with self._changed:
-            self._changed.notify_all()
-
     def stages(self, write: Any) -> None:
-        """Write each new stage and version of the session, and a line from time to time, to one page."""
-        last: tuple[Any, int] = None, -1
+        """Write each new stage, and an empty line from time to time, to one page."""
+        last = None
         while not self._closed:
             with self._changed:
-                if (self._stage, self.session.version) == last:
+                if self._stage is last:
                     self._changed.wait(BEAT)
-                now = self._stage, self.session.version
-            told = {"stage": now[0] if now[0] is not last[0] else None, "version": now[1]}
-            write((json.dumps(told) if now != last else "").encode() + b"\n")
+                now = self._stage
+            write((json.dumps(now) if now is not last else "").encode() + b"\n")
             last = now
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -191,8 +185,6 @@ class _Handler(BaseHTTPRequestHandler):
                 raise InputError("vertices must be sent as 4 bytes each")
             vertices = np.frombuffer(content, dtype="<u4").astype(np.int64)
             self._send(commands.select(vertices, self._query.get("how", "")))
-        elif name == "open":
-            self._send(commands.open(content, self._query.get("name", "the file")[:200]))
         elif name == "quit":
             self._send(b"{}", "application/json")
             self.server.close()
@@ -202,7 +194,6 @@ class _Handler(BaseHTTPRequestHandler):
             except (ValueError, RecursionError) as error:
                 raise InputError("commands must be sent as JSON") from error
             self._send(commands(name, arguments))
-        self.server.tell()
 
     @property
     def _query(self) -> dict[str, str]:

@@ -12,7 +12,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document, Given
 from sshade.edit.grouping import Grouping
-from sshade.edit.selection import near, selected
+from sshade.edit.selection import selected
 from sshade.edit.state import History, Settings
 from sshade.problem.handles import Handles
 
@@ -83,11 +83,6 @@ class Session(Grouping):
             if not np.array_equal(new, self.state.selection):
                 self._push(replace(self.state, selection=new))
 
-    def reach(self, distance: float) -> None:
-        """Select everything within a distance of the selection; see :func:`sshade.edit.selection.near`."""
-        with self._lock:
-            self.select(np.flatnonzero(near(self.mesh, self.state.selection, distance)), "replace")
-
     def end(self, patience: float) -> None:
         """Wait for the current computation, up to some seconds, and let no further computation begin.
 
@@ -103,24 +98,6 @@ class Session(Grouping):
             if settings != self.state.settings:
                 self._push(replace(self.state, settings=settings))
                 self._jumped = True
-
-    def open(self, content: bytes, name: str) -> None:
-        """Replace all groups by the groups of a handle file.
-
-        Parameters
-        ----------
-        content : bytes
-            Handle file in this project's JSON.
-        name : str
-            Name of the file, for messages.
-
-        Raises
-        ------
-        InputError
-            See :func:`sshade.files.task_files.read_handles`.
-        """
-        with self._lock:
-            self._take(self.document.received_groups(content, name, first=self._number))
 
     def recover(self, path: Path | None = None) -> None:
         """Restore groups, settings and selection from a recovery file, by default from the first offer.

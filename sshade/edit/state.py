@@ -90,11 +90,11 @@ class EditState:
         Raises
         ------
         InputError
-            When the group is static.
+            When the group is fixed.
         """
         group = self.group(number)
-        if group.kind != "moving":
-            raise InputError(f"{group.name} is fixed; make it movable to drag it")
+        if group.kind != "moved":
+            raise InputError(f"{group.name} is fixed; set it to moved to drag it")
         turn = group.turn
         if turn is not None or not np.array_equal(motion.R, np.eye(3)):
             turn = motion.R if turn is None else motion.R @ turn
@@ -122,9 +122,9 @@ class EditState:
         if not self.groups:
             raise InputError(NO_HANDLES)
         count = [len(group.vertices) for group in self.groups]
-        # Static handles of a file stay at rest. A static group elsewhere is therefore written as dynamic.
+        # Static handles of a file stay at rest. A fixed group elsewhere is therefore written as dynamic.
         at_rest = [
-            group.kind == "static" and np.array_equal(group.target, mesh.V[group.vertices])
+            group.kind == "fixed" and np.array_equal(group.target, mesh.V[group.vertices])
             for group in self.groups
         ]
         target, rotation = self.aims()

@@ -14,6 +14,7 @@ from sshade.edit.follower import Follower, converged
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import EditState, History, Settings
+from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 
 
@@ -82,6 +83,14 @@ class Work:
         same = state.groups is saved.groups and state.settings == saved.settings
         return bool(state.groups) and not same
 
+    @property
+    def volume_change(self) -> float | None:
+        """Relative change of the enclosed volume; None before convergence and for meshes with a boundary."""
+        rest = self.mesh.volume
+        if not (self.is_converged and self.mesh.is_closed and self.mesh.is_oriented and rest):
+            return None
+        return Mesh(self.shown, self.mesh.F).volume / rest - 1
+
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
         self._go(-1)
@@ -96,7 +105,7 @@ class Work:
         Parameters
         ----------
         number : int
-            Number of a moving group.
+            Number of a moved group.
         motion : Motion
 
         Returns
@@ -107,7 +116,7 @@ class Work:
         Raises
         ------
         InputError
-            When no group has the number, the group is static, or the mesh cannot be bound with these handles.
+            When no group has the number, the group is fixed, or the mesh cannot be bound with these handles.
         """
         with self._following:
             with self._lock:
@@ -134,7 +143,7 @@ class Work:
         Raises
         ------
         InputError
-            When there is no such group, or it is static.
+            When there is no such group, or it is fixed.
         """
         with self._lock:
             self._push(self.state.moved(number, motion))

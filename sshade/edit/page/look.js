@@ -1,25 +1,19 @@
-// What the vertices look like: picked, in a group, by the change of edge length, or as the file has them.
+// What the vertices look like: picked, in a group, or as the file has them.
 /* global THREE */
 import { byId } from "./panel.js";
 
 // three.js computes with linear colours.
 const linear = (css) => new THREE.Color(css).toArray();
-const BODY = linear("#d9d5cf"), PICKED = linear("#1a9850");
-export const COLOURS = { static: "#2166ac", moving: "#f2c200" };
-const KINDS = { static: linear(COLOURS.static), moving: linear(COLOURS.moving) };
+const BODY = linear("#e6e1d9"), PICKED = linear("#1a9850");
+const KINDS = { fixed: linear("#2166ac"), moved: linear("#f2c200") };
 // Linear values of the bytes of colours in files.
 const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(`rgb(${byte},0,0)`)[0]);
-const STOPS = ["rgb(252,253,191)", "rgb(254,159,109)", "rgb(222,73,104)", "rgb(140,41,129)", "rgb(59,15,112)", "rgb(0,0,4)"];
-const RAMP = Array.from({ length: 256 }, (_, i) => {
-  const at = (i / 255) * (STOPS.length - 1), k = Math.min(Math.floor(at), STOPS.length - 2);
-  return new THREE.Color(STOPS[k]).lerp(new THREE.Color(STOPS[k + 1]), at - k).toArray();
-});
 
 // `arrays` are the latest arrays from the session, and `known()` returns its latest facts.
 export class Look {
   constructor(view, arrays, known) {
     Object.assign(this, { view, arrays, known, painted: null, waiting: false });
-    for (const name of ["colours", "errors"]) byId(name).addEventListener("change", () => this.draw());
+    byId("colours").addEventListener("change", () => this.draw());
   }
 
   // Show the vertices under the brush as it will pick them.
@@ -39,25 +33,22 @@ export class Look {
 
   colour() {
     const { view, arrays } = this, facts = this.known();
-    const { labels, selection, change } = arrays, { found, how } = this.painted ?? {};
-    const shows = byId("errors").checked && change;
-    const base = byId("colours").checked && arrays.colours, skinned = byId("colours").checked && view.skin && !shows;
+    const { labels, selection } = arrays, { found, how } = this.painted ?? {}, coloured = byId("colours").checked;
+    const base = coloured && arrays.colours;
     const kinds = [BODY, ...facts.groups.map(({ kind }) => KINDS[kind])];
-    byId("legend").hidden = !shows;
-    byId("top").textContent = shows ? Number(facts.top.toPrecision(2)) : "";
-    const marked = skinned && new Uint8Array(labels.length);
+    const marked = coloured && view.skin && new Uint8Array(labels.length);
     view.setColours((colours) => {
       for (let v = 0, i = 0; v < labels.length; v += 1, i += 3) {
         let picked = selection[v] && !(found && how === "replace");
         if (found && found[v]) picked = how !== "remove";
         if (marked) marked[v] = picked || labels[v];
-        if (!picked && !labels[v] && !shows && base) {
+        if (!picked && !labels[v] && base) {
           colours[i] = LINEAR[base[i]];
           colours[i + 1] = LINEAR[base[i + 1]];
           colours[i + 2] = LINEAR[base[i + 2]];
           continue;
         }
-        const own = picked ? PICKED : labels[v] || !shows ? kinds[labels[v]] : RAMP[change[v]];
+        const own = picked ? PICKED : kinds[labels[v]];
         colours[i] = own[0];
         colours[i + 1] = own[1];
         colours[i + 2] = own[2];
@@ -65,8 +56,7 @@ export class Look {
     }, marked);
   }
 
-  // Load the materials of the file, unless they are one colour or the vertices have colours instead. The preview of a
-  // large mesh gets the colours of the vertices.
+  // Load the materials of the file, unless they are one colour or the vertices have colours instead.
   async load({ materials, runs, sent }, complain) {
     const { view, arrays } = this, facts = this.known();
     const several = new Set(materials.map(({ colour: own }) => own.join())).size > 1;
@@ -89,31 +79,8 @@ export class Look {
       Object.assign(texture, { flipY: false, needsUpdate: true });
       return { colour: own, texture };
     });
-    arrays.colours ??= sampled(sent, runs, materials, images, arrays.labels.length);
     view.setSkin({ ...sent, runs }, looks);
     view.stage.dataset.skin = "shown";
     this.draw();
   }
-}
-
-// Return a colour of three bytes for each vertex: of its material and its place in the texture.
-function sampled({ vertex, uv, faces }, runs, materials, images, vertices) {
-  const colours = new Uint8Array(3 * vertices);
-  for (const [first, count, number] of runs) {
-    const { colour: own } = materials[number], image = images[number];
-    let pixels = null, width = 1, height = 1;
-    if (image) {
-      [width, height] = [image.width, image.height].map((side) => Math.min(side, 1024));
-      const canvas = Object.assign(document.createElement("canvas"), { width, height });
-      const context = canvas.getContext("2d");
-      context.drawImage(image, 0, 0, width, height);
-      pixels = context.getImageData(0, 0, width, height).data;
-    }
-    const at = (x, size) => Math.min(Math.floor((x - Math.floor(x)) * size), size - 1);
-    for (let corner = 3 * first; corner < 3 * (first + count); corner += 1) {
-      const k = faces[corner], pixel = 4 * (at(uv[2 * k], width) + width * at(uv[2 * k + 1], height));
-      for (let c = 0; c < 3; c += 1) colours[3 * vertex[k] + c] = own[c] * (pixels ? pixels[pixel + c] : 255);
-    }
-  }
-  return colours;
 }

@@ -7,17 +7,13 @@ import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 const HINTS = {
-  view: "Drag to rotate the view, right button to pan, wheel to zoom.",
-  click: "Click on a vertex. The right button rotates the view.",
+  view: "Choose Click, Brush, Rectangle or Lasso. Drag rotates the view, the wheel zooms.",
+  click: "Click on a vertex. Shift adds, Ctrl removes, the right button rotates the view.",
   brush: "Paint over vertices. Shift adds, Ctrl removes, the right button rotates the view.",
   rectangle: "Draw a rectangle. Shift adds, Ctrl removes, the right button rotates the view.",
   lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
 };
 const stage = byId("stage");
-const BACK = ["undo", "redo", "restore"]; // commands that take groups back
-const ROLL = Math.PI / 12; // a step of a roll, and of a turn that snaps
-// Attempts to reach the program again, and milliseconds between them.
-const TRIES = 4, WAIT = 500;
 
 let facts = null; // latest facts from the session
 const arrays = {}; // latest arrays from the session
@@ -25,11 +21,7 @@ let active = null; // number of the group with the gizmo
 let settling = null; // number of the computation that runs
 let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
-let solving = Promise.resolve(); // the computation that runs
-let heard = 0, behind = false; // latest version of the session, and whether another page changed it meanwhile
-let resting = false; // whether the rest shape is shown
-const pivots = new Map(); // offsets of moved pivots from the middles of their groups
-let frame = null; // local axes of the active group as a quaternion, and what they belong to
+let released = null, result = ""; // when the last drag ended, and what became of it
 
 let view;
 try {
@@ -39,7 +31,7 @@ try {
   throw new Error("no WebGL");
 }
 const look = new Look(view, arrays, () => facts);
-const panel = new Panel(ask, choose, shift);
+const panel = new Panel(ask, choose);
 const picking = new Picking(view, byId("overlay"), {
   tool: () => checked("tool"),
   how: () => checked("how"),
@@ -47,6 +39,7 @@ const picking = new Picking(view, byId("overlay"), {
   radius: () => Number(byId("radius").value),
   picked: (vertices, how) => send(`select?how=${how}`, vertices).finally(() => look.paint(null)),
   painting: (found, how) => look.paint(found, how),
+  touched: (vertex) => arrays.labels[vertex] && choose(facts.groups[arrays.labels[vertex] - 1].number),
 });
 
 // Send one request after the other.
@@ -58,7 +51,8 @@ function send(path, body) {
 
 function ask(command, given = {}) {
   order += 1;
-  if (BACK.includes(command)) pivots.clear(); // the places of moved pivots are not in the history
+  released = null;
+  result = "";
   say(null);
   return send(command, JSON.stringify(given));
 }
@@ -68,7 +62,7 @@ async function request(path, body) {
   try {
     response = await fetch(path, body === undefined ? {} : { method: "POST", body });
   } catch {
-    throw Object.assign(new Error("The editor does not answer; check whether its program still runs."), { gone: true });
+    throw new Error("The editor does not answer; check whether its program still runs.");
   }
   if (!response.ok) {
     const refused = await response.json().catch(() => ({ error: `the editor answers ${response.status}` }));
@@ -91,122 +85,74 @@ function unpack(buffer) {
 
 function complain(error) {
   if (error.superseded || document.body.classList.contains("ended")) return null;
-  panel.forget(); // a refused value does not stay in its field
-  if (facts) panel.show(facts, active);
-  const text = error.message;
-  say(`${text}${/[.?!]$/.test(text) ? "" : "."}`); // not capitalised: it may begin with the name of a file
+  if (facts) panel.show(facts, active, true);
+  say(`${error.message}${/[.?!]$/.test(error.message) ? "" : "."}`); // not capitalised: it may be the name of a file
   return null;
 }
 
 // Show an answer.
 function take(said) {
   facts = { ...facts, ...said };
-  const { sent } = said;
-  Object.assign(arrays, sent);
-  if (!sent.change && (sent.positions || !facts.converged)) arrays.change = null;
-  if (sent.positions && !view.gizmo.dragging) placed();
-  if ("marked" in said && facts.groups.some((group) => group.number === said.marked && group.kind === "moving")) {
-    active = said.marked;
-    byId("tools").querySelector("[value=view]").click();
-  }
+  Object.assign(arrays, said.sent);
+  if (said.sent.positions && !view.gizmo.dragging) view.setPositions(arrays.positions);
+  if (said.marked) active = said.marked;
+  if (facts.converged && released) report();
   refresh();
+  if (said.marked && chosen()?.kind === "moved") byId("view").click();
   if (!facts.converged) settle();
-  else if (!arrays.change && byId("errors").checked) settle();
   return said;
-}
-
-function placed() {
-  view.setPositions(resting ? arrays.rest : arrays.positions);
 }
 
 const chosen = () => facts.groups.find(({ number }) => number === active);
 
 function refresh() {
-  const group = chosen(), moves = group?.kind === "moving" && !resting;
-  if (!group) active = null;
-  if (!moves) view.detach();
-  else if (!view.gizmo.dragging) attach(group);
+  if (!facts) return;
+  if (!chosen()) active = facts.groups.at(-1)?.number ?? null;
+  const group = chosen(), moves = group?.kind === "moved";
+  if (!moves) view.gizmo.detach();
+  else if (!view.gizmo.dragging) view.attach(group.pivot);
   byId("gizmo-bar").hidden = !moves;
   panel.show(facts, active);
   look.draw();
+  guide(moves && group);
   stage.dataset.state = facts.converged ? "converged" : "computing";
-  stage.dataset.picked = facts.picked;
   stage.dataset.version = facts.version;
 }
 
-// The point about which a group turns.
-function pivotOf({ number, pivot }) {
-  const offset = pivots.get(number) ?? [0, 0, 0];
-  return pivot.map((x, c) => x + offset[c]);
+// Say what to do next: the step of the work, and one sentence.
+function guide(moved) {
+  const tool = checked("tool"), turns = checked("gizmo") === "rotate";
+  let step = 0, sentence = HINTS[tool];
+  if (facts.picked) [step, sentence] = [1, "Click Fix to keep the picked vertices in place, or Move to drag them."];
+  else if (moved && tool === "view") {
+    [step, sentence] = [2, result || `Drag the ${turns ? "rings to turn" : "arrows to move"} ${moved.name}.`];
+  } else if (tool === "view" && facts.groups.length) sentence = `${HINTS.view} Click on a group to select it.`;
+  byId("guide").querySelectorAll("li").forEach((item, k) => item.setAttribute("aria-current", k === step ? "step" : "false"));
+  byId("hint").textContent = sentence;
 }
 
-function attach(group) {
-  const key = `${group.number} ${facts.version}`, local = byId("local").checked;
-  view.gizmo.setSpace(local ? "local" : "world");
-  view.attach(pivotOf(group), local && frame?.key === key ? frame.quaternion : undefined);
-  if (!local || frame?.key === key) return;
-  frame = { key, quaternion: undefined };
-  request("frame", JSON.stringify({ group: group.number })).then((said) => {
-    if (frame.key !== key) return;
-    frame.quaternion = said.frame;
-    refresh();
-  }).catch(complain);
+// Say how long the last drag took to settle, and what became of the volume.
+function report() {
+  const seconds = ((performance.now() - released) / 1000).toFixed(1), { volume } = facts;
+  const percent = Math.abs(100 * volume) < 0.01 ? "by less than 0.01" : `by ${(100 * volume).toFixed(2)}`;
+  result = `Done in ${seconds} s${typeof volume !== "number" ? "" : `; the volume changed ${percent} %`}. Drag on, or save the mesh.`;
+  released = null;
 }
 
 function choose(number) {
   active = number;
-  byId("tools").querySelector("[value=view]").click();
+  result = "";
+  byId("view").click();
   refresh();
-}
-
-// Move a group by lengths in the unit of the mesh, and turn it by degrees, along the axes of the gizmo.
-function shift(number, lengths, degrees) {
-  const axes = new THREE.Quaternion(...(view.gizmo.space === "local" && frame?.quaternion ? frame.quaternion : [0, 0, 0, 1]));
-  const turn = axes.clone().invert();
-  degrees.forEach((angle, c) => {
-    const about = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3().setComponent(c, 1), (angle * Math.PI) / 180);
-    turn.premultiply(about);
-  });
-  turn.premultiply(axes);
-  const move = new THREE.Vector3(...lengths).divideScalar(facts.scale).applyQuaternion(axes);
-  const quaternion = degrees.some(Boolean) ? turn.toArray() : [0, 0, 0, 1];
-  return release(number, { pivot: pivotOf(chosen()), move: move.toArray(), quaternion });
-}
-
-// A moved pivot moves with its group.
-async function release(number, given) {
-  const said = await ask("release", { group: number, drawn: view.drawn, ...given });
-  const group = said?.groups.find((one) => one.number === number);
-  if (!group || !pivots.has(number)) return;
-  pivots.set(number, given.pivot.map((x, c) => x + given.move[c] - group.pivot[c]));
-  refresh();
-}
-
-// Take over what another page changed.
-let catching = false;
-async function catchUp() {
-  if (catching || !facts) return;
-  catching = true;
-  for (let last = null; last !== queue; ) {
-    last = queue;
-    await last;
-    await solving;
-  }
-  catching = false;
-  if (view.gizmo.dragging || (heard <= facts.version && !behind)) return;
-  behind = false;
-  await send("now");
 }
 
 // Compute the converged shape; a later change makes it outdated.
-function settle() {
-  if (settling !== order) solving = solve(order);
-}
-
-async function solve(mine) {
+async function settle() {
+  const mine = order;
+  if (settling === mine) return;
   settling = mine;
   byId("busy").hidden = false;
-  byId("stage-text").textContent = "solving";
+  byId("busy").textContent = "solving";
   try {
     const said = await request("settle", "{}");
     if (mine === order) take(said);
@@ -215,25 +161,17 @@ async function solve(mine) {
   } finally {
     if (settling === mine) settling = null;
     if (mine === order) byId("busy").hidden = true;
-    catchUp();
   }
 }
 
 // A drag requests the latest place of the gizmo as soon as the previous request was answered. While the mouse
 // rests, a few further steps let the mesh converge.
-const drag = { wanted: null, last: null, idle: 0, busy: null, steps: 0, since: 0 };
+const drag = { moved: false, wanted: null, last: null, idle: 0, busy: null };
 const IDLE = 20;
 
 function motion() {
-  const { position, quaternion } = view.pivot, { pivot, axes } = drag, start = new THREE.Vector3(...pivot);
-  if (byId("snap").checked) {
-    const length = Number(byId("snap-step").value) / facts.scale;
-    const move = position.clone().sub(start).applyQuaternion(axes.clone().invert());
-    if (length > 0) move.fromArray(move.toArray().map((x) => length * Math.round(x / length)));
-    position.copy(move.applyQuaternion(axes)).add(start);
-  }
-  const turn = quaternion.equals(axes) ? new THREE.Quaternion() : quaternion.clone().multiply(axes.clone().invert());
-  return { pivot, move: position.clone().sub(start).toArray(), quaternion: turn.toArray() };
+  const { position, quaternion } = view.pivot, { pivot } = drag;
+  return { pivot, move: position.toArray().map((x, c) => x - pivot[c]), quaternion: quaternion.toArray() };
 }
 
 function step() {
@@ -241,7 +179,7 @@ function step() {
   drag.idle = drag.wanted ? 0 : drag.idle + 1;
   drag.last = drag.wanted ?? drag.last;
   drag.wanted = null;
-  return request("drag", JSON.stringify({ group: active, drawn: view.drawn, ...drag.last }));
+  return request("drag", JSON.stringify({ group: active, ...drag.last }));
 }
 
 // The server computes the next step while this step is drawn.
@@ -252,7 +190,6 @@ async function follow() {
       asked = step();
       view.setStep(sent.positions);
       await new Promise(requestAnimationFrame); // a step without a picture would be wasted
-      drag.steps += 1;
     } catch (error) {
       complain(error);
       drag.wanted = drag.last = asked = null;
@@ -263,28 +200,26 @@ async function follow() {
 
 view.gizmo.addEventListener("dragging-changed", ({ value }) => {
   if (value) {
-    Object.assign(drag, { pivot: view.pivot.position.toArray(), axes: view.pivot.quaternion.clone(), steps: 0, since: performance.now() });
-    if (byId("pivot").checked) return;
+    Object.assign(drag, { pivot: view.pivot.position.toArray(), moved: false });
     say(null);
     order += 1;
     byId("busy").hidden = true;
     stage.dataset.state = "dragging";
-  } else if (byId("pivot").checked) {
-    const { pivot } = chosen();
-    pivots.set(active, view.pivot.position.toArray().map((x, c) => x - pivot[c]));
+  } else if (!drag.moved) {
     refresh();
   } else {
     drag.wanted = drag.last = null;
-    const given = motion(), number = active;
-    const rate = (1000 * drag.steps) / (performance.now() - drag.since);
-    stage.dataset.rate = rate.toFixed(1);
-    byId("hint").textContent = `${rate.toFixed(0)} steps a second`;
-    (drag.busy ?? Promise.resolve()).then(() => release(number, given)).then(catchUp);
+    const given = { group: active, ...motion() };
+    (drag.busy ?? Promise.resolve()).then(() => {
+      ask("release", given);
+      released = performance.now();
+    });
   }
 });
 view.gizmo.addEventListener("objectChange", () => {
-  if (!view.gizmo.dragging || byId("pivot").checked) return;
+  if (!view.gizmo.dragging) return;
   drag.wanted = motion();
+  drag.moved = true;
   drag.busy ??= follow();
 });
 
@@ -292,71 +227,55 @@ for (const input of document.querySelectorAll("input[name=tool]")) {
   input.addEventListener("change", () => {
     picking.use(input.value);
     view.gizmo.enabled = input.value === "view"; // strokes over the arrows pick
-    byId("hint").textContent = HINTS[input.value];
+    byId("brush").hidden = input.value !== "brush";
+    refresh();
   });
 }
 for (const input of document.querySelectorAll("input[name=gizmo]")) {
-  input.addEventListener("change", () => view.gizmo.setMode(input.value));
+  input.addEventListener("change", () => {
+    view.gizmo.setMode(input.value);
+    result = "";
+    refresh();
+  });
 }
-for (const button of document.querySelectorAll("#sets button, #reach [value=linked]")) {
+for (const button of document.querySelectorAll("#sets button")) {
   button.addEventListener("click", () => send(`select?how=${button.value}`, new Uint32Array(0)));
 }
 byId("home").addEventListener("click", () => view.home());
-byId("up").addEventListener("change", () => {
-  view.setUp(byId("up").value);
-  view.home();
-});
-byId("left").addEventListener("click", () => view.roll(ROLL));
-byId("right").addEventListener("click", () => view.roll(-ROLL));
-byId("wires").addEventListener("change", () => view.setWires(byId("wires").checked));
-byId("rest").addEventListener("click", async () => {
-  arrays.rest ??= (await request("rest")).sent.positions;
-  resting = !resting;
-  byId("rest").setAttribute("aria-pressed", resting);
-  placed();
-  refresh();
-});
-byId("local").addEventListener("change", refresh);
-byId("snap").addEventListener("change", () => {
-  byId("snap-step").hidden = !byId("snap").checked;
-  view.gizmo.setRotationSnap(byId("snap").checked ? ROLL : null);
-});
-byId("pivot").addEventListener("change", () => {
-  if (byId("pivot").checked) byId("gizmo-bar").querySelector("[value=translate]").click();
-});
-byId("reach").addEventListener("submit", (event) => {
-  event.preventDefault();
-  say(null);
-  send("reach", JSON.stringify({ distance: Number(event.target.elements.distance.value) }));
-});
-byId("errors").addEventListener("change", () => arrays.change || settle());
+byId("up").addEventListener("change", () => view.home(byId("up").value));
+byId("help").addEventListener("click", () => byId("keys").showModal());
 
 let saving = Promise.resolve(); // the save that runs
-for (const what of ["handles", "mesh"]) {
-  const form = byId(`save-${what}`), { name } = form.elements;
+const FORMS = { mesh: byId("save-mesh"), handles: byId("save-handles") };
+for (const [what, form] of Object.entries(FORMS)) {
+  const { name } = form.elements;
   name.addEventListener("input", () => {
     name.dataset.edited = "yes";
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    saving = store({ what, name: name.value });
+    saving = store(what);
   });
-  async function store(given) {
-    say(null);
-    byId("saved").textContent = "";
+}
+
+async function store(...contents) {
+  say(null);
+  byId("saved").textContent = "";
+  for (const what of contents) {
+    const { name } = FORMS[what].elements;
     try {
       await queue;
-      const said = await save(given);
+      const said = await save({ what, name: name.value });
       delete name.dataset.edited;
-      if (!said) return;
+      if (!said) continue;
       take(said);
       const lost = said.lost.length ? `, without ${said.lost.join(" and ")}: the format cannot hold them` : "";
-      byId("saved").textContent = `Saved ${said.saved}${lost}.`;
+      byId("saved").textContent += `Saved ${said.saved}${lost}. `;
       byId("command").textContent = said.command;
-      byId("command").hidden = !facts.groups.length || (what === "mesh" && facts.unsaved);
+      byId("command").hidden = !facts.groups.length || facts.unsaved;
       byId("saved").scrollIntoView({ block: "nearest" });
     } catch (error) {
-      if (error.superseded) say(`${given.name} was not saved, because the handles moved meanwhile; save it again.`);
+      if (error.superseded) say(`${name.value} was not saved, because the handles moved meanwhile; save it again.`);
       else complain(error);
     }
   }
@@ -372,31 +291,24 @@ async function save(given) {
   }
 }
 
-byId("open").addEventListener("change", async ({ target }) => {
-  const [file] = target.files, lost = facts.unsaved ? "The handles are not saved. Undo brings them back. " : "";
-  if (!file || (lost && !window.confirm(`${lost}Open ${file.name} in their place?`))) {
-    target.value = "";
-    return;
-  }
-  order += 1;
-  say(null);
-  await send(`open?name=${encodeURIComponent(file.name)}`, await file.arrayBuffer());
-  target.value = "";
-});
-
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
-  g: "[value=translate]", r: "[value=rotate]", h: "#home", s: "#static", m: "#moving", b: "#rest", l: "#local",
-  n: "#snap", p: "#pivot",
+  g: "[value=translate]", r: "[value=rotate]", h: "#home", f: "#fixed", m: "#moved", "?": "#help",
+  delete: "#remove",
 };
 window.addEventListener("keydown", (event) => {
-  if (event.target.matches("input[type=text], input[type=number]")) return;
-  const key = event.key.toLowerCase(), list = event.target.matches("select");
-  if ((event.ctrlKey || event.metaKey) && (key === "z" || key === "y")) {
+  const key = event.key.toLowerCase(), control = event.ctrlKey || event.metaKey;
+  if (control && key === "s") {
+    event.preventDefault();
+    saving = store("mesh", "handles");
+  }
+  if (event.target.matches("input[type=text], input[type=number]") || byId("keys").open) return;
+  if (control && (key === "z" || key === "y")) {
     event.preventDefault();
     byId(key === "y" || event.shiftKey ? "redo" : "undo").click();
-  } else if (!list && !event.ctrlKey && !event.metaKey && !event.altKey && KEYS[key]) {
-    document.querySelector(KEYS[key]).click();
+  } else if (!event.target.matches("select") && !control && !event.altKey && KEYS[key]) {
+    const wanted = document.querySelector(KEYS[key]);
+    if (wanted.checkVisibility()) wanted.click();
   } else if (key === "escape") picking.cancel();
 });
 
@@ -413,30 +325,18 @@ function ended(sentence) {
   say(sentence);
 }
 
-// This request is answered until the editor ends, with the progress of computations.
+// This request is answered until the editor ends, with the progress of computations. A browser may drop the
+// connection of a page in the background, so it is asked again as long as there is an answer.
 async function listen() {
-  const reader = (await fetch("alive")).body.pipeThrough(new TextDecoderStream()).getReader();
-  for (let text = "", part; !(part = await reader.read()).done; ) {
-    text += part.value;
-    const lines = text.split("\n");
-    text = lines.pop();
-    for (const line of lines.filter(Boolean)) {
-      const { stage: at, version } = JSON.parse(line);
-      if (at) byId("stage-text").textContent = `${at.stage} ${at.done}/${at.total} ${at.note}`;
-      heard = version;
-      behind ||= view.gizmo.dragging && version > facts?.version;
-      catchUp();
+  for (let answer; (answer = await fetch("alive").catch(() => null))?.ok; ) {
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let text = "", part; (part = await reader.read().catch(() => null)) && !part.done; ) {
+      const lines = (text + part.value).split("\n");
+      text = lines.pop();
+      for (const { stage: at, done, total, note } of lines.filter(Boolean).map(JSON.parse)) {
+        byId("busy").textContent = `${at} ${done}/${total} ${note}`;
+      }
     }
-  }
-}
-
-// A browser may drop the connection of a page in the background, so a lost connection is tried again.
-async function stayConnected() {
-  for (let lost = 0; lost < TRIES && !document.body.classList.contains("ended"); lost += 1) {
-    const begin = performance.now();
-    await listen().catch(() => {});
-    if (performance.now() - begin > WAIT) lost = 0;
-    await new Promise((resolve) => setTimeout(resolve, WAIT));
   }
   if (document.body.classList.contains("ended")) return;
   const again = facts?.returns ? "Call sshade.edit_handles" : "Start sshade edit";
@@ -444,17 +344,12 @@ async function stayConnected() {
 }
 
 picking.use("view");
-byId("hint").textContent = HINTS.view;
-request(`whole?drawn=${view.drawn}`)
+request("whole")
   .then((said) => {
     const { faces, positions, coarse, coarse_faces } = said.sent;
     view.setMesh(faces, positions, coarse && { vertices: coarse, faces: coarse_faces });
-    const step = (fraction) => Number((fraction * said.scale).toPrecision(1));
-    byId("snap-step").value = step(0.01);
-    byId("reach").elements.distance.value = step(0.05);
     byId("up").value = said.up;
-    view.setUp(said.up);
-    view.home();
+    view.home(said.up);
     byId("coloured").hidden = !said.coloured && !said.skin;
     if (said.coloured) {
       request("colours").then(({ sent }) => {
@@ -466,4 +361,4 @@ request(`whole?drawn=${view.drawn}`)
     take(said);
   })
   .catch(complain);
-stayConnected();
+listen();

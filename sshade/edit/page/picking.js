@@ -1,12 +1,14 @@
 // Pick vertices by click, brush, rectangle and lasso, with a sketch over the mesh.
 
-const CLICK = 16; // greatest distance from the pointer to a vertex, in pixels
+// Greatest distance from the pointer to a vertex, and greatest way of the pointer during a click, in pixels.
+const CLICK = 16, STILL = 5;
 
 export class Picking {
-  // `picked(vertices, how)` receives the vertices of a stroke; `painting(vertices)` the vertices under the brush.
-  constructor(view, overlay, { tool, how, through, radius, picked, painting }) {
-    Object.assign(this, { view, overlay, tool, how, through, radius, picked, painting });
-    this.stroke = null;
+  // `picked(vertices, how)` receives the vertices of a stroke; `painting(vertices)` the vertices under the brush;
+  // `touched(vertex)` the vertex of a click while the view is rotated.
+  constructor(view, overlay, { tool, how, through, radius, picked, painting, touched }) {
+    Object.assign(this, { view, overlay, tool, how, through, radius, picked, painting, touched });
+    this.stroke = this.pressed = null;
     this.outline = overlay.firstElementChild;
     overlay.addEventListener("pointerdown", (event) => this.begin(event));
     overlay.addEventListener("pointermove", (event) => this.move(event));
@@ -31,8 +33,10 @@ export class Picking {
   }
 
   begin(event) {
+    const free = event.button === 0 && event.isPrimary && !this.view.gizmo.axis;
+    this.pressed = free && this.tool() === "view" ? this.place(event) : null;
     if (this.stroke && event.pointerType === "touch") this.cancel(); // a second finger rotates the view
-    else if (this.tool() !== "view" && event.button === 0 && event.isPrimary && !this.view.gizmo.axis) {
+    else if (this.tool() !== "view" && free) {
       const shown = this.view.project(this.through());
       const how = event.shiftKey ? "add" : event.ctrlKey || event.metaKey ? "remove" : this.how();
       const at = this.place(event), n = shown.x.length;
@@ -53,15 +57,25 @@ export class Picking {
   }
 
   end(event) {
-    const { stroke } = this;
+    const { stroke, pressed } = this;
+    if (pressed) this.touch(pressed, this.place(event));
     if (!stroke || event.pointerId !== stroke.id) return;
     const { shown, path, found } = stroke;
-    if (stroke.tool === "click") nearest(shown, this.place(event), found);
-    if (stroke.tool === "rectangle") inRectangle(shown, path[0], this.place(event), found);
+    if (stroke.tool === "click") {
+      const vertex = nearest(shown, this.place(event));
+      if (vertex >= 0) found[vertex] = 1;
+    }
+    if (stroke.tool === "rectangle") inLasso(shown, rectangle(path[0], this.place(event)), found);
     if (stroke.tool === "lasso") inLasso(shown, path, found);
     this.stroke = null;
     this.clear();
     this.picked(numbers(found), stroke.how);
+  }
+
+  // A press that does not move the pointer is a click.
+  touch([ax, ay], [bx, by]) {
+    const vertex = Math.hypot(bx - ax, by - ay) < STILL ? nearest(this.view.project(false), [bx, by]) : -1;
+    if (vertex >= 0) this.touched(vertex);
   }
 
   cancel() {
@@ -88,13 +102,12 @@ export class Picking {
   }
 
   sketch(at) {
-    const { stroke } = this, r = this.radius(), [x, y] = at;
+    const { tool, path: points } = this.stroke ?? {}, r = this.radius(), [x, y] = at;
     let path = "";
     if (this.tool() === "brush") {
       path = `M${x - r},${y}a${r},${r} 0 1 0 ${2 * r},0a${r},${r} 0 1 0 ${-2 * r},0`;
-    } else if (stroke?.tool === "rectangle") {
-      path = `M${stroke.path[0]}H${x}V${y}H${stroke.path[0][0]}Z`;
-    } else if (stroke?.tool === "lasso") path = `M${stroke.path.join("L")}Z`;
+    } else if (tool === "rectangle") path = `M${rectangle(points[0], at).join("L")}Z`;
+    else if (tool === "lasso") path = `M${points.join("L")}Z`;
     this.outline.setAttribute("d", path);
   }
 }
@@ -105,20 +118,17 @@ function numbers(found) {
   return Uint32Array.from(list);
 }
 
-function nearest({ x, y, seen }, [px, py], found) {
+function nearest({ x, y, seen }, [px, py]) {
   let best = -1, least = CLICK;
   for (let v = 0; v < x.length; v += 1) {
     const distance = seen[v] ? Math.hypot(x[v] - px, y[v] - py) : Infinity;
     if (distance < least) [best, least] = [v, distance];
   }
-  if (best >= 0) found[best] = 1;
+  return best;
 }
 
-function inRectangle({ x, y, seen }, [ax, ay], [bx, by], found) {
-  const left = Math.min(ax, bx), right = Math.max(ax, bx), top = Math.min(ay, by), bottom = Math.max(ay, by);
-  for (let v = 0; v < x.length; v += 1) {
-    found[v] = seen[v] && x[v] >= left && x[v] <= right && y[v] >= top && y[v] <= bottom;
-  }
+function rectangle([ax, ay], [bx, by]) {
+  return [[ax, ay], [bx, ay], [bx, by], [ax, by]];
 }
 
 // A vertex is inside if a line to the right meets the path an odd number of times.

@@ -3,9 +3,7 @@
 
 const FAR = 50;
 const UP = { y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) };
-const TOWARDS = { y: new THREE.Vector3(0.5, 0.25, 1), z: new THREE.Vector3(0.5, -1, 0.25) };
-// Milliseconds: pictures that take longer than SLOW are drawn only after the view has rested for REST.
-const SLOW = 50, REST = 400;
+const TOWARDS = { y: new THREE.Vector3(0.5, 0.25, 1).normalize(), z: new THREE.Vector3(0.5, -1, 0.25).normalize() };
 
 // Encode the distance to the camera, over FAR, in 24 bits; alpha marks the surface.
 const DEPTH = {
@@ -25,21 +23,6 @@ const DEPTH = {
     }`,
 };
 
-// Sum the area-weighted face normals around each vertex.
-function addNormals(faces, P, N) {
-  N.fill(0);
-  for (let i = 0; i < faces.length; i += 3) {
-    const a = 3 * faces[i], b = 3 * faces[i + 1], c = 3 * faces[i + 2];
-    const x = P[a], y = P[a + 1], z = P[a + 2];
-    const ux = P[b] - x, uy = P[b + 1] - y, uz = P[b + 2] - z;
-    const vx = P[c] - x, vy = P[c + 1] - y, vz = P[c + 2] - z;
-    const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-    N[a] += nx; N[a + 1] += ny; N[a + 2] += nz;
-    N[b] += nx; N[b + 1] += ny; N[b + 2] += nz;
-    N[c] += nx; N[c + 1] += ny; N[c + 2] += nz;
-  }
-}
-
 // Allocate a geometry for a number of vertices.
 function emptyGeometry(faces, vertices) {
   const geometry = new THREE.BufferGeometry();
@@ -51,10 +34,9 @@ function emptyGeometry(faces, vertices) {
 }
 
 function place(geometry, positions) {
-  const { position, normal } = geometry.attributes;
-  position.array.set(positions);
-  addNormals(geometry.index.array, position.array, normal.array);
-  position.needsUpdate = normal.needsUpdate = true;
+  geometry.attributes.position.array.set(positions);
+  geometry.attributes.position.needsUpdate = true;
+  geometry.computeVertexNormals();
 }
 
 // Copy three numbers for each of some vertices.
@@ -80,47 +62,58 @@ function painted({ colour, texture }) {
   return material;
 }
 
-// Measure the milliseconds for a picture whose data is on the graphics card already.
-function secondPicture(renderer, render) {
-  const gl = renderer.getContext(), pixel = new Uint8Array(4);
-  let begin;
-  for (let picture = 0; picture < 2; picture += 1) {
-    begin = performance.now();
-    render();
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // waits until it is drawn
-  }
-  return performance.now() - begin;
+// The floor is a square with a line every tenth of the diagonal, which fades away from the middle.
+const FLOOR = {
+  side: 2, transparent: true, depthWrite: false,
+  vertexShader: `
+    varying vec2 at;
+    void main() {
+      at = position.xz;
+      gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+    }`,
+  fragmentShader: `
+    varying vec2 at;
+    void main() {
+      vec2 off = abs(fract(10.0 * at - 0.5) - 0.5) / fwidth(10.0 * at);
+      float line = 1.0 - min(min(off.x, off.y), 1.0);
+      gl_FragColor = vec4(0.25, 0.3, 0.37, 0.5 * line * smoothstep(1.5, 0.4, length(at)));
+    }`,
+};
+
+function makeFloor() {
+  const geometry = new THREE.BufferGeometry();
+  const corners = [-1.5, 0, -1.5, 1.5, 0, -1.5, 1.5, 0, 1.5, -1.5, 0, 1.5];
+  geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(corners), 3));
+  geometry.setIndex([0, 1, 2, 0, 2, 3]);
+  return new THREE.Mesh(geometry, new THREE.ShaderMaterial(FLOOR));
 }
 
-// Whether a graphics card draws, which browsers do not always say. A processor takes 50 ms for a ball of 20,000
-// triangles.
-function drawnByCard() {
-  const renderer = new THREE.WebGLRenderer();
-  renderer.setSize(600, 600, false);
-  const camera = new THREE.PerspectiveCamera(30, 1, 0.1, 10), scene = new THREE.Scene();
-  camera.position.z = 4;
-  const ball = new THREE.SphereGeometry(1, 100, 100), material = new THREE.MeshLambertMaterial({ side: 2 });
-  scene.add(new THREE.Mesh(ball, material), new THREE.DirectionalLight());
-  const taken = secondPicture(renderer, () => renderer.render(scene, camera));
-  for (const made of [ball, material, renderer]) made.dispose();
-  renderer.forceContextLoss();
-  return taken < 12;
+// Draw the directions of x, y and z in a corner.
+function drawAxes(svg, camera) {
+  const turn = camera.quaternion.clone().invert();
+  svg.innerHTML = ["x", "y", "z"].map((name, c) => {
+    const { x, y } = new THREE.Vector3().setComponent(c, 26).applyQuaternion(turn);
+    return `<g class="axis-${name}"><path d="M0,0L${x},${-y}"/><text x="${1.3 * x}" y="${-1.3 * y}">${name}</text></g>`;
+  }).join("");
 }
 
 export class View {
   // `surface` is the element that receives mouse events.
   constructor(stage, canvas, surface) {
     Object.assign(this, { stage, canvas });
-    this.drawn = drawnByCard() ? "card" : "processor";
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.drawn === "card" });
-    this.fine = true;
-    this.renderer.setClearColor(0xffffff);
+    this.axes = stage.querySelector("#axes");
+    // Smooth edges take a processor, which draws where there is no graphics card, twice the time.
+    const gl = document.createElement("canvas").getContext("webgl2"), names = gl?.getExtension("WEBGL_debug_renderer_info");
+    const slow = names && /swiftshader|llvmpipe|basic render/i.test(gl.getParameter(names.UNMASKED_RENDERER_WEBGL));
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !slow });
+    this.renderer.setClearColor(0xd3dae3); // as in style.css
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.005, FAR);
     this.sky = new THREE.HemisphereLight(0xffffff, 0x9a9690, 2.0);
     this.scene.add(this.sky);
     this.lamp = new THREE.DirectionalLight(0xffffff, 1.5);
-    this.scene.add(this.lamp, this.lamp.target);
+    this.floor = makeFloor();
+    this.scene.add(this.lamp, this.lamp.target, this.floor);
     this.surface = surface;
     this.setUp("y");
     this.pivot = new THREE.Object3D();
@@ -131,48 +124,27 @@ export class View {
     this.gizmo.addEventListener("dragging-changed", ({ value }) => {
       this.controls.enabled = !value;
     });
-    this.handle = this.gizmo.getHelper();
-    this.scene.add(this.handle);
+    this.scene.add(this.gizmo.getHelper());
     this.depthScene = new THREE.Scene();
     this.target = new THREE.WebGLRenderTarget(1, 1);
     this.waiting = false;
-    // While a button is down, slow pictures would delay the pointer.
-    this.pressed = false;
-    for (const [name, pressed] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) {
-      surface.addEventListener(name, () => {
-        this.pressed = pressed;
-        if (this.slow) this.draw();
-      });
-    }
     new ResizeObserver(() => {
       this.resize();
       this.render();
     }).observe(canvas);
   }
 
-  // Choose the axis that points up: "y" or "z".
+  // Choose the axis that points up: "y" or "z". OrbitControls read it only when they are made.
   setUp(axis) {
+    const { mouseButtons, touches } = this.controls ?? {};
     this.axis = axis;
-    this.turnUp(UP[axis].clone());
-  }
-
-  // Turn the view by an angle about its direction.
-  roll(angle) {
-    const towards = this.camera.position.clone().sub(this.controls.target).normalize();
-    this.turnUp(this.camera.up.clone().applyAxisAngle(towards, angle));
-  }
-
-  // OrbitControls read the direction upwards only when they are made.
-  turnUp(up) {
-    const { target, mouseButtons, touches } = this.controls ?? {};
     this.controls?.dispose();
-    this.camera.up.copy(up);
-    this.sky.position.copy(up);
+    this.camera.up.copy(UP[axis]);
+    this.sky.position.copy(UP[axis]);
+    this.floor.quaternion.setFromUnitVectors(UP.y, UP[axis]);
     this.controls = new THREE.OrbitControls(this.camera, this.surface);
     this.controls.addEventListener("change", () => this.draw());
-    if (target) Object.assign(this.controls, { mouseButtons, touches }).target.copy(target);
-    this.controls.update();
-    this.draw();
+    if (mouseButtons) Object.assign(this.controls, { mouseButtons, touches });
   }
 
   // `coarse` holds the vertices and faces of the preview of a large mesh.
@@ -193,7 +165,6 @@ export class View {
     }
     this.setPositions(positions);
     this.home();
-    this.slow = Boolean(coarse) && secondPicture(this.renderer, () => this.render()) > SLOW;
   }
 
   // Show the materials of the file on copies of the vertices, with texture coordinates: see skin.py.
@@ -222,11 +193,6 @@ export class View {
     place(this.solid.geometry, positions);
     this.follow("position");
     this.follow("normal");
-    if (this.coarse) {
-      const some = new Float32Array(3 * this.kept.length);
-      gather(this.kept, positions, some);
-      place(this.coarse.geometry, some);
-    }
     this.stale = false;
     this.draw();
   }
@@ -262,47 +228,26 @@ export class View {
     this.draw();
   }
 
-  // Show the whole shape.
-  home() {
+  // Show the whole shape, with an axis that points up.
+  home(up = this.axis) {
     this.resize();
-    const low = new THREE.Vector3(Infinity, Infinity, Infinity), high = low.clone().negate();
-    const P = this.attributes.position.array, at = new THREE.Vector3();
-    for (let i = 0; i < P.length; i += 3) {
-      at.fromArray(P, i);
-      low.min(at);
-      high.max(at);
-    }
-    this.setUp(this.axis);
-    const towards = TOWARDS[this.axis].clone().normalize();
-    const right = new THREE.Vector3().crossVectors(UP[this.axis], towards).normalize();
-    const upright = new THREE.Vector3().crossVectors(towards, right);
-    const tall = Math.tan((this.camera.fov * Math.PI) / 360), wide = tall * this.camera.aspect;
-    const centre = low.clone().add(high).multiplyScalar(0.5);
-    let distance = 0;
-    for (let corner = 0; corner < 8; corner += 1) {
-      at.set(corner & 1 ? low.x : high.x, corner & 2 ? low.y : high.y, corner & 4 ? low.z : high.z).sub(centre);
-      const need = Math.max(Math.abs(at.dot(upright)) / tall, Math.abs(at.dot(right)) / wide);
-      distance = Math.max(distance, at.dot(towards) + 1.15 * need);
-    }
+    this.solid.geometry.computeBoundingBox();
+    const { min: low, max: high } = this.solid.geometry.boundingBox;
+    this.setUp(up);
+    const height = UP[up].dot(low), centre = low.clone().add(high).multiplyScalar(0.5);
+    this.floor.position.copy(centre).addScaledVector(UP[up], height - UP[up].dot(centre));
+    const tall = Math.tan((this.camera.fov * Math.PI) / 360), narrow = Math.atan(tall * Math.min(1, this.camera.aspect));
+    const distance = high.distanceTo(low) / 2 / Math.sin(narrow);
     this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(towards, distance);
+    this.camera.position.copy(centre).addScaledVector(TOWARDS[up], distance);
     this.controls.update();
     this.draw();
   }
 
-  // Show edges of the mesh.
-  setWires(shown) {
-    this.wires ??= new THREE.Mesh(this.solid.geometry, new THREE.MeshLambertMaterial({ color: 0x20242b, wireframe: true, transparent: true, opacity: 0.35 }));
-    this.wires.frustumCulled = false;
-    if (shown) this.scene.add(this.wires);
-    else this.scene.remove(this.wires);
-    this.draw();
-  }
-
-  // Move the gizmo to a point, with the axes of a quaternion.
-  attach(pivot, quaternion = [0, 0, 0, 1]) {
+  // Move the gizmo to a point.
+  attach(pivot) {
     this.pivot.position.fromArray(pivot);
-    this.pivot.quaternion.fromArray(quaternion);
+    this.pivot.quaternion.set(0, 0, 0, 1);
     this.gizmo.attach(this.pivot);
     this.camera.updateMatrixWorld();
     const at = this.pivot.position.clone().project(this.camera), { clientWidth, clientHeight, offsetTop } = this.canvas;
@@ -310,33 +255,16 @@ export class View {
     this.draw();
   }
 
-  detach() {
-    this.gizmo.detach();
-    this.draw();
-  }
-
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     this.renderer.setSize(width, height, false);
-    this.setPixels();
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
   }
 
-  // A processor draws half the pixels in each direction while a preview is shown.
-  setPixels() {
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * (this.fine ? 1 : 0.5));
-  }
-
   // Draw one picture for many changes.
   draw() {
-    if (this.slow) {
-      clearTimeout(this.resting);
-      this.resting = setTimeout(() => {
-        this.resting = null;
-        requestAnimationFrame(() => this.render());
-      }, REST);
-    }
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => this.render());
@@ -344,22 +272,15 @@ export class View {
 
   render() {
     this.waiting = false;
-    const whole = !this.coarse || !(this.stale || this.resting || (this.slow && this.pressed));
+    const whole = !this.stale;
     if (this.solid) this.solid.visible = whole && !this.isPainted;
-    if (this.skin) this.skin.visible = whole && this.isPainted;
-    if (this.coarse) {
-      this.coarse.visible = !whole;
-      if (this.wires) this.wires.visible = whole;
-      const fine = whole || this.drawn === "card";
-      if (fine !== this.fine) {
-        this.fine = fine;
-        this.setPixels();
-      }
-    }
+    if (this.skin) this.skin.visible = this.isPainted;
+    if (this.coarse) this.coarse.visible = !whole;
     this.lamp.position.copy(this.camera.position);
     this.lamp.target.position.copy(this.controls.target);
     this.lamp.target.updateMatrixWorld();
     this.renderer.render(this.scene, this.camera);
+    drawAxes(this.axes, this.camera);
   }
 
   // Return the pixels x, y of every vertex, and whether it is on the screen and not behind the surface.

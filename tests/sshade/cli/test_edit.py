@@ -53,7 +53,7 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
         assert b"<title>sshade edit</title>" in get(address)
         facts = unpacked(get(f"{address}whole"))
         assert facts["mesh"]["vertices"] == BODY.n
-        assert [group["kind"] for group in facts["groups"]] == ["static", "moving"]
+        assert [group["kind"] for group in facts["groups"]] == ["fixed", "moved"]
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "not saved" not in err
@@ -61,7 +61,7 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
 
 def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "static")
+        mark(address, "fixed")
         get(f"{address}quit", b"")
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and out == "" and "handles were not saved" in err
@@ -72,7 +72,7 @@ def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
 def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "static")
+        mark(address, "fixed")
         process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 143 and out == "" and "Traceback" not in err
@@ -83,7 +83,7 @@ def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
 def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved():
     with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "moving")
+        mark(address, "moved")
         (kept,) = Path().glob("body.ply.recovery-*.npz")
         with running("body.ply", "--no-browser") as (_, other):  # the first editor still runs
             assert unpacked(get(f"{other}whole"))["recovery"] == []

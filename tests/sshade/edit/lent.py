@@ -67,7 +67,7 @@ def whole(server: Server) -> dict:
 
 def mark(server: Server, low: np.ndarray = LOW, high: np.ndarray = HIGH) -> int:
     """Fix some vertices and make others movable; return the number of the movable group."""
-    for vertices, kind in ((low, "static"), (high, "moving")):
+    for vertices, kind in ((low, "fixed"), (high, "moved")):
         body = np.asarray(vertices).astype("<u4").tobytes()
         assert ask(server, "POST", f"/{server.token}/select?how=replace", body)[0] == 200
         number = command(server, "mark", {"kind": kind})["marked"]

@@ -61,8 +61,8 @@ def added(session: Session, vertices: np.ndarray, kind: str) -> int:
 def marked(session: Session) -> int:
     """Fix the lower end and make the upper end movable; return the number of the movable group."""
     held, free = ends(session.mesh.V)
-    added(session, held, "static")
-    return added(session, free, "moving")
+    added(session, held, "fixed")
+    return added(session, free, "moved")
 
 
 def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
@@ -73,9 +73,8 @@ def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
 
 def tip(session: Session) -> int:
     """Make the vertices near the highest one movable; return the number of their group."""
-    session.select(np.array([int(np.argmax(session.mesh.V[:, 2]))]), "replace")
-    session.reach(0.3)
-    return session.mark("moving")
+    top = np.array([int(np.argmax(session.mesh.V[:, 2]))])
+    return added(session, np.flatnonzero(along_edges(session.mesh, top) <= 0.3), "moved")
 
 
 def assert_same_groups(groups: tuple[Group, ...], others: tuple[Group, ...]) -> None:
@@ -100,10 +99,10 @@ def turned(V: np.ndarray, amount: float) -> Motion:
 
 #: Groups by name: the direction from the middle of the body to the group, and the settings of the group.
 SWITCHED = {
-    "fixed": ([0, 0, -1], {"kind": "static"}),
+    "fixed": ([0, 0, -1], {"kind": "fixed"}),
     "turned": ([0, 0, 1], {}),
     "soft": ([0, 1, 0], {"weight": 4.0}),
-    "fixed elsewhere": ([0, -1, 0], {"kind": "static"}),
+    "fixed elsewhere": ([0, -1, 0], {"kind": "fixed"}),
     "stiff": ([1, 0, 0.2], {"weight": 30.0}),
 }
 
@@ -121,7 +120,7 @@ def switched(*, single: bool) -> Session:
     unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
     for name, (direction, fields) in SWITCHED.items():
         near = unit @ (np.array(direction) / np.linalg.norm(direction))
-        number = added(session, np.flatnonzero(near >= (near.max() if single else 0.95)), "moving")
+        number = added(session, np.flatnonzero(near >= (near.max() if single else 0.95)), "moved")
         if name != "fixed":
             session.release(number, turned(BODY.V, 0.2 if name == "turned" else 0.05))
         session.alter(number, name=name, **fields)

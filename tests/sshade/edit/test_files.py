@@ -56,17 +56,15 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
 def test_saved_groups_are_opened_as_they_were():
     session, number = ready()
     session.alter(number, name="top", weight=7.5)
-    tip = added(session, np.array([300]), "moving")
+    tip = added(session, np.array([300]), "moved")
     session.release(tip, Motion(rotation(1), np.zeros(3)))
     session.release(number, LIFT)
     session.save("handles", "pose.json")
     saved = session.state.groups
     again = Session(Path("body.ply"), handles=Path("pose.json"))
     assert not again.history.can_undo and not again.is_unsaved and not again.is_converged
-    session.open(Path("pose.json").read_bytes(), "pose.json")
-    for other in again, session:
-        assert_same_groups(saved, other.state.groups)
-    assert session.state.groups[1].name == "top"
+    assert_same_groups(saved, again.state.groups)
+    assert again.state.groups[1].name == "top"
     # The targets of a region determine its rotation. A single vertex needs a stored rotation.
     assert [group.rotation is not None for group in again.state.groups] == [False, False, True]
     assert np.allclose(again.state.groups[2].rotation, rotation(1))
@@ -132,20 +130,20 @@ def test_a_mesh_that_changes_on_disk_is_told_and_the_opened_version_is_saved(nam
     session = begun(name=name)
     number = marked(session)
     commands = Commands(session)
-    assert not unpacked(commands.now())["changed"]
+    assert not unpacked(commands.whole())["changed"]
     before = read_arrays(name)
     session.drag(number, LIFT)
     write_mesh(name, 2 * BODY.V[:-1], BODY.F[(BODY.n - 1 > BODY.F).all(axis=1)])
     session.drag(number, LIFT)
     session.release(number, LIFT)
     session.settle()
-    assert unpacked(commands.now())["changed"]
+    assert unpacked(commands.whole())["changed"]
     session.save("handles", "pose.json")
     session.save("mesh", f"posed{name[4:]}")
     moved, faces = read_arrays(f"posed{name[4:]}")
     assert np.array_equal(faces, before[1]) and np.abs(moved - session.shown).max() < 1e-6
     Path(name).unlink()
-    assert unpacked(commands.now())["changed"]
+    assert unpacked(commands.whole())["changed"]
     write_mesh(name, *before)
     assert main(["deform", name, "pose.json", "-o", f"again{name[4:]}"]) == 0
     assert np.abs(read_arrays(f"again{name[4:]}")[0] - moved).max() < 1e-6

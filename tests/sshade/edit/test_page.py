@@ -19,6 +19,8 @@ from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import added, begun, marked, upright
 
 BODY = bumpy(4)
+#: Colour of the background, which view.js and style.css define.
+BACKGROUND = np.array([0xD3, 0xDA, 0xE3])
 
 
 @pytest.fixture
@@ -40,15 +42,12 @@ def where(page, V: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return pixels (k, 2) of points in the first view of a mesh, which style.css and view.js define."""
     box = page.locator("#canvas").bounding_box()
     centre, scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), np.linalg.norm(np.ptp(V, axis=0))
-    half, P = 0.5 * np.ptp(V, axis=0) / scale, (np.atleast_2d(points) - centre) / scale
+    P = (np.atleast_2d(points) - centre) / scale
     towards = np.array([0.5, 0.25, 1]) / np.linalg.norm([0.5, 0.25, 1])
     right = np.cross([0, 1, 0], towards)
     right /= np.linalg.norm(right)
     up, tall = np.cross(towards, right), np.tan(np.radians(15))
-    wide = tall * box["width"] / box["height"]
-    corners = half * np.stack(np.meshgrid(*3 * [[-1, 1]]), axis=-1).reshape(-1, 3)
-    need = np.maximum(np.abs(corners @ up) / tall, np.abs(corners @ right) / wide)
-    distance = (corners @ towards + 1.15 * need).max()
+    distance = 0.5 / np.sin(np.arctan(tall * min(1, box["width"] / box["height"])))
     per = box["height"] / (2 * tall * (distance - P @ towards))
     x, y = box["x"] + box["width"] / 2 + per * (P @ right), box["y"] + box["height"] / 2 - per * (P @ up)
     return np.stack([x, y], axis=1)
@@ -107,10 +106,10 @@ def mark(page, session, shown: np.ndarray) -> np.ndarray:
     height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
     page.locator("#through").check()
     tool(page, "Rectangle")
-    for keep, button in (height < 0.12, "Fix"), (height > 0.88, "Make movable"):
+    for keep, button in (height < 0.12, "Fix"), (height > 0.88, "Move"):
         stroke(page, *corners(shown[keep]))
         asked(page, "mark", page.get_by_role("button", name=button, exact=True).click)
-    page.wait_for_selector("#groups li.moving.active")
+    page.wait_for_selector("#groups .moved[aria-pressed=true]")
     return height
 
 
@@ -191,8 +190,7 @@ def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_comman
     assert np.abs(there - [60, -30]).max() < 8  # the group is where the mouse went
     assert np.array_equal(session.shown[group.vertices], group.target)
     posed = session.shown
-    moved = pixels(page.locator("#stage"))
-    assert changed(resting, moved) > 0.01
+    assert changed(resting, pixels(page.locator("#stage"))) > 0.01
 
     page.keyboard.press("Control+z")
     page.wait_for_selector("#redo:enabled")
@@ -203,10 +201,6 @@ def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_comman
     page.wait_for_selector("#redo:disabled")
     assert session.shown is posed
 
-    page.locator("#errors").check()
-    page.wait_for_selector("#legend:visible")
-    page.wait_for_timeout(150)
-    assert changed(moved, pixels(page.locator("#stage"))) > 0.01
     asked(page, "save", page.get_by_role("button", name="Save handles").click)
     page.get_by_label("file for the mesh").fill("posed.obj")
     asked(page, "save", page.get_by_role("button", name="Save mesh").click)
@@ -238,13 +232,8 @@ def test_a_gizmo_turns_a_group_as_the_command_does_and_a_mistake_is_told_on_the_
     page.wait_for_selector("#message:has-text('without a folder')")
     assert not Path("../stolen.json").exists()
     page.locator("#message button").click()
-    Path("bad.json").write_text('{"handles": []}')
-    page.once("dialog", lambda question: question.accept())  # the handles are not saved
-    page.locator("#open").set_input_files("bad.json")
-    page.wait_for_selector("#message:has-text('bad.json: there are no handles')")
-    assert page.locator("#message span").inner_text().startswith("bad.json: there are no handles;")
-    assert len(session.state.groups) == 2
     page.get_by_label("file for the handles").fill("body_handles.json")
+    page.get_by_text("Options, method fast").click()
     page.locator("#volume").uncheck()
     page.wait_for_selector("#stage[data-state=converged]")
     asked(page, "save", page.get_by_role("button", name="Save handles").click)
@@ -262,7 +251,7 @@ def test_it_fits_the_window_and_ends_by_its_button(page):
     width = page.viewport_size["width"]
     assert page.evaluate("document.documentElement.scrollWidth") == width
     stage = pixels(page.locator("#stage"))
-    assert 0.02 < (stage < 235).any(axis=2).mean() < 0.9
+    assert 0.02 < (np.abs(stage - BACKGROUND) > 20).any(axis=2).mean() < 0.9
     page.get_by_role("button", name="End").click()
     page.wait_for_selector("body.ended")
     assert "has ended" in page.locator("#message").inner_text()
@@ -272,14 +261,12 @@ def test_it_fits_the_window_and_ends_by_its_button(page):
 @pytest.fixture
 def large(session, monkeypatch) -> None:
     """Add groups to the session and make its mesh count as large."""
-    monkeypatch.setattr(preview, "LARGE", 1.2)
-    monkeypatch.setitem(preview.VERTICES, "processor", 800)
+    monkeypatch.setattr(preview, "VERTICES", 800)
     marked(session)
 
 
 def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large, page, session):
     V = session.mesh.V
-    page.get_by_role("button", name="choose group 2").click()
     page.wait_for_timeout(200)
     stage = page.locator("#stage")
     resting = pixels(stage)
@@ -300,39 +287,17 @@ def test_of_a_large_mesh_a_preview_follows_and_all_of_it_is_shown_at_rest(large,
     assert page.said == []
 
 
-def test_a_second_page_follows_the_first(page, session, browser):
-    other = browser.new_page(viewport={"width": 1280, "height": 900})
-    other.goto(page.url)
-    other.wait_for_selector("#stage[data-state=converged]")
-    resting = pixels(other.locator("#stage"))
-    mark(page, session, where(page, session.mesh.V, session.mesh.V))
-    other.wait_for_selector("#groups li:nth-child(2)")
-    pivot = session.state.groups[1].target.mean(axis=0)
-    drag(page, where(page, session.mesh.V, pivot)[0], (60, -30))
-    release(page)
-    other.wait_for_timeout(500)
-    other.wait_for_selector("#stage[data-state=converged]")
-    assert changed(resting, pixels(other.locator("#stage"))) > 0.01
-    for _ in range(3):  # now the first page follows
-        asked(other, "undo", other.get_by_role("button", name="Undo").click)
-    page.wait_for_selector("#groups li:nth-child(2)", state="detached")
-    assert len(session.state.groups) == 1 and page.said == []
-    other.close()
-
-
 def test_what_is_loose_is_told(page, session):
     loose = page.locator("#loose")
-    for k, kind in enumerate(("moving", "moving", "static", "static")):
+    for k, kind in enumerate(("moved", "moved", "fixed", "fixed")):
         added(session, np.arange(20 * k, 20 * k + 20), kind)
     page.reload()
     page.wait_for_selector("#groups li:nth-child(4)")
-    page.get_by_role("button", name="choose group 4").click()
     assert loose.is_hidden()
     for name in "group 3", "group 4":
-        movable = page.get_by_role("radiogroup", name=f"{name} is").get_by_text("Movable")
-        asked(page, "alter", movable.click)
+        page.get_by_role("button", name=name).click()
+        asked(page, "alter", page.locator("#group").get_by_text("Moved").click)
     loose.wait_for(state="visible")
     assert "Nothing is fixed" in loose.inner_text()
-    entry = page.locator("#groups li").nth(3)
-    asked(page, "remove", entry.get_by_role("button", name="Delete").click)
+    asked(page, "remove", page.locator("#group").get_by_role("button", name="Delete").click)
     assert len(session.state.groups) == 3 and page.said == []

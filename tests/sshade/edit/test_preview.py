@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from sshade.core.errors import InputError
 from sshade.edit import preview as module
 from sshade.edit.commands import Commands
 from sshade.edit.preview import preview
 from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import unpacked
-from tests.sshade.edit.sessions import begun, ready
+from tests.sshade.edit.sessions import ready
 
 BODY = bumpy(5)
 
@@ -18,14 +17,11 @@ BODY = bumpy(5)
 @pytest.fixture
 def large(monkeypatch):
     """Make meshes of few vertices count as large."""
-    monkeypatch.setattr(module, "LARGE", 1.2)
-    monkeypatch.setitem(module.VERTICES, "card", 800)
-    monkeypatch.setitem(module.VERTICES, "processor", 400)
+    monkeypatch.setattr(module, "VERTICES", 800)
 
 
-@pytest.mark.parametrize("drawn", ["card", "processor"])
-def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large, drawn):
-    few, wanted = preview(BODY, drawn), module.VERTICES[drawn]
+def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large):
+    few, wanted = preview(BODY), module.VERTICES
     assert wanted / 2 < len(few.vertices) < 2 * wanted and (np.diff(few.vertices) > 0).all()
     surface = Mesh(BODY.V[few.vertices], few.faces)
     assert surface.area == pytest.approx(BODY.area, rel=0.1)
@@ -36,30 +32,22 @@ def test_it_is_the_same_surface_with_about_as_many_vertices_as_asked(large, draw
 def test_it_depends_on_no_unit(large, scale):
     # A scale by a power of two would keep all bits. Other scales may move a vertex on the side of a cell
     # into another cell.
-    few, other = preview(BODY, "card"), preview(Mesh(scale * BODY.V, BODY.F), "card")
+    few, other = preview(BODY), preview(Mesh(scale * BODY.V, BODY.F))
     assert abs(len(few.vertices) - len(other.vertices)) <= 4
 
 
 def test_a_small_mesh_has_none():
-    assert preview(BODY, "card") is None and preview(BODY, "processor") is None
-
-
-def test_a_page_drawn_by_something_else_is_refused(here):
-    commands = Commands(begun(BODY))
-    for query in {}, {"drawn": "card"}:
-        assert "coarse" not in unpacked(commands.whole(query))
-    with pytest.raises(InputError, match="must be card or processor, not 'hand'"):
-        commands.whole({"drawn": "hand"})
+    assert preview(BODY) is None
 
 
 def test_a_drag_sends_the_vertices_of_the_preview_and_the_release_all(large, here):
     session, number = ready(BODY)
     commands = Commands(session)
-    whole, few = unpacked(commands.whole({"drawn": "card"})), preview(session.mesh, "card")
+    whole, few = unpacked(commands.whole()), preview(session.mesh)
     assert np.array_equal(whole["coarse"], few.vertices)
     assert np.array_equal(whole["coarse_faces"].reshape(-1, 3), few.faces)
     still = {"pivot": [0, 0, 0], "quaternion": [0, 0, 0, 1]}
-    motion = {"group": number, "drawn": "card", **still, "move": [0.1, 0, 0]}
+    motion = {"group": number, **still, "move": [0.1, 0, 0]}
     step = unpacked(commands("drag", motion))["positions"]
     released = unpacked(commands("release", motion))["positions"].reshape(-1, 3)
     assert len(released) == BODY.n

@@ -51,15 +51,14 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
     assert files() == []
     session.select(np.arange(5), "replace")
     assert len(files()) == 1
-    number = session.mark("moving")
+    number = session.mark("moved")
     before = files()[0].read_bytes()
     session.release(number, turned(BODY.V, 0.1))
     assert files() == [session.recovery.path] and files()[0].read_bytes() != before
     session.save("handles", "pose.json")
     assert files() == []
-    for opened in begun(handles=Path("pose.json")), begun():
-        opened.open(Path("pose.json").read_bytes(), "pose.json")
-        assert files() == [] and len(opened.state.groups) == 1  # a file has this work
+    opened = begun(handles=Path("pose.json"))
+    assert files() == [] and len(opened.state.groups) == 1  # a file has this work
     session.undo()
     assert len(files()) == 1
     session.end(1)  # without a save: the work stays, also for another session of this process
@@ -72,7 +71,7 @@ def test_a_step_writes_the_file_and_a_save_or_an_undo_of_all_removes_it():
 
 def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monkeypatch):
     session = begun()
-    added(session, np.arange(5), "static")
+    added(session, np.arange(5), "fixed")
     path = abandoned(session, monkeypatch)
     content = path.read_bytes()
     other = begun(bumpy(2))
@@ -103,13 +102,13 @@ def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(mo
         raise InputError("body.ply.recovery-1.npz: cannot be written (No space left on device)")
 
     monkeypatch.setattr(session.recovery, "write", refused)
-    added(session, np.arange(5), "moving")
+    added(session, np.arange(5), "moved")
     assert len(session.state.groups) == 1 and "No space left" in session.trouble
 
 
 def test_the_file_is_beside_the_mesh_where_the_next_session_looks(monkeypatch):
     Path("out").mkdir()
     session = begun(BODY, handles_output=Path("out/pose.json"))
-    added(session, np.arange(5), "moving")
+    added(session, np.arange(5), "moved")
     assert abandoned(session, monkeypatch).parent == Path() and files() == [session.recovery.path]
     assert [offer.path for offer in Session(Path("body.ply")).recovery.offers] == [session.recovery.path]

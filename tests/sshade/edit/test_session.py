@@ -38,7 +38,7 @@ def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
 
 def test_a_group_alone_takes_the_mesh_along_rigidly():
     session = begun()
-    number = added(session, ends(BODY.V)[1], "moving")
+    number = added(session, ends(BODY.V)[1], "moved")
     motion = Motion(rotation(3), np.array([0.3, -0.2, 0.1]))
     session.drag(number, Motion(np.eye(3), np.array([0.1, 0.0, 0.0])))
     settled(session, number, motion)
@@ -146,7 +146,7 @@ def test_groups_marked_on_a_deformed_shape_stay_where_they_are():
     session, number = ready()
     before = settled(session, number, LIFT)
     middle = np.flatnonzero(np.abs(BODY.V[:, 2]) < 0.1)
-    added(session, middle, "static")
+    added(session, middle, "fixed")
     session.settle()
     assert np.array_equal(session.shown[middle], before[middle])
     assert np.abs(session.shown - before).max() < 0.05 * BODY.diagonal
@@ -189,8 +189,8 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh)
     left = np.flatnonzero(mesh.V[:, 0] < 2)
-    added(session, left[mesh.V[left, 2] < -0.6], "static")
-    number = added(session, left[mesh.V[left, 2] > 0.6], "moving")
+    added(session, left[mesh.V[left, 2] < -0.6], "fixed")
+    number = added(session, left[mesh.V[left, 2] > 0.6], "moved")
     shown = session.drag(number, LIFT)
     moved = np.abs(shown - mesh.V).max(axis=1)
     free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
@@ -206,8 +206,8 @@ def test_a_mesh_that_is_no_manifold_follows_when_the_mouse_rests():
     mesh = t_fin(4)
     session = begun(mesh)
     x = mesh.V[:, 0]
-    added(session, np.flatnonzero(x <= x.min() + 1), "static")
-    number = added(session, np.flatnonzero(x >= x.max() - 1), "moving")
+    added(session, np.flatnonzero(x <= x.min() + 1), "fixed")
+    number = added(session, np.flatnonzero(x >= x.max() - 1), "moved")
     own = session.state.group(number).vertices
     shown = session.drag(number, LIFT)
     assert np.flatnonzero(np.abs(shown - mesh.V).max(axis=1)).tolist() == own.tolist()
@@ -227,7 +227,7 @@ def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
         bound.clear()
         number = marked(session)
         session.drag(number, LIFT)
-        added(session, np.flatnonzero(np.abs(body.V[:, 2]) < 0.1), "static")
+        added(session, np.flatnonzero(np.abs(body.V[:, 2]) < 0.1), "fixed")
         shown = session.drag(number, LIFT)
         target = session.state.moved(number, LIFT).group(number)
         assert np.abs(shown[target.vertices] - target.target).max() < 0.01 * body.diagonal

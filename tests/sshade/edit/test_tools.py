@@ -1,21 +1,22 @@
-"""The tools of the page in a browser: numbers, steps, local axes, pivots, the view, and other files."""
+"""The tools of the page in a browser: groups, keys, guidance, results, the view, and other files."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from sshade.edit.session import Session
+from sshade.files.meshes import read_arrays
 from tests.browser import changed, opened, pixels, portion
+from tests.shapes import beside, shifted
 from tests.sshade.edit.lent import lent
-from tests.sshade.edit.sessions import BODY, ready, upright
-from tests.sshade.edit.test_page import asked, drag, release
+from tests.sshade.edit.sessions import BODY, begun, ready, upright
+from tests.sshade.edit.test_page import BACKGROUND, asked, drag, release, tool, where
 
 
 @pytest.fixture
 def session(here) -> Session:
-    """Return a session with a fixed lower end and a movable upper end."""
+    """Return a session with a fixed lower end and a moved upper end."""
     return ready(upright(BODY))[0]
 
 
@@ -23,14 +24,8 @@ def session(here) -> Session:
 def page(browser, session):
     with lent(session) as server, opened(browser, server.address) as page:
         page.wait_for_selector("#stage[data-state=converged]")
-        page.get_by_role("button", name="choose group 2").click()
-        page.wait_for_selector("#gizmo-bar:visible")
         yield page
         assert page.said == []
-
-
-def group(session: Session):
-    return session.state.groups[1]
 
 
 def gizmo(page) -> np.ndarray:
@@ -39,120 +34,118 @@ def gizmo(page) -> np.ndarray:
     return np.array([float(x) for x in place.split(",")])
 
 
-def apply(page, **numbers: float) -> None:
-    for label, value in numbers.items():
-        page.get_by_label(label.replace("_", " "), exact=True).fill(str(value))
-    asked(page, "settle", page.get_by_role("button", name="apply").click)
-    page.wait_for_selector("#stage[data-state=converged]")
+def selected(page) -> str:
+    return page.locator("#groups [aria-pressed=true] span").inner_text()
 
 
-def motion(session: Session, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation of the group since `before` and the move of its middle."""
-    after = group(session).target
-    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))
-    return turn.as_rotvec(degrees=True), after.mean(axis=0) - before.mean(axis=0)
-
-
-def test_numbers_move_and_turn_a_group_along_the_axes_of_its_arrows(page, session):
-    before = group(session).target
-    apply(page, move_x=0.2, move_z=-0.1)
-    turn, move = motion(session, before)
-    assert np.allclose(move, [0.2, 0, -0.1], atol=1e-6) and np.allclose(turn, 0)
-    before = group(session).target
-    apply(page, turn_y=30)
-    turn, move = motion(session, before)
-    assert np.allclose(turn, [0, 30, 0], atol=1e-4) and np.allclose(move, 0, atol=1e-6)
-    with page.expect_response("**/frame"):
-        page.locator("#gizmo-bar").get_by_text("Local axes").click()
-    page.wait_for_timeout(100)
-    axes, before = session.frame(2), group(session).target
-    assert np.abs(axes - np.eye(3)).max() > 0.3
-    apply(page, move_z=0.1, turn_z=20)
-    turn, move = motion(session, before)
-    assert np.allclose(move, 0.1 * axes[:, 2], atol=1e-6) and np.allclose(turn, 20 * axes[:, 2], atol=1e-4)
-
-
-def test_a_drag_snaps_and_turns_about_a_moved_pivot(page, session):
-    page.locator("#gizmo-bar").get_by_text("Snap").click()
-    page.get_by_label("length of a step").fill("0.125")
-    before = group(session).target
-    drag(page, gizmo(page), (63, -31))
-    release(page)
-    turn, move = motion(session, before)
-    steps = move / 0.125
-    assert np.allclose(steps, steps.round(), atol=1e-5) and steps.any() and np.allclose(turn, 0)
-
-    page.locator("#gizmo-bar").get_by_text("Move pivot").click()
-    at, before = gizmo(page), session.state
-    page.mouse.move(*at)
+def test_the_last_group_is_selected_and_a_row_a_name_or_a_region_selects_another(page, session):
+    assert selected(page) == "group 2" and page.locator("#gizmo-bar").is_visible()
+    page.locator("#groups button", has_text="group 1").click(position={"x": 200, "y": 10})
+    assert selected(page) == "group 1" and page.locator("#gizmo-bar").is_hidden()
+    page.locator("#groups").get_by_text("group 2").click()
+    assert selected(page) == "group 2"
+    V = session.mesh.V
+    low, high = (where(page, V, V[group.vertices].mean(axis=0))[0] for group in session.state.groups)
+    page.mouse.click(*low)
+    assert selected(page) == "group 1" and page.locator("#group-name").input_value() == "group 1"
+    page.mouse.click(*high)
+    assert selected(page) == "group 2" and len(session.state.selection) == 0
+    page.mouse.move(*low)
     page.mouse.down()
-    page.mouse.move(*(at + [60, 0]), steps=5)
+    page.mouse.move(*(low + [40, 0]), steps=4)  # this turns the view
     page.mouse.up()
-    page.wait_for_timeout(200)
-    assert session.state is before and np.linalg.norm(gizmo(page) - at) > 20
-    page.locator("#gizmo-bar").get_by_text("Move pivot").click()
-    start = group(session).target
-    apply(page, turn_y=90)
-    turn, move = motion(session, start)
-    assert np.allclose(turn, [0, 90, 0], atol=1e-3) and np.linalg.norm(move) > 0.1
-    # The pivot moves with its group: three more quarters bring the group back.
-    for _ in range(3):
-        apply(page, turn_y=90)
-    assert np.abs(group(session).target - start).max() < 1e-5 * session.mesh.diagonal
+    assert selected(page) == "group 2"
+    page.reload()
+    page.wait_for_selector("#groups [aria-pressed=true]")
+    assert selected(page) == "group 2"
 
 
-def test_the_rest_shape_edges_roll_and_up_axis_change_the_view_alone(page, session):
-    stage = page.locator("#stage")
+def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session):
+    step, hint = page.locator("#guide [aria-current=step]"), page.locator("#hint")
+    assert step.inner_text() == "Drag the arrows" and hint.inner_text() == "Drag the arrows to move group 2."
+    tool(page, "Brush")
+    assert step.inner_text() == "Pick vertices" and hint.inner_text().startswith("Paint over vertices.")
+    page.get_by_text("More ways to pick").click()
+    asked(page, "select", page.get_by_role("button", name="all").click)
+    assert step.inner_text() == "Fix them or make them move" and "Click Fix" in hint.inner_text()
+    asked(page, "select", page.get_by_role("button", name="none").click)
+    tool(page, "View")
+    state = session.state
+    page.mouse.click(*gizmo(page))
+    page.wait_for_timeout(300)
+    assert session.state is state  # a click on the arrows moves nothing
+    drag(page, gizmo(page), (60, -30))
+    release(page)
+    page.wait_for_selector("#hint:has-text('Done in')")
+    assert "the volume changed by" in hint.inner_text()
+    asked(page, "undo", page.get_by_role("button", name="Undo").click)
+    assert hint.inner_text() == "Drag the arrows to move group 2."
+
+
+def test_keys_delete_save_and_list_the_keys(page, session):
+    page.keyboard.press("?")
+    assert "Ctrl+S" in page.locator("#keys").inner_text()
+    page.keyboard.press("Escape")
+    page.locator("#keys").wait_for(state="hidden")
+    asked(page, "save", lambda: page.keyboard.press("Control+s"))
+    page.wait_for_selector("#saved:has-text('body_handles.json')")
+    assert "body_deformed.ply" in page.locator("#saved").inner_text()
+    assert np.array_equal(read_arrays("body_deformed.ply")[1], session.mesh.F)
+    page.locator("#group-name").press("Delete")  # edits the name
+    assert len(session.state.groups) == 2
+    page.locator("#groups button", has_text="group 1").focus()
+    asked(page, "remove", lambda: page.keyboard.press("Delete"))
+    assert [group.name for group in session.state.groups] == ["group 1"]
+    asked(page, "remove", lambda: page.keyboard.press("Delete"))
+    page.keyboard.press("Delete")  # nothing is left to delete
+    assert session.state.groups == () and page.locator("#message").is_hidden()
+
+
+def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
+    name = page.locator("#group-name")
+    name.fill("paw")
+    asked(page, "alter", lambda: name.press("Enter"))
+    assert selected(page) == "paw" and session.state.groups[1].name == "paw"
+    page.get_by_label("distance of the limit").fill("1")
+    asked(page, "limit", page.get_by_role("button", name="Fix everything farther than").click)
+    page.wait_for_selector("#groups li:nth-child(3)")
+    assert session.state.groups[2].name == "beyond paw"
+    page.locator("#groups button", has_text="moved").click()
+    page.locator("#group summary").click()
+    asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
+    assert np.array_equal(session.state.selection, session.state.groups[1].vertices)
+
+
+def test_components_without_handles_are_told(browser, here):
+    three = upright(beside(beside(BODY, shifted(BODY, [4, 0, 0])), shifted(BODY, [8, 0, 0])))
+    session = begun(three)
+    with lent(session) as server, opened(browser, server.address) as page:
+        page.wait_for_selector("#stage[data-state=converged]")
+        assert page.locator("#carried").is_hidden()
+        session.select(np.arange(30), "replace")
+        session.mark("fixed")
+        page.reload()
+        page.wait_for_selector("#carried:visible")
+        told = "Components without handles: 2. They move with the nearest component."
+        assert page.locator("#carried").inner_text() == told and page.said == []
+
+
+def test_the_up_axis_and_the_floor_change_the_view_alone(page, session):
+    stage, state = page.locator("#stage"), session.state
 
     def shown() -> np.ndarray:
         page.wait_for_timeout(250)
         return pixels(stage)[60:]  # without the buttons at the top
 
-    page.get_by_role("button", name="choose group 2").click()  # without arrows
-    resting = shown()
-    page.get_by_role("button", name="choose group 2").click()
-    apply(page, move_x=0.6)
-    page.get_by_role("button", name="choose group 2").click()
-    posed, state = shown(), session.state
-    assert changed(resting, posed) > 0.01
-    toggle = page.get_by_role("button", name="Rest shape")
-    toggle.click()
-    assert changed(resting, shown()) < 0.002 and toggle.get_attribute("aria-pressed") == "true"
-    toggle.click()
-    assert changed(posed, shown()) < 0.002
-    page.get_by_role("button", name="Reset view").click()
-    page.get_by_text("Options").click()
-    opened = shown()
-    page.get_by_label("edges", exact=True).check()
-    assert changed(opened, shown()) > 0.01
-    page.get_by_label("edges", exact=True).uncheck()
-    assert changed(opened, shown()) < 0.002
-    for name, back in ("left", "right"), ("right", "left"):
-        page.get_by_role("button", name=f"roll the view to the {name}").click()
-        assert changed(opened, shown()) > 0.01
-        page.get_by_role("button", name=f"roll the view to the {back}").click()
-        assert changed(opened, shown()) < 0.005
+    page.get_by_text("Options, method fast").click()
+    before = shown()
+    lines = np.abs(before - BACKGROUND).max(axis=2) > 20
+    assert lines[-200:-100, 50:-150].mean() > 0.02  # of the floor
     page.get_by_label("up axis").select_option("z")
-    body = lambda image: np.argwhere((image[60:-60, 100:720] < 235).any(axis=2))  # noqa: E731
-    extent = np.ptp(body(opened), axis=0)
-    lying = np.ptp(body(shown()), axis=0)
-    assert extent[0] > 1.2 * extent[1] and lying[0] < lying[1], (extent, lying)  # the long axis is y
+    lying = shown()
+    assert changed(before, lying) > 0.02
     page.get_by_label("up axis").select_option("y")
-    assert changed(opened, shown()) < 0.002 and session.state is state
-
-
-def test_buttons_limit_and_pick_by_distance(page, session):
-    page.get_by_label("distance of the limit").fill("1")
-    asked(page, "limit", page.get_by_role("button", name="limit to").click)
-    page.wait_for_selector("#groups li:nth-child(3)")
-    assert session.state.groups[2].name == "beyond group 2"
-    asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
-    before = len(session.state.selection)
-    page.get_by_label("distance along the edges").fill("0.4")
-    asked(page, "reach", page.get_by_role("button", name="pick within").click)
-    assert before < len(session.state.selection) < session.mesh.n
-    page.get_by_role("button", name="linked").click()
-    page.wait_for_selector(f"#picked:text-is('{session.mesh.n}')")
+    assert changed(before, shown()) < 0.002 and session.state is state
 
 
 def test_colours_of_the_file_are_shown(browser, here):
@@ -163,7 +156,7 @@ def test_colours_of_the_file_are_shown(browser, here):
         page.wait_for_timeout(300)
         stage = page.locator("#stage")
         assert portion(pixels(stage), 0, least=100) > 0.05
-        page.get_by_text("Options").click()
+        page.get_by_text("Options, method fast").click()
         page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
         assert portion(pixels(stage), 0, least=100) < 0.001
