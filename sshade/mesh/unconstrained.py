@@ -22,7 +22,7 @@ NEAREST = 8
 TOUCHING = 1e-6
 #: What can be done about components without handles.
 HOW_TO_CONSTRAIN = (
-    "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=True): they then "
+    "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=False): they then "
     "move with the nearest component"
 )
 
