@@ -26,6 +26,8 @@ from sshade.proxy.sample import SPARE
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6
+#: Distance of a handle from its target that is rounding, as a fraction of the bounding-box diagonal.
+ON_TARGET = 1e-6
 #: Distance of a hard handle from its target that is a warning, as a fraction of the bounding-box diagonal.
 MISSED = 1e-4
 #: Rounding of positions that is worth a note, as a fraction of the bounding-box diagonal.
@@ -192,11 +194,11 @@ def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
     if samples == 0:
         yield "no proxy was made: the handles alone determine the result"
     elif samples < asked - rounded:
-        each = f"{coarser} vertices" if coarser > 1 else "vertex"
-        of = "a component" + (", where both sides of a surface count" if facts.one_sided else "")
-        yield f"{differs}at most one for every {each} of {of}, or one for each handle and {SPARE} more"
+        each = f"every {coarser} of its vertices" if coarser > 1 else "each of its vertices"
+        sides = ", and both sides of a surface count" if facts.one_sided else ""
+        yield f"{differs}a component has at most one for {each}{sides}"
     elif samples > asked + rounded:
-        yield f"{differs}each component has one for each handle and {SPARE} more"
+        yield f"{differs}a component needs one for each handle and {SPARE} more"
 
 
 def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
@@ -222,11 +224,12 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     exact, soft = int(hard.sum()), int((~hard).sum())
     parts = []
     if exact:
-        parts.append(f"{counted(exact, 'handle', 'handles')} reached to {100 * error:.2g} %")
+        on = "on target" if error <= ON_TARGET else f"at most {_percent(error)} from target"
+        parts.append(f"{counted(exact, 'handle', 'handles')} {on}")
     if soft:
-        mean = 100 * distance[~hard].mean()
-        parts.append(f"{counted(soft, 'soft handle', 'soft handles')} to {mean:.2g} % on average")
-    return f"{' and '.join(parts)} of the diagonal", error
+        mean = _percent(float(distance[~hard].mean()))
+        parts.append(f"{counted(soft, 'soft handle', 'soft handles')} {mean} from target on average")
+    return ", ".join(parts), error
 
 
 def warnings_of(error: float, *, rounding: float, exact: bool) -> list[str]:

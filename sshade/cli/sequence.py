@@ -146,7 +146,7 @@ def deform_poses(
     seconds = perf_counter() - begin
     each = f", {seconds / len(results):.2f} s each"
     if poses[0].hard.any():
-        each = f", hard handles reached to {100 * max(errors):.2g} % of the diagonal{each}"
+        each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
     say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     found = [result.facts for result in results]
     facts = replace(

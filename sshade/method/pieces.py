@@ -34,6 +34,14 @@ from sshade.problem.task import DeformationResult, DeformationTask, joined
 
 log = logging.getLogger(__name__)
 
+#: Why a volume cannot be kept, by the reasons of :mod:`sshade.solver.constraints`.
+NO_VOLUME = {
+    "boundary": "the surface has a boundary",
+    "orientation": "the surface has no inside",
+    "flat": "the surface is flat",
+    "one-sided": "the surface has one side",
+}
+
 #: Largest distance of the sides of a one-sided surface from their mean, as a fraction of the diagonal. Sides
 #: farther apart are in two local minima; the surface is deformed again, both sides from their mean.
 APART = 0.01
@@ -215,4 +223,4 @@ def _warn_of_volume(facts: list[Facts]) -> None:
     states = [fact.volume_constraint or "" for fact in facts]
     for state, count in Counter(state for state in states if state.startswith("off: ")).items():
         where = f" in {count} of {len(facts)} components" if len(facts) > 1 else ""
-        log.warning("the volume constraint is off%s: %s", where, state.removeprefix("off: "))
+        log.warning("the volume is not kept%s: %s", where, NO_VOLUME[state.removeprefix("off: ")])

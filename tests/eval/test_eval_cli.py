@@ -31,8 +31,8 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     for mode in ([], ["-m"]):
         done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
         assert done.returncode == 0, done.stderr
-        line = "WARNING sshade.method.pieces: the volume constraint is off: boundary"
-        assert done.stderr.count("the volume constraint is off") == done.stderr.count(line) == 1
+        line = "WARNING sshade.method.pieces: the volume is not kept: the surface has a boundary"
+        assert done.stderr.count("the volume is not kept") == done.stderr.count(line) == 1
 
 
 def test_a_mesh_of_a_library_is_a_dataset(tmp_path):

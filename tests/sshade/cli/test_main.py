@@ -116,7 +116,7 @@ BAND = moebius()
 @pytest.mark.parametrize(
     ("V", "F", "handles", "options", "words"),
     [
-        (BODY.V, BODY.F, POSE, "", "the proxy has 40 samples instead of 12000: at most one for"),
+        (BODY.V, BODY.F, POSE, "", "the proxy has 40 samples instead of 12000: a component has at most"),
         (BAND.V, BAND.F, end_handles(BAND.V, shift=(0, 0, 0.1)), "", "72 vertices lie on one-sided surfaces"),
         (BODY.V, TURNED, POSE, "", "107 faces were turned around, to agree with their neighbours"),
         (BODY.V, BODY.F, POSE, "--max-iterations 2", "they stopped after 2 on average"),

@@ -24,8 +24,11 @@ PLAIN = Facts(samples=100, options={"coarser": 4})
     ("given", "words"),
     [
         ({}, []),
-        ({"samples": 40, "options": {"coarser": 2}}, ["40 samples instead of 100: at most one for every 2"]),
-        ({"samples": 130}, ["130 samples instead of 100: each component has one for each"]),
+        (
+            {"samples": 40, "options": {"coarser": 2}},
+            ["40 samples instead of 100: a component has at most one for every 2"],
+        ),
+        ({"samples": 130}, ["130 samples instead of 100: a component needs one for each"]),
         ({"samples": 99, "components": 3}, ["3 components were deformed separately"]),  # rounding
         ({"samples": 0}, ["no proxy was made: the handles alone determine the result"]),
         ({"copies": 5, "gap": 0.01}, ["5 vertices were duplicated, and joined again over gaps of"]),
@@ -60,5 +63,5 @@ def test_many_components_share_one_note(here, capfd):
     assert main(["deform", "body.ply", "pose.json", "-o", "out.ply"]) == 0
     lines = capfd.readouterr().err.splitlines()
     assert len(set(lines)) == len(lines) < 8
-    assert sum("the volume constraint is off in 1 of 501" in line for line in lines) == 1
+    assert sum("the volume is not kept in 1 of 501" in line for line in lines) == 1
     assert all(line.startswith(("note: ", "out.ply: ")) for line in lines)

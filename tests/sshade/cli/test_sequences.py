@@ -92,7 +92,7 @@ def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, c
         assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", output, *FAST]) == 0
         said = capsys.readouterr().err
         assert said.count("stores single precision, which moves positions by up to 0.") == 1
-        assert "hard handles reached to 0." in said
+        assert "handles at most 0." in said
     assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", "far_%d.ply", *FAST]) == 0
     assert "single precision" not in capsys.readouterr().err
 
