@@ -77,6 +77,11 @@ from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
 from sshade.problem.options import GROUPS, Options, require_method, resolve
 
+#: Arguments that --help tells; --help-all tells all.
+USUAL = (
+    *("output", "overwrite", "method", "vertices", "volume", "detail", "weight", "amount", "along", "seed"),
+    *("weld", "repair"),
+)
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
 

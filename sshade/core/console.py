@@ -15,7 +15,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
@@ -47,6 +47,36 @@ def meant(word: str, known: Iterable[str]) -> str:
     """Return a question about the word that is nearest to an unknown one; "" if none is near."""
     near = get_close_matches(word, known, n=1)
     return f" (did you mean {near[0]}?)" if near else ""
+
+
+def add_help_all(parser: argparse.ArgumentParser, usual: Collection[str]) -> None:
+    """Have --help tell the usual switches alone, and declare --help-all, which tells all.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Its description is shortened to the first paragraph, and what follows the line ``methods:``.
+    usual : collection of str
+        Names of the values of the usual switches.
+    """
+    full = parser.description or ""
+    helps = {action: action.help for action in parser._actions if action.option_strings}
+
+    class HelpAll(argparse.Action):
+        def __call__(self, *_: object) -> None:
+            parser.description = full
+            for action, text in helps.items():
+                action.help = text
+            parser.print_help()
+            parser.exit()
+
+    text = "tell all switches, and the format of handle files"
+    parser.add_argument("--help-all", nargs=0, action=HelpAll, help=text)
+    for action in helps:
+        if action.dest not in {"help", *usual}:
+            action.help = argparse.SUPPRESS
+    first, _, rest = full.partition("\n\n")
+    parser.description = f"{first}\n\nmethods:{rest.partition('methods:')[2]}"
 
 
 def say(text: str) -> None:
@@ -314,6 +344,8 @@ class Program(NamedTuple):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(parser)
+        if hasattr(module, "USUAL"):
+            add_help_all(parser, module.USUAL)
         options = parser.parse_args(arguments)
         if "with_file" in options:  # a file may give values that the arguments leave out
             options = options.with_file(parser, options, arguments)

@@ -195,6 +195,18 @@ def test_help_says_what_each_command_does(capsys, command):
     assert caught.value.code == 0 and f"usage: sshade {command}" in capsys.readouterr().out
 
 
+def test_help_tells_the_usual_switches_and_help_all_tells_all(capsys):
+    told = {}
+    for switch in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as caught:
+            main(["deform", switch])
+        assert caught.value.code == 0
+        told[switch] = capsys.readouterr().out
+    assert len(told["--help"].splitlines()) < 80 and "--weight W" in told["--help"]
+    for rare in ("--attachment A", "--refuse-unconstrained", '{"handles": ['):
+        assert rare not in told["--help"] and rare in told["--help-all"]
+
+
 def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):
     closed = PermissionError(13, "Permission denied", "rows.csv")
     command = Mock(side_effect=[KeyboardInterrupt, InputError("too small"), closed, 0, ValueError("a bug")])
