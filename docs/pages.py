@@ -50,7 +50,7 @@ BLOCK = re.compile(
 )
 
 #: Beginnings of the notes that say on which half of the cases a table is, and the half.
-HALVES = {"Held-out": "held-out ", "Tuning": "tuning "}
+HALVES = {"Held-out": "held-out cases", "Tuning": "tuning cases", "Cases of neither": "cases of neither half"}
 
 #: Part of the heading of a table of differences.
 DIFFERENCE = ": difference to "
@@ -189,8 +189,8 @@ def caption_notes(text: str) -> list[str]:
     if cases is None:
         chosen = [note for note in notes if note.startswith("Machine")]
     else:
-        half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "")
-        chosen = [re.sub("; means over all [^.]*", "", cases.replace(" ", f" {half}", 1))]
+        half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "cases")
+        chosen = [re.sub("; means over all [^.]*", "", cases.replace("cases", half, 1))]
     chosen += ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
     return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
 

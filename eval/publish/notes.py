@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 import pandas as pd
+import yaml
 
+from eval.installation import CONFIGURATION
 from eval.metrics import METRICS
 from eval.publish.columns import (
     DEFINITIONS,
@@ -59,7 +62,17 @@ def version_note(rows: pd.DataFrame) -> str:
     modified = " (with changes)" if True in distinct(rows, "env.modified") else ""
     versions = begun(rows).groupby("method.name")["method.version"].max()
     later = [f"{name} {version}" for name, version in versions.items() if version > 1]
-    return f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
+    current = current_versions()
+    old = [name for name, version in versions.items() if version < current.get(name, 0)]
+    text = f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
+    return text + (f" Of an older version than today's code: {', '.join(old)}." if old else "")
+
+
+@cache
+def current_versions() -> dict[str, int]:
+    """Return the version of each method in conf/method."""
+    paths = (CONFIGURATION / "method").rglob("*.yaml")
+    return {path.stem: yaml.safe_load(path.read_text("utf-8")).get("version", 1) for path in paths}
 
 
 def require_one_version(rows: pd.DataFrame) -> None:

@@ -39,10 +39,11 @@ def published_rows(name: str) -> pd.DataFrame:
         )
     targets = [name for name in new if re.fullmatch(r"method\.(.*\.)?target", name)]
     users = new[targets].map(lambda target: target is not None and target.split(".")[0] not in OWN)
-    if users.any(axis=None):
+    programs = new[[name for name in new if name == "method.command"]].notna()
+    if users.any(axis=None) or programs.any(axis=None):
         raise InputError(
-            f"{path} has rows of methods that are no part of this project, so the commit does not hold their "
-            "code: propose the methods as CONTRIBUTING.md describes"
+            f"{path} has rows of methods or programs that are no part of this project, so that the commit "
+            "does not hold their code: propose the methods as CONTRIBUTING.md describes"
         )
     rows = pd.concat([read_csv(target), new], ignore_index=True) if target.is_file() else new
     latest = rows.groupby("method.name")["method.version"].transform("max")

@@ -41,6 +41,10 @@ NOTHING: Row = {"status": "failed", "reason": "", "iterations": None, "converged
 #: Reason of a row whose method wrote into the arrays of its task, which later methods would be given.
 WROTE = "the method changed the task that it was given; it must copy arrays before it writes into them"
 
+#: Stages that the evaluator measures itself, and columns that say which method ran. A method sets neither.
+CLOCKED = ("total", "cpu")
+IDENTITY = tuple(f"method.{name}" for name in ("name", "target", "hash", "version", "note", "seed"))
+
 #: Messages from a new process when its clock starts, and when it stops.
 CLOCK, STOPPED = "clock", "stopped"
 
@@ -111,11 +115,11 @@ def attempt(
         tell(CLOCK)
         with _told(time_limit):
             begin, cpu = perf_counter(), _cpu_seconds()
-            returned = call(task, seed=seed, progress=progress)
+            result = result_of(task, call(task, seed=seed, progress=progress))
+            vertices = np.array(result.vertices)  # a copy, which a thread of the method does not know
             seconds, cpu = perf_counter() - begin, _cpu_seconds() - cpu
         tell(STOPPED)
-        result = result_of(task, returned)
-        done = Attempt(row | _facts(result, seconds, cpu), result.vertices)
+        done = Attempt(row | _facts(result, seconds, cpu), vertices)
     except ImportError as error:
         done = Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except Ended:
@@ -280,13 +284,14 @@ def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:
         "seconds.cpu": cpu,
         "env.cores_used": round(cpu / seconds, 3),
     }
-    row |= {f"seconds.{stage}": float(value) for stage, value in result.seconds.items() if stage != "total"}
+    stages = {stage: float(value) for stage, value in result.seconds.items() if stage not in CLOCKED}
+    row |= {f"seconds.{stage}": value for stage, value in stages.items()}
     found = {**(vars(result.facts) if result.facts != Facts() else {}), **result.extra}
     row |= {f"extra.{name}": _plain(value) for name, value in found.items() if is_scalar(value)}
     if "peak_mib" in result.extra:  # a method that runs a program measures the memory of the program
         row["peak_mib"] = row.pop("extra.peak_mib")
-    row |= flat(found.get("options", {}), "method")
-    row.pop("method.seed", None)  # the row has a column `seed`
+    options = flat(found.get("options", {}), "method")
+    row |= {name: value for name, value in options.items() if name not in IDENTITY}
     return row
 
 

@@ -13,7 +13,7 @@ from eval_cases import bumpy_task, run
 
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
-from eval.metrics import METRICS
+from eval.metrics import METRICS, measure
 from eval.rows.store import read_row, run_folders, write_run
 from eval.run import environment
 from sshade.core.errors import InputError
@@ -95,6 +95,27 @@ def test_a_method_without_a_usable_result_leaves_a_failed_row(task, tmp_path, mo
     assert done.row["status"] == "failed" and reason in done.row["reason"]
     assert not any(name.startswith("metric.") for name in done.row) and not done.row.get("env.warmed_up")
     assert not (done.folder / "vertices.npy").exists()
+
+
+def test_what_a_method_leaves_behind_changes_neither_result_nor_name_nor_clock(task, tmp_path, monkeypatch):
+    """A thread of the method may write into the array that the method returned."""
+    kept = task.mesh.V.copy()
+    claims = {"name": "fast", "target": "sshade.deform", "version": 9, "hash": "0", "note": "best"}
+
+    def method(task, *, seed, progress=silent):
+        return resulting(kept, extra={"options": claims}, seconds={"cpu": 0.0, "total": 0.0, "solve": 1.0})
+
+    def measured(task, vertices):
+        kept[:] = 2 * task.mesh.V
+        return measure(task, vertices)
+
+    monkeypatch.setattr("eval_cases.stretching", method)
+    monkeypatch.setattr(run_module, "measure", measured)
+    row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
+    assert row["metric.volume"] == row["metric.edge"] == 0
+    assert (row["method.name"], row["method.version"]) == ("s", 1)
+    assert row["method.target"] == "eval_cases.stretching" and "method.note" not in row
+    assert row["seconds.solve"] == 1.0 and row["seconds.total"] > 0 < row["seconds.cpu"]
 
 
 def test_an_interrupt_in_a_compiled_function_leaves_no_row(task, tmp_path, monkeypatch):

@@ -82,8 +82,9 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
             [clean("b", **{"method.target": "sshade.deform", "method.coarse.target": "mine.method"})],
             "no part of this project",
         ),
+        ([clean("p", method__command="[mine]")], "no part of this project"),
     ],
-    ids=["modified", "no commit", "a user's", "a user's on a proxy"],
+    ids=["modified", "no commit", "a user's", "a user's on a proxy", "a program"],
 )
 def test_what_is_not_of_one_commit_of_this_project_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))
