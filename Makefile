@@ -26,7 +26,7 @@ SIZES  := 10000 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
 # The body of the picture of the README, on which Elastic and `fast` need many iterations.
-HARD   := "defaust root=data/hard subject=6 pose=8"
+HARD   := "defaust root=data/cover subject=11 pose=6"
 REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
@@ -88,7 +88,7 @@ ci-benchmark: $(READY)
 	$(BIN)/sshade-eval check
 
 # Needs a quiet machine: `sshade-eval bench` ends without a result if other programs run.
-bench: $(READY) $(FULL)/dataset.json data/hard/dataset.json $(BASES:%=%/dataset.json)
+bench: $(READY) $(FULL)/dataset.json data/cover/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
 	  accelerated_arap accelerated_elastic deformation_graph paper $(ONE) fast fine
 	$(BIN)/sshade-eval bench speed --name speed_hard --cases $(HARD) --extrapolate elastic --methods elastic \
@@ -197,8 +197,6 @@ data/bench/%/dataset.json: $(READY)
 data/cover/dataset.json: $(READY)
 	$(BIN)/defaust build source=new_bodies out=data/cover subjects=[11]
 
-data/hard/dataset.json: $(READY)
-	$(BIN)/defaust build source=synthetic out=data/hard subjects=[6]
 
 $(QUICK)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000
