@@ -1,7 +1,7 @@
 # make tables       build a small DeFAUST dataset, run the main methods, write tables and pictures to out/
 # make test         lint, architecture rules, types, tests, and methods compared with their golden values
 # make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
-# make scaling      the cost model of docs/scaling.md (a quarter of an hour)
+# make scaling      the cost model of docs/times.md (a quarter of an hour)
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)

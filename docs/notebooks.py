@@ -1,4 +1,4 @@
-"""Draw the picture of docs/notebooks.md, and measure its table: ``python -m docs.notebooks``.
+"""Draw the picture of docs/python.md, and measure its table: ``python -m docs.notebooks``.
 
 The first cells of docs/examples/deform.ipynb run here, and Chromium draws the figure of a cell.
 """
@@ -27,7 +27,7 @@ from eval.run.environment import environment
 from sshade import DeformationTask, Mesh, plot, read_handles
 from sshade.core.console import say
 
-PAGE = Path(__file__).with_name("notebooks.md")
+PAGE = Path(__file__).with_name("python.md")
 NOTEBOOK = Path(__file__).parent / "examples" / "deform.ipynb"
 PICTURE = Path(__file__).parent / "figures" / "notebook.png"
 #: Width and height of the picture in pixels, the name that its cell defines, and number of colours.

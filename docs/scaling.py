@@ -1,4 +1,4 @@
-"""Write the tables of scaling.md from scaling.csv: ``python -m docs.scaling``.
+"""Write the tables of times.md from scaling.csv: ``python -m docs.scaling``.
 
 ``--measure`` writes scaling.csv first. It deforms subdivisions of the first body of ``data/defaust_170k``,
 which takes a quarter of an hour on a quiet machine with 2 cores. ``--largest`` adds a mesh of 44 million
@@ -30,7 +30,7 @@ from eval.run.warmup import warm_up
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.core.console import say
 
-PAGE, ROWS = Path(__file__).with_suffix(".md"), Path(__file__).with_suffix(".csv")
+PAGE, ROWS = Path(__file__).with_name("times.md"), Path(__file__).with_suffix(".csv")
 #: Times and memory of the command ``sshade deform``.
 COMMANDS = Path(__file__).parents[1] / "results" / "tables" / "whole.csv"
 #: Bytes per vertex of a closed mesh: a position, and two faces of 64-bit ids.

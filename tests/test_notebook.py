@@ -1,4 +1,4 @@
-"""docs/examples/deform.ipynb and the code of docs/notebooks.md run, and their last lines show themselves."""
+"""docs/examples/deform.ipynb and the cells of docs/python.md run, and their last lines show themselves."""
 
 import ast
 import json
@@ -40,8 +40,9 @@ def test_the_cells_run_and_show_figures(here):
 
 
 def test_the_code_of_the_page_runs(here, monkeypatch):
-    page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    part = page.split("\n## Notebooks\n")[1].split("\n## ")[0]
+    blocks = re.findall(r"^```python\n(.*?)^```", part, re.M | re.S)
     mesh = bumpy(2)
     task = sshade.DeformationTask("bend", mesh, end_handles(mesh.V, shift=(0.3, 0, 0.2)))
     monkeypatch.setattr(sshade, "edit_handles", lambda *_, **__: task.handles)

@@ -1,4 +1,4 @@
-"""docs/recipes.md: its code runs as it stands there, and makes the shape that arrays make."""
+"""docs/python.md: the code for other libraries runs as it stands, and makes the shape that arrays make."""
 
 import re
 from pathlib import Path
@@ -11,8 +11,8 @@ import sshade
 from sshade.files.meshes import read_file, write_mesh
 from tests.shapes import bumpy
 
-PAGE = (Path(__file__).parents[1] / "docs" / "recipes.md").read_text(encoding="utf-8")
-FIRST, *PARTS = re.split(r"^## (.+)$", PAGE, flags=re.M)
+PAGE = (Path(__file__).parents[1] / "docs" / "python.md").read_text(encoding="utf-8")
+FIRST, *PARTS = re.split(r"^### (.+)$", PAGE.split("\n## Other libraries\n")[1], flags=re.M)
 SECTIONS = dict(zip(PARTS[::2], PARTS[1::2], strict=True))
 BODY = bumpy(3)
 
@@ -23,7 +23,7 @@ def code(text: str) -> list[str]:
 
 @pytest.fixture
 def run(here):
-    """Run the blocks of a section after the first block of the page; return the names that they define."""
+    """Run the blocks of a section after the first block of all recipes; return the names that they define."""
     write_mesh("body.ply", BODY.V[:, [1, 2, 0]], BODY.F)  # upright
 
     def run(section: str, *, blocks: int) -> dict:
@@ -31,7 +31,7 @@ def run(here):
         found = code(SECTIONS[section])
         assert len(found) == blocks
         for block in [*code(FIRST), *found]:
-            exec(compile(block, f"recipes.md, {section}", "exec"), names)
+            exec(compile(block, f"python.md, {section}", "exec"), names)
         names["expected"] = sshade.deform(*sshade.read("body.ply"), names["b"], names["bc"])
         assert np.abs(names["expected"] - names["V"]).max() > 0.1  # it moves
         return names
