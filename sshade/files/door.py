@@ -237,7 +237,9 @@ def on_mesh(
         parts.append(Handles.from_positions(mesh, at, target, **given, raw=file.raw))  # type: ignore[arg-type]
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
     names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names
+    }
     if np.isnan(joined["rotation"]).all():
         del joined["rotation"]
     merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)

@@ -209,7 +209,7 @@ class ComponentSet:
             if (values := getattr(handles, name)) is not None:
                 further = np.full((len(seam), *values.shape[1:]), value)
                 fields[name] = np.concatenate([values[number], further])
-        return Handles(**fields)
+        return Handles(**fields).following(handles.majority)
 
     def _take_over(self, origin: np.ndarray, V: np.ndarray, name: str) -> None:
         """Store the mean of the copies within a component; finished vertices stay."""

@@ -36,6 +36,7 @@ from sshade.method.pieces import Piece, Pieces, both
 from sshade.method.polish import Polish
 from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, enclosed_volume, has_regions
+from sshade.problem.majority import HandleGroups
 from sshade.problem.options import Options, as_row, resolve
 from sshade.problem.task import DeformationResult, DeformationTask
 
@@ -83,6 +84,7 @@ def deform_task(
     warn_if_nothing_is_fixed(task, whole)
     if method == "interpolate":
         return interpolate_handles(task, progress=progress)
+    task = with_majority(task, whole)
     pieces = Pieces(task, whole, progress)
     for piece in pieces.in_order():
         with piece.named():
@@ -97,6 +99,8 @@ def deform_task(
         hard_handle_error=_hard_error(task, result.vertices),
         opening=max(result.facts.opening, opening_within(task.mesh, result.vertices) / task.mesh.diagonal),
     )
+    if (majority := task.handles.majority) is not None:
+        facts = replace(facts, inertia=majority.state)
     return replace(result, facts=replace(facts, options=facts.options or as_row(whole, method)))
 
 
@@ -152,6 +156,17 @@ def options_of_piece(piece: Piece, method: str, values: Mapping[str, Any]) -> Op
     if has_regions(mesh, piece.task.handles.index, options):
         options = resolve(method, given, regions=True)
     return with_goal(mesh, options, area=values.get("area") is not None)
+
+
+def with_majority(task: DeformationTask, options: Options) -> DeformationTask:
+    """Return the task with the majority motion of its handles, if inertia needs it; warn if there is none."""
+    if not options.inertia:
+        return task
+    handles = task.handles
+    majority = HandleGroups(task.mesh, handles.index, handles.group).motion(handles.target)
+    if not majority.certainty:
+        log.warning("inertia is %s", majority.state)
+    return replace(task, handles=handles.following(majority))
 
 
 def warn_if_nothing_is_fixed(task: DeformationTask, options: Options) -> None:

@@ -20,6 +20,7 @@ from sshade.method.deform import with_goal
 from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
+from sshade.problem.majority import HandleGroups, MajorityMotion
 from sshade.problem.options import ENERGY, Options, accepted, checked, require_method, resolve
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.binding import Binding
@@ -130,6 +131,9 @@ class Deformer:
             mesh = self._shape.mesh
         self.mesh = mesh
         self._rest = self._at_rest(index, group=group, weight=weight)
+        #: The majority motion of the last call, and its targets.
+        self._last_majority: tuple[MajorityMotion, np.ndarray] | None = None
+        self._take_groups(self._rest)
         # Handles that are bound later leave the options as they are.
         plain = resolve(method, self._values)
         self._regional = has_regions(mesh, self.index, plain)
@@ -178,6 +182,7 @@ class Deformer:
         rest = self._at_rest(index, group=group, weight=weight)
         self._proxies.rebind(rest)
         self._rest, self._last_handles = rest, None
+        self._take_groups(rest)
 
     def change_energy(self, **energy: Any) -> None:
         """Change constraints, the volume goal or softening from the next call on; the shape stays.
@@ -202,6 +207,7 @@ class Deformer:
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
         self._proxies.reset()
+        self._last_majority = None
 
     def __call__(
         self,
@@ -259,8 +265,12 @@ class Deformer:
             raise InputError(
                 "there is nothing to settle: no targets were given since these handles were taken"
             )
+        handles = self._last_handles
+        if self._groups is not None:  # the motion of a drag may lag as well
+            motion = self._groups.motion(handles.target)
+            self._last_majority, handles = (motion, handles.target), handles.following(motion)
         tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
-        return self._deformed(self._last_handles, self._stopping(tolerance, None, out), out, settle=True)
+        return self._deformed(handles, self._stopping(tolerance, None, out), out, settle=True)
 
     def preview(
         self,
@@ -324,6 +334,8 @@ class Deformer:
         else:
             own = out if whole else None
             result = self._proxies.deform(handles, options=options, settle=settle, team=self._team, out=own)
+        if (majority := handles.majority) is not None:
+            result = replace(result, facts=replace(result.facts, inertia=majority.state))
         if shape is not None and not whole:
             result = replace(result, vertices=shape.placed(result.vertices))
         if out is not None and result.vertices is not out:
@@ -343,10 +355,21 @@ class Deformer:
         handles = Handles(self._given, self.mesh.V[self._given], **binding)
         return DeformationTask("drag", self.mesh, handles).handles
 
+    def _take_groups(self, rest: Handles) -> None:
+        """Take the groups that have a majority motion, if inertia needs it."""
+        inertia = self._values.get("inertia", 0.0)
+        self._groups = HandleGroups(self.mesh, rest.index, rest.group) if inertia else None
+        self._last_majority = None
+
     def _at(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
         """Return the handles at targets (h, 3), in the order in which their vertices were given."""
         if len(self._given) > len(self._rest):
             rows = np.sort(np.unique(self._given, return_index=True)[1])
             targets = checked_target(targets, self._given)[rows]
             rotations = None if rotations is None else np.asarray(rotations)[rows]
-        return self._rest.at(targets, rotations)
+        handles = self._rest.at(targets, rotations)
+        if self._groups is None:
+            return handles
+        motion = self._groups.following(self._last_majority, handles.target)
+        self._last_majority = motion, handles.target
+        return handles.following(motion)

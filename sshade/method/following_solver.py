@@ -48,6 +48,7 @@ class FollowingSolver:
             stiffness=attachment.stiffness,
             bending=options.bending,
             thickness=options.thickness,
+            inertia=options.inertia,
         )
         self._solver.factorise()
         self.reset()
@@ -87,7 +88,7 @@ class FollowingSolver:
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "volume_goal": volume_goal}
-        aim["prescribed"] = handles.prescribed_rotations
+        aim |= {"prescribed": handles.prescribed_rotations, "majority": handles.majority}
         energy: dict[str, Any] = self._options.subset(ENERGY)
         energy["workers"] = solver_threads(self._options, self._proxy.n)
         if self._following is None and self._last is not None:

@@ -72,6 +72,7 @@ class Polish:
         ready = perf_counter()
         energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
         energy["volume_goal"] = options.volume_goal or 1.0
+        energy["majority"] = task.handles.majority
         energy["prescribed"] = _rotations_near_handles(task, samples=proxy.facts.samples)
         start = [proxy.vertices]
         proxy = replace(proxy, vertices=np.empty((0, 3)))

@@ -245,6 +245,7 @@ def lowest(
                 prepared.targets,
                 start=initial_guess(task, guide.start),
                 prescribed=handles.prescribed_rotations,
+                majority=handles.majority,
                 volume_goal=volume_goal,
                 workers=solver_threads(options, n),
                 tolerance=tolerance,

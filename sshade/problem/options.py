@@ -85,6 +85,10 @@ class Options:
     thickness : float
         Weight with which opposite points of a wall or a limb keep their distance. Raise it, first to 1, if
         the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
+    inertia : float
+        Weight with which the surface stays with the rigid motion of most handle groups, where it need not
+        move farther than a twentieth of the diagonal. Raise it, first to 0.1, if torso and thighs sway when
+        arms move; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
         of the bounding-box diagonal. Proxies of ``fast`` and ``fine`` stop at three times this value, because
@@ -143,6 +147,7 @@ class Options:
     attachment: float = _option(0.0, "[0, inf)")
     bending: float = _option(0.0, "[0, inf)")
     thickness: float = _option(0.0, "[0, inf)")
+    inertia: float = _option(0.0, "[0, inf)", "fast fine")
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
     start: Any = _option("rest", "rest rigid")
@@ -171,13 +176,13 @@ class Options:
         return replace(self, **energy, bending=self.proxy_bending, strain_limit=inf, polish=False)
 
 
-#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending`` and
-#: ``thickness`` change the matrix and are therefore not here.
+#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending``,
+#: ``thickness`` and ``inertia`` change the matrix and are therefore not here.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
-    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness"),
+    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness", "inertia"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "warm_start", "accelerate"),
     "Polish": (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
+from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.energy import Energy, Prescribed
@@ -95,9 +96,10 @@ class Descent:
         prescribed: Prescribed | None,
         fraction: np.ndarray | None,
         volume_goal: float = 1.0,
+        majority: MajorityMotion | None = None,
     ) -> None:
         """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
-        self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction)
+        self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction, majority)
         self.aim_volume(volume_goal)
 
     def begin(self, tolerance: float) -> None:

@@ -6,11 +6,13 @@ import numpy as np
 
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.rotations import fit_rotations, quaternions
+from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import Options
 from sshade.solver.system import System
 from sshade.solver.terms import Pulls, Term
 from sshade.solver.terms.arap import Arap
 from sshade.solver.terms.bending import Bending
+from sshade.solver.terms.inertia import Inertia
 from sshade.solver.terms.struts import Strutting
 
 #: Vertices of the mesh (j,), each once, and their prescribed rotations (j, 3, 3).
@@ -49,6 +51,18 @@ class Energy:
             self._terms.insert(1, Bending(system.plate, ranges))
         if system.struts:
             self._terms.append(Strutting(system.struts, ranges))
+        self._inertia: Inertia | None = None
+        if system.inertia is not None:
+            mesh = system.mesh
+            self._inertia = Inertia(
+                system.inertia,
+                (mesh.V - mesh.origin)[system.vertex],
+                origin=mesh.origin,
+                area=mesh.area,
+                ranges=ranges,
+                corners=system.corners,
+            )
+            self._terms.append(self._inertia)
         self._Q, self.R, self.forces = np.tile([1.0, 0, 0, 0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
 
     @property
@@ -56,8 +70,14 @@ class Energy:
         """(m,) strain weights of the triangles at the last local step; None for the quadratic energy."""
         return self._arap.weight
 
-    def aim(self, targets: np.ndarray, prescribed: Prescribed | None, fraction: np.ndarray | None) -> None:
-        """Set the targets of handles, the prescribed rotations, and the pull fractions.
+    def aim(
+        self,
+        targets: np.ndarray,
+        prescribed: Prescribed | None,
+        fraction: np.ndarray | None,
+        majority: MajorityMotion | None = None,
+    ) -> None:
+        """Set the targets of handles, the prescribed rotations, the pull fractions, and the majority motion.
 
         Parameters
         ----------
@@ -66,8 +86,12 @@ class Energy:
         prescribed : Prescribed, optional
         fraction : (k,) float64, optional
             Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing.
+        majority : MajorityMotion, optional
+            Without one, inertia is off.
         """
         self._pulls.aim(targets, fraction)
+        if self._inertia:
+            self._inertia.aim(majority)
         vertex, rotations = prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
         order = np.argsort(self._system.place[vertex])
         rotations = np.array(rotations, dtype=np.float64)[order]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
+from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, complete
 from sshade.solver.descent import Descent
 from sshade.solver.energy import Prescribed
@@ -39,7 +40,7 @@ class Following:
         First iterate, as of a solution. Hard handles are first put on their targets.
     targets : (k, 3) float64
         Positions of the handle vertices there.
-    prescribed, fraction, volume_goal
+    prescribed, fraction, volume_goal, majority
         Values for the targets; as of :meth:`LocalGlobal.solve`.
     window : int
         Number of stored quasi-Newton steps.
@@ -64,6 +65,7 @@ class Following:
         prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
         volume_goal: float = 1.0,
+        majority: MajorityMotion | None = None,
         window: int = 10,
         workers: int = 1,
         **energy: Any,
@@ -82,7 +84,7 @@ class Following:
             single=True,
             accelerate_last=True,
         )
-        self._state.aim(targets, prescribed, fraction, volume_goal)
+        self._state.aim(targets, prescribed, fraction, volume_goal, majority)
         self._state.energy.begin_with(rotations)
         self._state.begin(0.0)
         self._last_u = self._state.u.copy()
@@ -97,12 +99,13 @@ class Following:
         prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
         volume_goal: float = 1.0,
+        majority: MajorityMotion | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
     ) -> Solution:
         """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
         state = self._state
-        state.aim(targets, prescribed, fraction, volume_goal)
+        state.aim(targets, prescribed, fraction, volume_goal, majority)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
             self._predict(targets, fraction)

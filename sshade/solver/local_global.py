@@ -20,6 +20,7 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import Pending, ThreadTeam
 from sshade.problem.handle_checks import checked_target
+from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
@@ -54,6 +55,7 @@ class LocalGlobal(System):
         rotations: np.ndarray | None = None,
         prescribed: Prescribed | None = None,
         fraction: np.ndarray | None = None,
+        majority: MajorityMotion | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -86,6 +88,8 @@ class LocalGlobal(System):
         fraction : (k,) float64, optional
             Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing. It may vary from solve to
             solve with one factorisation.
+        majority : MajorityMotion, optional
+            Motion towards which inertia pulls; without one, inertia is off.
         tolerance : float
             Residual below which iteration stops. 0 never stops early.
         max_iterations : int
@@ -127,7 +131,7 @@ class LocalGlobal(System):
             window = window if accelerate else 0
             kinds = {"single": self.multigrid, "softened": softened}
             state = Descent(self, options, u, team=team, window=window, **kinds)
-            state.aim(targets, prescribed, fraction, volume_goal)
+            state.aim(targets, prescribed, fraction, volume_goal, majority)
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin(tolerance)
@@ -242,6 +246,7 @@ def prepare(
     # The targets stay, so vertices without a pull are left out of the system.
     pulled = fraction > 0
     targets, stiffness = targets[pulled], (attachment.stiffness * fraction)[pulled]
+    majority = task.handles.majority
     solver = LocalGlobal(
         task.mesh,
         attachment.vertex[pulled],
@@ -251,6 +256,7 @@ def prepare(
         exact_steps=exact_steps,
         bending=options.bending,
         thickness=options.thickness,
+        inertia=options.inertia if majority and majority.certainty else 0.0,
     )
     return Prepared(solver, targets, perf_counter() - begin)
 
@@ -300,6 +306,7 @@ def solve_task(
         ready.targets,
         start=initial_guess(task, options.start),
         prescribed=task.handles.prescribed_rotations,
+        majority=task.handles.majority,
         accelerate=options.accelerate,
         volume_goal=volume_goal,
         workers=workers,

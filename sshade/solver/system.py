@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Self, TypeGuard
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from sshade.core.errors import InputError
 from sshade.core.threads import ThreadTeam
@@ -80,6 +80,9 @@ class System:
         area; 0 for none. See :mod:`sshade.solver.terms.bending`.
     thickness : float
         Weight of the local thickness; 0 for none. See :mod:`sshade.solver.terms.struts`.
+    inertia : float
+        Weight of the majority motion of the handles, which each solve is given; 0 for none. See
+        :mod:`sshade.solver.terms.inertia`.
 
     Attributes
     ----------
@@ -111,6 +114,8 @@ class System:
         The bending energy.
     struts : Struts or None
         The springs that keep the local thickness.
+    inertia : (n,) float64 or None
+        Stiffness of the inertia of each vertex; 0 for hard handles.
     rest_energy : float
         Energy of the whole mesh shrunk to a point; unit length^2.
     matrix : (n, n) csr_array or None
@@ -136,10 +141,12 @@ class System:
         exact_steps: int = 0,
         bending: float = 0.0,
         thickness: float = 0.0,
+        inertia: float = 0.0,
     ) -> None:
         if energy not in ("spokes", "spokes_and_rims"):
             raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
         self.mesh, self.exact_steps, self._length = mesh, exact_steps, bending * float(np.sqrt(mesh.area))
+        self._inertia = inertia
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)
@@ -178,6 +185,10 @@ class System:
         handle = np.flatnonzero(np.isfinite(stiffness))
         handle = handle[np.argsort(self.place[index[handle]])]
         self.springs = Springs(handle, index[handle], self.place[index[handle]], stiffness[handle])
+        self.inertia: np.ndarray | None = None
+        if self._inertia:
+            self.inertia = (self._inertia * self.mesh.vertex_areas / self.mesh.area)[self.vertex]
+            self.inertia[self.fixed] = 0.0
 
     def _bind(self) -> None:
         """Make the bending energy; assemble the matrix, unless V-cycles take its place."""
@@ -201,6 +212,8 @@ class System:
             self.matrix = csr_array(self.matrix + self.springs.matrix(self.mesh.n))
         if self.struts:
             self.matrix = csr_array(self.matrix + self.struts.matrix(self.mesh.n))
+        if self.inertia is not None:
+            self.matrix = csr_array(self.matrix + diags_array(self.inertia[self.place]))
         if self._length:
             self.matrix = csr_array(self.matrix + bending_matrix(laplacian, stiffness))
 
@@ -241,13 +254,15 @@ class System:
         return ConstrainedSurface(self.mesh, self.place, self.elements.corners if self.corners == 3 else None)
 
     def metric(self, weight: np.ndarray | None = None) -> csr_array:
-        """Assemble the matrix of a V-cycle: Laplacian with weights (m,) of triangles, bending and pulls."""
+        """Assemble the matrix of a V-cycle: Laplacian with weights (m,) of triangles, and all other terms."""
         pattern = pattern_in_order(self.mesh, self.vertex, self.place)
         L = weighted_laplacian(*pattern, self.elements.corners, self.elements.H, weight)
         if len(self.springs.place):
             diagonal = L.diagonal()
             diagonal[self.springs.place] += self.springs.stiffness
             L.setdiag(diagonal)
+        if self.inertia is not None:
+            L.setdiag(L.diagonal() + self.inertia)
         if self.plate:
             L = csr_array(L + bending_matrix(self.plate.laplacian, self.plate.stiffness))
         if self.struts:
