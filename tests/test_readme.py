@@ -49,7 +49,8 @@ def test_the_numbers_of_the_readme_are_those_of_the_rows():
     for name, pose in (("speed", "an easy pose"), ("speed_hard", "a hard one")):
         times = read_csv(ROOT / "results/timing" / f"{name}.csv")
         seconds = numbers(times, "seconds.total").groupby(times["method.name"]).median()
-        first, second = (round(seconds[other] / seconds["fast"]) for other in ("elastic", "accelerated_elastic"))
+        others = "elastic", "accelerated_elastic"
+        first, second = (round(seconds[other] / seconds["fast"]) for other in others)
         told = words[words.index(pose) :]
         assert told.index(f"1/{first} ") < told.index(f"1/{second} "), pose
     rows = read_csv(ROOT / "results/rows/bodies_170k.csv")
