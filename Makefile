@@ -109,7 +109,7 @@ bench: $(READY) $(FULL)/dataset.json data/cover/dataset.json $(BASES:%=%/dataset
 scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 	$(BIN)/python -m docs.scaling --measure $(LARGEST)
 
-# docs/robustness.md has the results. COVERAGE_FILE collects the coverage of all processes in this folder.
+# COVERAGE_FILE collects the coverage of all processes in this folder.
 # The extras are needed for the coverage of baselines.
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)

@@ -1,4 +1,4 @@
-"""Make the pictures and tables of docs/measures_examples.md: ``python -m docs.measures``.
+"""Make the pictures and tables of docs/measures.md: ``python -m docs.measures``.
 
 Each example has a few shapes of one mesh. One shape is good in one measure and bad in another.
 """
@@ -19,7 +19,7 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.plotting.pictures import View, edge_error
 
 FOLDER = Path(__file__).parent
-PAGE = FOLDER / "measures_examples.md"
+PAGE = FOLDER / "measures.md"
 
 
 class Example(NamedTuple):

@@ -41,8 +41,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def _is_in_docs(target: str) -> bool:
-    """Whether mkdocs adds a file by itself. The configuration excludes the scripts of ``docs``."""
-    return target.startswith("docs/") and not target.endswith(".py")
+    """Whether mkdocs adds a file by itself. The configuration excludes scripts and the lab notebook."""
+    return target.startswith("docs/") and not target.endswith((".py", "/notebook.md"))
 
 
 def _target(uri: str, link: str) -> str | None:

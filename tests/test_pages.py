@@ -154,7 +154,7 @@ def test_names_on_the_code_page_are_in_their_files():
     ("names", "pages"),
     [
         ([f"beyond_{name}" for name in beyond.EXAMPLES], ["beyond_fast.md"]),
-        ([f"measures_{name}" for name in measures.EXAMPLES], ["measures_examples.md"]),
+        ([f"measures_{name}" for name in measures.EXAMPLES], ["measures.md"]),
         ([f"artefacts_{name}" for name in artefacts.EXAMPLES], ["artefacts.md", "beyond_fine.md"]),
         (["blender"], ["blender.md"]),
     ],

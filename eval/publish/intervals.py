@@ -2,8 +2,7 @@
 
 Cases of one subject resemble each other, and so do cases in one pose. A resample therefore draws subjects
 and, independently of them, poses, both with replacement. A case counts as often as its subject was drawn,
-times how often its pose was drawn (Owen 2007, the pigeonhole bootstrap). docs/measures.md measures how often
-the intervals cover the true mean.
+times how often its pose was drawn (Owen 2007, the pigeonhole bootstrap). docs/measures.md has the formula.
 """
 
 from __future__ import annotations
