@@ -1,8 +1,8 @@
-"""Make the pictures and tables of docs/artefacts.md and one of docs/beyond_fine.md.
+"""Make the pictures of artefacts in docs/limits.md, and the picture and table of docs/beyond_fine.md.
 
 ``python -m docs.artefacts [NAME ...]`` makes the named ones, by default all.
 
-The bodies are subject 0 of ``data/defaust_20k``, which ``make tables`` builds. Times are printed only.
+The bodies are subject 0 of ``data/defaust_20k``, which ``make tables`` builds.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.core.console import say
 from sshade.plotting.pictures import View
 
-PAGE, BODIES = Path(__file__).with_suffix(".md"), Path(__file__).parents[1] / "data" / "defaust_20k"
+PAGE, BODIES = Path(__file__).with_name("beyond_fine.md"), Path(__file__).parents[1] / "data" / "defaust_20k"
 MEASURES = "bend_tail", "spike", "distortion_99", "edge", "volume", "self_intersections", "truth_distance"
 COLUMN = {column.source.removeprefix("metric."): column for column in COLUMNS}
 Vector = tuple[float, float, float]
 
 
 class Example(NamedTuple):
-    """Tasks with methods and their options, and a view of the rest shape and of the methods with a star.
+    """Tasks with methods and their options, and a view of the rest shape and of the results.
 
     The vertices `shown` (n,) fill the picture; faces with `hidden` vertices (n,) are left out. Colours show
     the largest bend at a vertex, up to `top` degrees; at 0, they show the faces that intersect others.
@@ -62,18 +62,15 @@ def waist() -> Example:
     """A sitting body, of which the picture shows one half."""
     few, places = body(9, "7 groups"), [(0, 0.95, -0.15), (0, 1.3, 0.2), (0.13, 0.5, 0.1), (-0.13, 0.5, 0.1)]
     more, (x, y, _) = body(9, "11 groups", *places), few.mesh.V.T
-    first = "*Elastic; *fast; *fine; fast strain_limit=0.25; fast thickness=1; fine detail=0.75"
-    then = "Elastic; *fast; fine; fast bending=0.006; fast strain_limit=0.25; *fast thickness=1"
-    runs = [(few, first), (more, f"{then}; fine thickness=1; *truth")]
-    shown = (y > 0.4) & (abs(x + 0.12) < 0.12)
-    return Example(runs, (1, 0.05, 0.15), 30, shown, x > 0)
+    runs = [(few, "Elastic; fast; fine"), (more, "fast; fast thickness=1; truth")]
+    return Example(runs, (1, 0.05, 0.15), 30, (y > 0.4) & (abs(x + 0.12) < 0.12), x > 0)
 
 
 def detail() -> Example:
     """A sitting body for several values of the option `detail`, of which the picture shows one half."""
     sitting = body(9, "sitting")
-    fine = [f"*fine detail={value:g}" for value in np.linspace(1, 0, 5)]
-    methods = "; ".join(["*Elastic", *fine, "*fast", "*truth"])
+    fine = [f"fine detail={value:g}" for value in np.linspace(1, 0, 5)]
+    methods = "; ".join(["Elastic", *fine, "fast", "truth"])
     x, y, _ = sitting.mesh.V.T
     return Example([(sitting, methods)], (1, 0.05, 0.15), 30, (y > 0.1) & (abs(x + 0.12) < 0.12), x > 0)
 
@@ -81,15 +78,14 @@ def detail() -> Example:
 def face() -> Example:
     """A head with one fixed vertex at the nose."""
     one, many = body(1, "1 vertex", handles="points"), body(1, "30 vertices")
-    alone = "*Elastic; *fast; *fine; fast bending=0.003; *fine bending=0.003; fine strain_limit=0.1"
-    together = "Elastic; fast; *fine; fine bending=0.003; *fine attachment=0.1"
-    regions, (x, y, _) = body(1, "regions", handles="regions"), one.mesh.V.T
-    runs = [(one, alone), (many, together), (regions, "fast; fine")]
+    runs = [(one, "Elastic; fast; fine; fine bending=0.003"), (many, "fine; fine attachment=0.1")]
+    x, y, _ = one.mesh.V.T
     return Example(runs, (0.6, 0.1, 1), 25, (y > 1.45) & (abs(x) < 0.15), y < 0)
 
 
-def twisted(name: str, *, length: float = 4, degrees: float = 135) -> DeformationTask:
+def twisted(name: str, *, degrees: float = 135) -> DeformationTask:
     """Return a bar of side 1 along the y axis with its ends as handle regions; the upper end turns."""
+    length = 4.0
     V, F = bar(10000, length=length)
     index = np.flatnonzero(abs(V[:, 2] - length / 2) >= length / 2 - 0.5)
     V, truth = (W[:, [1, 2, 0]] for W in (V, Twist(0.5, length - 0.5, degrees)(V)))
@@ -100,38 +96,35 @@ def twisted(name: str, *, length: float = 4, degrees: float = 135) -> Deformatio
 
 def twist() -> Example:
     """A twisted bar."""
-    long, short, far = twisted("135°"), twisted("135°, half as long", length=2), twisted("200°", degrees=200)
-    first = "*Elastic; *fast; *fine; fast volume=0; fast bending=0.01; fine strain_limit=0.1"
-    runs = [(long, f"{first}; *fast thickness=1; *fine thickness=1; *truth")]
-    runs += [(short, "fast thickness=1; fine thickness=1"), (far, "fine thickness=1")]
-    every = np.ones(long.mesh.n, dtype=bool)
-    return Example(runs, (1, 0.5, 1), 90, every, ~every)
+    task = twisted("135°")
+    methods, every = (
+        "Elastic; fast; fine; fast thickness=1; fine thickness=1; truth",
+        np.ones(task.mesh.n, bool),
+    )
+    return Example([(task, methods)], (1, 0.5, 1), 90, every, ~every)
 
 
 def arms() -> Example:
     """Hands that meet in front of the chest."""
     few, more = body(7, "7 groups"), body(7, "9 groups", (0.36, 1.22, -0.02), (-0.36, 1.22, -0.02))
-    first = "*Elastic; *fast; *fine; fast attachment=0; fast strain_limit=0.25; *fast thickness=1"
-    runs = [(few, f"{first}; fine thickness=1"), (more, "*fast; fine"), (few, "*truth")]
+    runs = [(few, "Elastic; fast; fine; fast thickness=1"), (more, "fast"), (few, "truth")]
     x, y, _ = few.mesh.V.T
     return Example(runs, (0.3, 0.4, 1), 0, (y > 0.95) & (abs(x) < 0.3), y < 0)
 
 
-#: Examples by the names of their pictures and blocks.
+#: Examples by the names of their pictures.
 EXAMPLES = {f.__name__: f for f in (waist, face, twist, arms, detail)}
-#: Pages of examples that are not in docs/artefacts.md.
-PAGES = {"detail": PAGE.with_name("beyond_fine.md")}
 
 
 def solve(task: DeformationTask, method: str) -> tuple[Deformed, list[str]]:
     """Return the result of a method and its row of the table, and print the time."""
-    begin, (name, *options) = perf_counter(), method.strip(" *").split()
+    begin, (name, *options) = perf_counter(), method.split()
     values = {key: float(value) for key, value in (option.split("=") for option in options)}
     if name == "Elastic":
         V = accelerated_elastic(task, start="rigid").vertices
     else:
         V = task.truth if name == "truth" else deform(task, method=name, **values).vertices
-    title, seconds, found = f"{method.strip(' *')}, {task.name}", perf_counter() - begin, measure(task, V)
+    title, seconds, found = f"{method.strip()}, {task.name}", perf_counter() - begin, measure(task, V)
     say(f"{title}: {seconds:.1f} s")
     return Deformed(task, V), [title, *(COLUMN[name].text(found[name]) for name in MEASURES)]
 
@@ -163,17 +156,16 @@ def draw(example: Example, shapes: list[Deformed]) -> np.ndarray:
 
 
 def make(name: str) -> None:
-    """Write the table and the picture of an example."""
+    """Write the picture of an example, and the table of the option `detail`."""
     from PIL import Image
 
     example = EXAMPLES[name]()
     runs = [(task, method) for task, methods in example.runs for method in methods.split(";")]
     results, rows = zip(*(solve(*run) for run in runs), strict=True)
-    head = ["run", *(COLUMN[measure].label for measure in MEASURES)]
-    fill(PAGES.get(name, PAGE), {name: markdown(head, rows)})
-    drawn = [result for result, (_, method) in zip(results, runs, strict=True) if "*" in method]
+    if name == "detail":
+        fill(PAGE, {name: markdown(["run", *(COLUMN[measure].label for measure in MEASURES)], rows)})
     rest = Deformed(runs[0][0], runs[0][0].mesh.V)
-    image = Image.fromarray(draw(example, [rest, *drawn])).quantize(128)
+    image = Image.fromarray(draw(example, [rest, *results])).quantize(128)
     image.save(PAGE.parent / "figures" / f"artefacts_{name}.png", optimize=True)
 
 

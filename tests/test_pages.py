@@ -155,7 +155,7 @@ def test_names_on_the_code_page_are_in_their_files():
     [
         ([f"beyond_{name}" for name in beyond.EXAMPLES], ["beyond_fast.md"]),
         ([f"measures_{name}" for name in measures.EXAMPLES], ["measures.md"]),
-        ([f"artefacts_{name}" for name in artefacts.EXAMPLES], ["artefacts.md", "beyond_fine.md"]),
+        ([f"artefacts_{name}" for name in artefacts.EXAMPLES], ["limits.md", "beyond_fine.md"]),
         (["blender"], ["blender.md"]),
     ],
 )
