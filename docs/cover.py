@@ -45,7 +45,9 @@ COLOURS, INCHES, PIXELS = "OrRd", 12.0, 286
 
 def captions(case: Case) -> dict[str, str]:
     """Return the texts below the panels."""
-    below = {"rest": f"{case.task.mesh.n:,} vertices\nblue handles stay,\nyellow handles move"}
+    assert isinstance(case.task, DeformationTask)
+    stay = "" if case.task.handles.dynamic.all() else "blue handles stay,\n"
+    below = {"rest": f"{case.task.mesh.n:,} vertices\n{stay}yellow handles move"}
     for name, row in case.rows.items():
         below[name] = "\n".join(form.format(row[column]) for column, form in CAPTIONS.items())
     return below
@@ -79,7 +81,7 @@ def draw(case: Case) -> Figure:
     views = panel_views(shapes)
     widths = [view.size[0] for view in views.values()]
     scale = INCHES / sum(widths)
-    figure = new_figure(INCHES + 0.5, scale * views["rest"].size[1] + 1.5)
+    figure = new_figure(INCHES + 0.5, scale * views["rest"].size[1] + 2.0)
     axes = figure.subplots(1, len(shapes), width_ratios=widths)
     below, place = captions(case), {"ha": "center", "va": "top", "fontsize": 12, "linespacing": 1.4}
     for panel, (name, view) in zip(axes, views.items(), strict=True):
