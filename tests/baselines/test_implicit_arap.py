@@ -100,7 +100,9 @@ def of_the_paper(P, triangles, R, images):
 
 
 @pytest.mark.parametrize(
-    ("weights", "literal"), [("authors", of_the_authors), ("cotangents", of_the_paper)], ids=lambda w: str(w)
+    ("weights", "literal"),
+    [("authors", of_the_authors), ("cotangents", of_the_paper)],
+    ids=["authors", "cotangents"],
 )
 def test_the_energy_of_a_patch_is_that_of_the_loops(weights, literal):
     P, triangles = planar_patch()
