@@ -14,7 +14,6 @@ from eval.publish.figures import read_cases, read_picture
 from eval.publish.plotting import new_figure, save, style
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
-from eval.rows.splits import HELD_OUT, TUNING, split_of
 from eval.rows.store import read_row, run_folders
 from sshade.core.errors import InputError
 
@@ -58,7 +57,6 @@ def test_what_the_configuration_says_of_pictures_names_published_runs():
             rows = read_csv(path)
             assert set(picture["tasks"]) <= set(rows["task.name"])
             assert set(picture["methods"]) <= set(rows["method.name"])
-        assert {split_of(case) for case in picture["tasks"]} <= {HELD_OUT, TUNING}
     assert read_picture("nothing") == {}
 
 
