@@ -43,5 +43,5 @@ def test_an_iterate_that_is_not_finite_ends_the_loop():
     def diverge(u, out):
         out[:] = np.nan
 
-    with pytest.raises(FloatingPointError, match="not finite after 1 iterations"):
+    with pytest.raises(FloatingPointError, match="not finite after 1 iteration"):
         iterated(diverge, np.ones((1, 3)))

@@ -40,13 +40,13 @@ def reachable():
         if id(thing) not in seen:
             seen[id(thing)] = thing
             todo.extend(gc.get_referents(thing))
-            if isinstance(thing, np.ndarray) and thing.base is not None:
+            if issubclass(type(thing), np.ndarray) and thing.base is not None:
                 todo.append(thing.base)
     return seen.values()
 
 
 def peeking(task, *, seed, progress):
-    arrays = [x for x in reachable() if isinstance(x, np.ndarray) and x.ndim == 2 and x.shape[1] == 3]
+    arrays = [x for x in reachable() if issubclass(type(x), np.ndarray) and x.ndim == 2 and x.shape[1] == 3]
     found = {digest(np.asarray(x, dtype=float).tobytes()) for x in arrays if x.dtype.kind == "f"}
     shown = {"truth": task.truth, "name": task.name, "meta": dict(task.meta), "found": sorted(found)}
     with open(f"shown_{seed}.json", "w") as file:

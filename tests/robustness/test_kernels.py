@@ -139,6 +139,15 @@ def _factorised_in_halves() -> np.ndarray:
 
 
 COARSE = partial(local_global, **FEW)
+
+
+def _with_many_groups() -> DeformationTask:
+    """Return a task of twelve groups, of which one moves."""
+    index = np.linspace(0, BODY.n - 1, 12).astype(np.int64)
+    target = BODY.V[index] + np.array([0.2, 0, 0]) * (index == index[-1])[:, None]
+    return DeformationTask("groups", BODY, Handles(index, target, group=np.arange(12)))
+
+
 WORK: dict[str, Callable[[], np.ndarray]] = {
     "the paper's": _of_method(partial(deform, method="paper", vertices=50, samplings=1, coarse=COARSE)),
     "fast": _of_method(partial(deform, method="fast", vertices=50, **FEW)),
@@ -148,6 +157,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "arap sr": _of_method(partial(arap_sr, **FEW)),
     "accelerated arap sr": _of_method(partial(arap_sr, accelerate=True, **FEW)),
     "bending": _of_method(partial(local_global, bending=0.1, stiffness=0.1, **FEW)),
+    "inertia": lambda: deform(_with_many_groups(), vertices=50, inertia=0.2, **FEW).vertices,
     "deformation graph": _of_method(partial(deformation_graph, nodes=40, **FEW)),
     "affine frames": partial(_bound, "affine"),
     "blended frames": partial(_bound, "blended"),

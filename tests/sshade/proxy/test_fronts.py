@@ -70,7 +70,7 @@ def test_another_component_is_farthest_of_all():
         (9, [-1], r"0\.\.19"),
         (9, [3, 5, 3], "repeat a vertex"),
         (21, [0], "21 samples were asked for, but the mesh has only 20"),
-        (2, [0, 1, 2], "2 samples cannot hold the 3 given first ones"),
+        (2, [0, 1, 2], "2 samples cannot hold 3 given first ones"),
     ],
 )
 def test_unusable_samples_are_refused(count, first, words):
