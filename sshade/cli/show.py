@@ -30,11 +30,10 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
+from sshade.plotting.pictures import COLOUR_LABELS, TOWARDS, UP, draw
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
-#: What colours can show.
-COLOURS = ("stretch", "distance")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = f"page or picture to write ({', '.join(PAGES + PICTURES)}); by default a page opens in the browser"
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help=text)
     text = "colour the shapes after the first by the change of edge length, or by the distance from the first"
-    parser.add_argument("--colour", choices=COLOURS, help=text)
+    parser.add_argument("--colour", choices=COLOUR_LABELS, help=text)
     for name, default, text in (
-        ("towards", (0.5, 0.25, 1.0), "direction to the camera"),
-        ("up", (0.0, 1.0, 0.0), "upward direction"),
+        ("towards", TOWARDS, "direction to the camera"),
+        ("up", UP, "upward direction"),
     ):
         about: dict[str, Any] = {"default": default, "metavar": ("X", "Y", "Z")}
         about["help"] = f"{text} (default: {' '.join(f'{x:g}' for x in default)})"
@@ -60,18 +59,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Show the shapes, or write the page or picture; return the exit code."""
     check_outputs(options, output=PAGES + PICTURES)
-    meshes, handle_files = _sorted(options.files)
+    meshes, pose = _sorted(options.files)
     for path in meshes:
         check_mesh(path)
-    given = [read_handle_file(*pose) for pose in pose_files(handle_files)]
+    given = read_handle_file(*pose) if pose else None
     from sshade.files.door import on_shape
 
     options.mesh = meshes[0]
     _, shape = open_mesh(options)
-    handles = None
-    for file in given:
-        with naming(handle_files[0]):
-            handles = on_shape(file, shape)
+    with naming(pose[0] if pose else None):
+        handles = None if given is None else on_shape(given, shape)
     poses = {}
     for path in meshes[1:]:
         V = corresponding(read(path), path, shape, options.mesh)
@@ -94,22 +91,21 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def _sorted(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the files of meshes, and the handle file or the two landmark files, if there are any."""
+def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:
+    """Return the files of meshes, and the handle file or the two landmark files; () if there are none."""
     meshes = [path for path in files if path.suffix.lower() in READABLE]
     others = [path for path in files if path.suffix.lower() not in READABLE]
     if not meshes:
         raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
-    if len(pose_files(others)) > 1:
+    poses = pose_files(others)
+    if len(poses) > 1:
         raise InputError(f"{others[0]} and {others[1]} are no meshes; show takes one handle file")
-    return meshes, others
+    return meshes, poses[0] if poses else ()
 
 
 def _write_picture(
     path: Path, mesh: Any, handles: Any, poses: dict[str, np.ndarray], look: dict[str, Any]
 ) -> None:
-    from sshade.plotting.pictures import draw
-
     plotter = draw(mesh, handles, list(poses.values()), **look)
     from PIL import Image  # after pyvista, which brings it
 
