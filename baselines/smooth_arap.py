@@ -19,8 +19,8 @@ The implementation follows the formulas of the paper and uses no code of the aut
 change of 1e-4, relative to the Frobenius norm of the rest positions. They take l = 0.99, 0.995 or a number
 that the user types; 0.97 is our choice.
 
-Proof: the authors' program, built unchanged. Its results on a bent box and on a pulled ellipsoid, converged
-and at its own stop, are the results of this function (tests/baselines/test_smooth_arap.py).
+Proof: the authors' program, built unchanged. On a bent box and on a pulled ellipsoid, this function has the
+results of that program, converged and at its own stop (tests/baselines/test_smooth_arap.py).
 
 A. Oehri, P. Herholz, O. Sorkine-Hornung, "Higher order continuity for smooth as-rigid-as-possible shape
 modeling", 2025.
