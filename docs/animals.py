@@ -1,4 +1,4 @@
-"""Draw the animals at rest and in their poses for experiments.md: ``python -m docs.animals``."""
+"""Draw the animals at rest and in their poses for tracks.md: ``python -m docs.animals``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make the pictures of artefacts in docs/limits.md, and the picture and table of docs/beyond_fine.md.
+"""Make the pictures of artefacts in docs/limits.md, and the picture of the option `detail` in docs/beyond.md.
 
 ``python -m docs.artefacts [NAME ...]`` makes the named ones, by default all.
 
@@ -19,17 +19,14 @@ from baselines.accelerated import accelerated_elastic
 from defaust.sources.generated.lattices import bar
 from defaust.sources.generated.motions import Twist
 from defaust.tasks import load_task
-from docs.blocks import fill, markdown
-from eval.metrics import Deformed, measure
-from eval.publish.columns import COLUMNS
+from eval.metrics import Deformed
 from eval.publish.plotting import picture
 from sshade import DeformationTask, Handles, Mesh, deform
 from sshade.core.console import say
 from sshade.plotting.pictures import View
 
-PAGE, BODIES = Path(__file__).with_name("beyond_fine.md"), Path(__file__).parents[1] / "data" / "defaust_20k"
-MEASURES = "bend_tail", "spike", "distortion_99", "edge", "volume", "self_intersections", "truth_distance"
-COLUMN = {column.source.removeprefix("metric."): column for column in COLUMNS}
+FIGURES = Path(__file__).with_name("figures")
+BODIES = Path(__file__).parents[1] / "data" / "defaust_20k"
 Vector = tuple[float, float, float]
 
 
@@ -116,17 +113,16 @@ def arms() -> Example:
 EXAMPLES = {f.__name__: f for f in (waist, face, twist, arms, detail)}
 
 
-def solve(task: DeformationTask, method: str) -> tuple[Deformed, list[str]]:
-    """Return the result of a method and its row of the table, and print the time."""
+def solve(task: DeformationTask, method: str) -> Deformed:
+    """Return the result of a method, and print the time."""
     begin, (name, *options) = perf_counter(), method.split()
     values = {key: float(value) for key, value in (option.split("=") for option in options)}
     if name == "Elastic":
         V = accelerated_elastic(task, start="rigid").vertices
     else:
         V = task.truth if name == "truth" else deform(task, method=name, **values).vertices
-    title, seconds, found = f"{method.strip()}, {task.name}", perf_counter() - begin, measure(task, V)
-    say(f"{title}: {seconds:.1f} s")
-    return Deformed(task, V), [title, *(COLUMN[name].text(found[name]) for name in MEASURES)]
+    say(f"{method.strip()}, {task.name}: {perf_counter() - begin:.1f} s")
+    return Deformed(task, V)
 
 
 def colours(result: Deformed, top: float) -> np.ndarray:
@@ -156,17 +152,15 @@ def draw(example: Example, shapes: list[Deformed]) -> np.ndarray:
 
 
 def make(name: str) -> None:
-    """Write the picture of an example, and the table of the option `detail`."""
+    """Write the picture of an example."""
     from PIL import Image
 
     example = EXAMPLES[name]()
     runs = [(task, method) for task, methods in example.runs for method in methods.split(";")]
-    results, rows = zip(*(solve(*run) for run in runs), strict=True)
-    if name == "detail":
-        fill(PAGE, {name: markdown(["run", *(COLUMN[measure].label for measure in MEASURES)], rows)})
+    results = [solve(*run) for run in runs]
     rest = Deformed(runs[0][0], runs[0][0].mesh.V)
     image = Image.fromarray(draw(example, [rest, *results])).quantize(128)
-    image.save(PAGE.parent / "figures" / f"artefacts_{name}.png", optimize=True)
+    image.save(FIGURES / f"artefacts_{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/beyond_fast.md: ``python -m docs.beyond [NAME ...]``; the default is all.
+"""Draw the pictures of docs/beyond.md: ``python -m docs.beyond [NAME ...]``; the default is all.
 
 The pictures need the bodies that ``defaust build source=synthetic out=data/defaust`` builds. Each picture
 shows a body without one change of `fast`, and with it.

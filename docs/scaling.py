@@ -138,17 +138,6 @@ def models(rows: pd.DataFrame) -> dict[str, tuple[dict[str, float], float]]:
     }
 
 
-def table_of_rows(rows: pd.DataFrame) -> str:
-    """Return the table of runs."""
-    count, short = "{:,.0f}".format, "{:.3g}".format
-    columns = {name: rows[name].map(count) for name in ("vertices", "samples", "handles", "threads")}
-    columns |= {"seconds": rows["seconds"].map(short), "CPU s": rows["cpu"].map(short)}
-    columns |= {stage: rows[stage].map(short) for stage in STAGES}
-    columns["peak (MiB)"] = rows["peak_mib"].map(count)
-    columns["bytes a vertex"] = (rows["peak_mib"] * 2**20 / rows["vertices"]).map("{:.0f}".format)
-    return f"{markdown(list(columns), zip(*columns.values(), strict=True))}\n\n{circumstances(rows)}"
-
-
 def table_of_models(rows: pd.DataFrame) -> str:
     """Return the table of fits, with a prediction for a hundred million vertices."""
     head = ["", "constant", "a million vertices", "a thousand samples", "a thousand handles", "largest error"]
@@ -156,7 +145,7 @@ def table_of_models(rows: pd.DataFrame) -> str:
     for name, (found, error) in models(rows).items():
         hundred = found["constant"] + 100 * found["vertices"] + 12 * found["samples"] + 0.2 * found["handles"]
         lines.append([name, *(f"{value:.3g}" for value in found.values()), f"{error:.0%}", f"{hundred:,.0f}"])
-    return markdown([*head, "100 million vertices"], lines)
+    return f"{markdown([*head, '100 million vertices'], lines)}\n\n{circumstances(rows)}"
 
 
 def table_of_memory(rows: pd.DataFrame) -> str:
@@ -178,8 +167,7 @@ def table_of_memory(rows: pd.DataFrame) -> str:
 
 def tables(rows: pd.DataFrame) -> dict[str, str]:
     """Return the tables of the page by the names of their blocks."""
-    makers = {"runs": table_of_rows, "models": table_of_models, "memory": table_of_memory}
-    return {name: make(rows) for name, make in makers.items()}
+    return {"models": table_of_models(rows), "memory": table_of_memory(rows)}
 
 
 if __name__ == "__main__":

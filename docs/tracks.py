@@ -83,27 +83,23 @@ def row_of(task: DeformationTask, measured: dict[str, Any]) -> dict[str, Any]:
 def tables() -> dict[str, str]:
     """Return the tables of the page by the names of their blocks, from tracks.csv."""
     rows = pd.read_csv(ROWS)
-    rows["noise"] = rows["task"].str.extract(r"noisy_(\w+)/")[0]
-    found = {}
-    for block, column in (("noise", "noise"), ("poses", "pose")):
-        lines = []
-        for value, own in rows.groupby(column, sort=block == "noise"):
-            farther = int((own["fast"] > own["paper"]).sum())
-            lines.append(
-                {
-                    column: str(value),
-                    "cases": f"{len(own)}",
-                    "hands turned (°)": f"{own['hands_turned'].mean():.1f}",
-                    "fits off (°)": f"{own['off_mean'].mean():.1f} (to {own['off_max'].max():.1f})",
-                    "residual (%)": f"{own['residual_mean'].mean():.1f} (to {own['residual_max'].max():.1f})",
-                    "truth, `paper` (%)": f"{own['paper'].mean():.2f}",
-                    "truth, `fast` (%)": f"{own['fast'].mean():.2f}",
-                    "without attachment (%)": f"{own['fast_unattached'].mean():.2f}",
-                    "`fast` farther": f"{farther}/{len(own)}",
-                }
-            )
-        found[block] = markdown(list(lines[0]), [list(line.values()) for line in lines])
-    return found
+    lines = []
+    for pose, own in rows.groupby("pose", sort=False):
+        farther = int((own["fast"] > own["paper"]).sum())
+        lines.append(
+            {
+                "pose": str(pose),
+                "cases": f"{len(own)}",
+                "hands turned (°)": f"{own['hands_turned'].mean():.1f}",
+                "fits off (°)": f"{own['off_mean'].mean():.1f} (to {own['off_max'].max():.1f})",
+                "residual (%)": f"{own['residual_mean'].mean():.1f} (to {own['residual_max'].max():.1f})",
+                "truth, `paper` (%)": f"{own['paper'].mean():.2f}",
+                "truth, `fast` (%)": f"{own['fast'].mean():.2f}",
+                "without attachment (%)": f"{own['fast_unattached'].mean():.2f}",
+                "`fast` farther": f"{farther}/{len(own)}",
+            }
+        )
+    return {"poses": markdown(list(lines[0]), [list(line.values()) for line in lines])}
 
 
 def picture(path: Path, source: OneTemplate, subjects: tuple[int, int]) -> None:

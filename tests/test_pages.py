@@ -153,9 +153,11 @@ def test_names_on_the_code_page_are_in_their_files():
 @pytest.mark.parametrize(
     ("names", "pages"),
     [
-        ([f"beyond_{name}" for name in beyond.EXAMPLES], ["beyond_fast.md"]),
+        (
+            [f"{script.__name__[5:]}_{name}" for script in (beyond, artefacts) for name in script.EXAMPLES],
+            ["limits.md", "beyond.md"],
+        ),
         ([f"measures_{name}" for name in measures.EXAMPLES], ["measures.md"]),
-        ([f"artefacts_{name}" for name in artefacts.EXAMPLES], ["limits.md", "beyond_fine.md"]),
         (["blender"], ["blender.md"]),
     ],
 )

@@ -1,4 +1,4 @@
-"""README.md and docs/start.md run word for word, and docs/experiments.md lists every experiment."""
+"""README.md and docs/start.md run word for word, and docs/tracks.md lists every experiment."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from eval.rows.splits import HELD_OUT, read_splits, split_of
 ROOT = Path(__file__).parents[1]
 README, START, LIST, MAKEFILE, PROJECT = (
     (ROOT / name).read_text(encoding="utf-8")
-    for name in ("README.md", "docs/start.md", "docs/experiments.md", "Makefile", "pyproject.toml")
+    for name in ("README.md", "docs/start.md", "docs/tracks.md", "Makefile", "pyproject.toml")
 )
 PAGES = (README, START)
 EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}
