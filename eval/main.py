@@ -19,7 +19,7 @@ COMMANDS = {
     "collect": ("eval.rows.collect", "gather the rows of finished runs into one CSV per experiment"),
     "tables": ("eval.publish.tables", "write tables from rows: CSV, Markdown and LaTeX"),
     "figures": ("eval.publish.figures", "draw time against truth, and results side by side"),
-    "report": ("eval.publish.report.page", "write one HTML page with tables, charts and a 3D view"),
+    "report": ("eval.publish.report", "write one HTML page with tables, charts and a 3D view"),
     "bench": ("eval.bench.bench", "time methods in turns, on a machine without other load"),
     "check": ("eval.check", "compare every method with golden values, and its time with libigl's"),
 }

@@ -18,6 +18,8 @@ REFERENCES = {
 REACHED = 0.1
 #: Column of the mean distance to the true pose.
 TRUTH = "metric.truth_distance"
+#: Column of the time of a method.
+TIME = "seconds.total"
 #: Column that :func:`with_success` adds.
 SUCCESS = "success"
 #: Definitions of columns that are no metrics.
@@ -100,6 +102,17 @@ COLUMNS = (
     Column("detail", "deg", "metric.detail", 2, further=True),
     Column("spike", "deg", "metric.spike", 1, further=True),
     Column("success", "%", SUCCESS, 1, ranked=False, further=True),
+)
+
+#: Columns of a table for a first look.
+HEADLINE = (
+    *(
+        column
+        for source in ("metric.volume", TRUTH, "metric.edge")
+        for column in COLUMNS
+        if column.source == source
+    ),
+    Column("time", "s", TIME, 2),
 )
 
 #: Columns of pose transfers with ground truth. They rank nobody, because the input has the pose.

@@ -2,41 +2,130 @@
 
 The chart ``out/figures/<experiment>_time.svg`` shows the time of each method against its distance to the true
 pose. The picture ``out/figures/<experiment>.png`` shows shapes, if there are run folders: a row of panels for
-each case, with the rest shape and its handles (blue: fixed, yellow: moved), then the result of each method,
-coloured by the change of edge lengths at a vertex. A run that failed shows its reason. Pose transfers have a
-second row with the place of the largest error. ``conf/pictures.yaml`` holds the cases, methods and camera of
-some experiments; options override it.
+each case, as :mod:`eval.publish.panels` describes. A run that failed shows its reason. ``conf/pictures.yaml``
+holds the cases, methods and camera of some experiments; options override it.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
-from eval.metrics import Task
 from eval.publish import panels
-from eval.publish.chart import chart_of
-from eval.publish.plotting import FIGURES, add_camera, camera, save
+from eval.publish.columns import TIME, TRUTH, reference_rows
+from eval.publish.comparison import RUN, means
+from eval.publish.panels import Case
+from eval.publish.plotting import (
+    FIGURES,
+    add_camera,
+    camera,
+    look,
+    name_points,
+    new_figure,
+    plot_points,
+    save,
+    style,
+)
 from eval.rows.collect import Experiment, collect, load_rows
 from eval.rows.files import FOLDER_HELP, TIMING, experiment_folder, has_runs, read_conf, rows_file
-from eval.rows.frame import numbers, read_csv, records
+from eval.rows.frame import distinct, method_names, numbers, read_csv, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
 from sshade.core.errors import InputError
-from sshade.plotting.pictures import colour_range
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Point = tuple[float, float]
 
 
-class Case(NamedTuple):
-    """A task with the vertices (n, 3) of each method, or the reason why there are none, and the rows."""
+def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dict[str, Point]:
+    """Return the mean time and the mean distance to the true pose of each method, over their common cases.
 
-    task: Task
-    results: dict[str, np.ndarray | str]
-    rows: dict[str, Row]
+    Parameters
+    ----------
+    rows : DataFrame
+        References are left out.
+    times : DataFrame, optional
+        Rows of ``sshade-eval bench`` on one machine. Their median times replace the times of `rows`, and
+        methods without them are left out.
+
+    Raises
+    ------
+    InputError
+        If the times come from several machines, or no method was timed with its configuration.
+    """
+    rows = valid(rows)[lambda found: ~reference_rows(found) & numbers(found, TRUTH).notna()]
+    values = pd.DataFrame({name: numbers(rows, name) for name in (TIME, TRUTH)})
+    values = means(values.set_index(pd.MultiIndex.from_frame(rows[RUN])), RUN[:2])
+    common = values[TRUTH].unstack(RUN[0]).dropna().index
+    values = means(values[values.index.get_level_values(RUN[1]).isin(common)], RUN[0])
+    if times is not None:
+        values[TIME] = _medians(rows, times)
+        values = values.dropna()
+        if values.empty:
+            raise InputError("no method was timed with the configuration of these rows")
+    order = [name for name in method_names(rows) if name in values.index] if len(values) else []
+    return {name: tuple(values.loc[name]) for name in order}
+
+
+def _medians(rows: pd.DataFrame, times: pd.DataFrame) -> pd.Series:
+    """Return the median of the kept times by method, NaN for a method without times."""
+    for column in ("task.checksum", "env.machine", "env.machine_id"):
+        if len(distinct(times, column)) > 1:
+            raise InputError(f"the times differ in {column}, so one chart cannot show them")
+    kept = times[times["kept"].eq(True)]
+    seconds = numbers(kept, TIME).groupby(kept["method.hash"]).median()
+    return rows.groupby("method.name")["method.hash"].first().map(seconds)
+
+
+@style()
+def _draw_chart(points: dict[str, Point], *, machine: str) -> Figure:
+    """Draw a point for each method; a grey line joins the methods that no other method beats."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = new_figure(3.8, 3.6)
+    axes, looks = figure.subplots(), look(points)
+    curves = {method: [point] for method, point in points.items()}
+    plot_points(axes, curves, looks)
+    axes.step(*zip(*unbeaten(points.values()), strict=True), where="post", color="#bbbbbb", zorder=0, lw=1)
+    axes.set(xscale="log", xlabel="\n".join(["time (s)", *textwrap.wrap(machine, 46)]))
+    axes.set(ylabel="distance to the true pose (% of the diagonal)")
+    axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
+    axes.grid(alpha=0.3)
+    axes.margins(x=0.15)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    name_points(axes, curves, looks)
+    return figure
+
+
+def unbeaten(points: Iterable[Point]) -> list[Point]:
+    """Return the points that no other point beats, in rising order of the first of two measures.
+
+    A point beats another point if it is smaller in one measure and not larger in the other.
+    """
+    front: list[Point] = []
+    for point in sorted(points):
+        if not front or point[1] < front[-1][1]:
+            front.append(point)
+    return front
+
+
+def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | None:
+    """Return the chart of rows, None where fewer than two methods have a distance to the true pose."""
+    points = time_and_truth(rows, times)
+    if len(points) < 2:
+        return None
+    return _draw_chart(points, machine="; ".join(distinct(rows if times is None else times, "env.machine")))
 
 
 def read_cases(
@@ -140,10 +229,9 @@ def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     cases = read_cases(folder, names=names, methods=methods, worst=options.worst)
     view = camera(options, entry)
     out = options.out or FIGURES / f"{folder.name}.png"
-    rows = [row for case in cases for row in panels.rows_of(case.task, case.results, **view)]
-    found = ((case.task, V) for case in cases for V in case.results.values() if isinstance(V, np.ndarray))
-    top = colour_range(panels.error_of(task, V) for task, V in found)
-    label = panels.error_label(cases[0].task)
-    legend = "  (handles: blue stay, yellow move)" if any(row.handles for row in rows) else ""
-    figure = panels.draw(rows, title=entry.get("title", folder.name) + legend, top=top, label=label)
-    save(figure, out, small=True)
+    rows = [row for case in cases for row in panels.rows_of(case, **view)]
+    legend = f"{panels.what_to_see(cases[0].task)} Percentages are means. Seconds are of these runs."
+    if any(panel.handles for row in rows for panel in row.panels):
+        legend += " Handles: blue fixed, yellow moved."
+    title = f"{entry.get('title', folder.name)}\n{legend}"
+    save(panels.draw(rows, title=title, label=panels.error_label(cases[0].task)), out, small=True)

@@ -1,12 +1,13 @@
-"""Rows of panels for the comparison picture: shapes, coloured by their errors on one scale.
+"""Pictures of results side by side: a row of panels for each case.
 
-A deformation has a row: the rest shape with its handles (blue: fixed, yellow: moved) and the result of each
-method. A pose transfer has two rows: the rest shape, the edited shape, the pose and each result; then a
-close-up of the place where the results are farthest from the ground truth.
+A row has the rest shape with its handles (blue: fixed, yellow: moved), the true pose if known, and the
+result of each method. Colours show the distance to the true pose, or else the change of edge lengths. A pose
+transfer has a second row, a close-up of the place where the results are farthest from the true pose.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from textwrap import fill, shorten
@@ -16,9 +17,10 @@ import numpy as np
 
 from eval.metrics import Task
 from eval.publish.plotting import new_figure, picture, style
+from eval.rows.store import Row
 from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import COLOURS, View, edge_error
+from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error
 from sshade.problem.task import Handles, TransferTask
 
 if TYPE_CHECKING:
@@ -31,92 +33,157 @@ CLOSE_UP = 0.06
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
 #: Largest number of characters of the text in an empty panel.
 REASON = 125
+#: What the subjects of a dataset are, by the beginning of the name of its source.
+SUBJECTS = {
+    "animals": "animal",
+    "shapes": "shape",
+    **dict.fromkeys(("synth", "new_b", "noisy", "faust"), "body"),
+}
 _MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
+_BESIDE = {"rotation": 90, "ha": "right", "va": "center"}
 
 
-class Panels(NamedTuple):
-    """A row of panels: shapes (n, 3) of one connectivity, with a view each and one scale.
+class Case(NamedTuple):
+    """A task with the vertices (n, 3) of each method, or the reason why there are none, and the rows."""
 
-    Shapes with an error (n,) are coloured by it. Handles are drawn on the shape named "rest". A text in place
-    of a shape is the reason why there is no shape.
-    """
+    task: Task
+    results: dict[str, np.ndarray | str]
+    rows: dict[str, Row]
 
-    label: str
-    mesh: Mesh
-    shapes: Mapping[str, np.ndarray | str]
-    errors: Mapping[str, np.ndarray]
-    views: Sequence[View]
+
+class Panel(NamedTuple):
+    """A shape (n, 3) with its view, or the reason why there is no shape; an error (n,) colours the shape."""
+
+    name: str
+    shape: np.ndarray | str
+    view: View
+    caption: str = ""
+    error: np.ndarray | None = None
     handles: Handles | None = None
+
+
+class PanelRow(NamedTuple):
+    """Panels of one mesh at one scale, with a title in words and the name of the task."""
+
+    title: str
+    name: str
+    mesh: Mesh
+    panels: list[Panel]
+
+    def scaled(self, width: float) -> PanelRow:
+        """Return the row with panels of a width, in units of the diagonal of the rest shape."""
+
+        def wider(view: View) -> View:
+            return replace(view, size=np.array([width * self.mesh.diagonal, *view.size[1:]]))
+
+        return self._replace(panels=[panel._replace(view=wider(panel.view)) for panel in self.panels])
+
+    @property
+    def nearest(self) -> str:
+        """The name of the result with the least mean error."""
+        means = {panel.name: panel.error.mean() for panel in self.panels if panel.error is not None}
+        return min(means, key=means.__getitem__, default="")
+
+    @property
+    def width(self) -> float:
+        """The width of a panel, in units of the diagonal of the rest shape."""
+        return self.panels[0].view.size[0] / self.mesh.diagonal
 
 
 def error_of(task: Task, V: np.ndarray) -> np.ndarray:
     """Return the error at each vertex, (n,), in percent.
 
-    For a pose transfer with ground truth: the distance to it, % of the diagonal. Otherwise the change of edge
-    lengths at a vertex, % of the lengths.
+    With a known true pose: the distance to it, % of the diagonal. Otherwise the mean change of edge lengths
+    at a vertex, % of the lengths.
     """
-    if not _has_truth(task):
+    if task.truth is None:
         return edge_error(task.mesh, V)
     return 100 * np.linalg.norm(V - task.truth, axis=1) / task.mesh.diagonal
 
 
 def error_label(task: Task) -> str:
     """Return the name and unit of the error of :func:`error_of`."""
-    if _has_truth(task):
-        return "distance to the ground truth (% of the diagonal)"
-    return "change of edge length at a vertex (% of each edge; EL: % of the longest)"
+    if task.truth is None:
+        return "change of edge length at a vertex (% of each edge; EL: % of the longest)"
+    return "distance to the true pose (% of the bounding-box diagonal)"
 
 
-def _has_truth(task: Task) -> bool:
-    return isinstance(task, TransferTask) and task.truth is not None
+def what_to_see(task: Task) -> str:
+    """Return a sentence on the colours for somebody who sees them for the first time."""
+    if task.truth is None:
+        return "The lighter, the less edges change their length. No true pose is known."
+    return "The lighter, the nearer to the true pose."
 
 
-def rows_of(
-    task: Task, results: Mapping[str, np.ndarray | str], *, towards: np.ndarray, up: np.ndarray
-) -> list[Panels]:
+def task_title(task: Task) -> str:
+    """Return a task in words, such as "body 1, arms up"; its name if it is of no dataset."""
+    pose = task.meta.get("source_pose")
+    if pose is None or "subject" not in task.meta:
+        return task.name
+    source = str(task.meta.get("source"))
+    subject = next((word for name, word in SUBJECTS.items() if source.startswith(name)), "subject")
+    variants = task.name.split("/")[3:]
+    words = [re.sub(r"^\d+_", "", pose), *variants]
+    return ", ".join([f"{subject} {task.meta['subject']}", *(word.replace("_", " ") for word in words)])
+
+
+def rows_of(case: Case, *, towards: np.ndarray, up: np.ndarray) -> list[PanelRow]:
     """Return the rows of a case.
 
     Parameters
     ----------
-    task : DeformationTask or TransferTask
-    results : mapping
-        Method -> shape (n, 3), or the reason why there is no shape.
+    case : Case
     towards, up : (3,) float64
         Direction from the scene to the camera, and upright direction.
     """
-    found = {name: V for name, V in results.items() if isinstance(V, np.ndarray)}
+    task = case.task
+    found = {name: V for name, V in case.results.items() if isinstance(V, np.ndarray)}
     errors = {name: error_of(task, V) for name, V in found.items()}
-    if not isinstance(task, TransferTask):
-        view = View.of([task.mesh.V, *found.values()], towards=towards, up=up)
-        shapes = {"rest": task.mesh.V, **results}
-        return [Panels(_label(task), task.mesh, shapes, errors, [view] * len(shapes), task.handles)]
-    edited = task.mesh is not task.rest
-    inputs = {"rest": task.rest.V} | ({"edited": task.mesh.V} if edited else {}) | {"pose": task.posed}
-    inputs |= {"truth": task.truth} if edited and task.truth is not None else {}
+    inputs = _inputs(task)
     shapes = inputs | found
-    views = _at_one_scale([View.of([V], towards=towards, up=up) for V in shapes.values()])
+
+    def row(
+        title: str, mesh: Mesh, ids: np.ndarray | slice, directions: Mapping[str, np.ndarray]
+    ) -> PanelRow:
+        """Return a row of a part of the mesh, seen from a direction for each shape."""
+        views = [View.of([V[ids]], towards=directions[name], up=up) for name, V in shapes.items()]
+        size = np.max([view.size for view in views], axis=0)  # a unit of length has one size
+        view_of = {name: replace(view, size=size) for name, view in zip(shapes, views, strict=True)}
+        panels = []
+        for name in (*inputs, *case.results):
+            if name not in shapes:
+                panels.append(Panel(name, str(case.results[name]), view_of["rest"]))
+                continue
+            error = errors[name][ids] if name in errors else None
+            panels.append(Panel(name, shapes[name][ids], view_of[name], error=error))
+        return PanelRow(title, task.name, mesh, panels)
+
+    whole = row(task_title(task), task.mesh, slice(None), dict.fromkeys(shapes, towards))
+    captions = {name: _caption(error, case.rows.get(name, {})) for name, error in errors.items()}
+    whole.panels[:] = [panel._replace(caption=captions.get(panel.name, "")) for panel in whole.panels]
+    if not isinstance(task, TransferTask):
+        whole.panels[0] = whole.panels[0]._replace(handles=task.handles)
+        return [whole]
     worst = int(np.argmax(sum(errors.values())))
     ids, patch = surroundings(task.rest, worst, CLOSE_UP * task.rest.diagonal)
-    close = {name: V[ids] for name, V in shapes.items()}
-    near = _at_one_scale([View.of([V], towards=_outwards(patch, V), up=up) for V in close.values()])
-    in_patch = {name: error[ids] for name, error in errors.items()}
-
-    def row(label: str, mesh: Mesh, of: Mapping[str, np.ndarray], error: Mapping[str, np.ndarray], sides):
-        """Return a row that has the texts of methods without a shape."""
-        shapes = {name: of.get(name, results.get(name, "")) for name in (*inputs, *results)}
-        side = dict(zip(of, sides, strict=True))
-        return Panels(label, mesh, shapes, error, [side.get(name, sides[0]) for name in shapes])
-
-    return [
-        row(_label(task), task.mesh, shapes, errors, views),
-        row("largest error", patch, close, in_patch, near),
-    ]
+    outwards = {name: _outwards(patch, V[ids]) for name, V in shapes.items()}
+    return [whole, row("largest error", patch, ids, outwards)]
 
 
-def _label(task: Task) -> str:
-    """Return the name of a task without its dataset, and the name of its pose."""
-    pose = task.meta.get("source_pose")
-    return f"{task.name.partition('/')[2] or task.name}\n{pose}" if pose else task.name
+def _inputs(task: Task) -> dict[str, np.ndarray]:
+    """Return the shapes that are given, and the true pose."""
+    true = {} if task.truth is None else {"true pose": task.truth}
+    if not isinstance(task, TransferTask):
+        return {"rest": task.mesh.V, **true}
+    if task.mesh is task.rest:
+        return {"rest": task.rest.V, "pose": task.posed}
+    return {"rest": task.rest.V, "edited": task.mesh.V, "pose": task.posed, **true}
+
+
+def _caption(error: np.ndarray, row: Row) -> str:
+    """Return the mean error of a result and the time of its method."""
+    seconds = row.get("seconds.total")
+    return f"{error.mean():.2g} %" + ("" if seconds is None else f", {seconds:.2g} s")
 
 
 def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Mesh]:
@@ -134,41 +201,47 @@ def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a).sum(axis=0)
 
 
-def _at_one_scale(views: list[View]) -> list[View]:
-    """Return the views with the largest extents, so that a unit of length has the same size in all."""
-    size = np.max([view.size for view in views], axis=0)
-    return [replace(view, size=size) for view in views]
+def top_of(rows: Sequence[PanelRow]) -> float:
+    """Return the upper end of the common colour scale of some rows."""
+    return colour_range(panel.error for row in rows for panel in row.panels if panel.error is not None)
 
 
 @style()
-def draw(rows: Sequence[Panels], *, title: str, top: float, label: str) -> Figure:
-    """Draw rows of panels with a colour bar, labelled `label`, from 0 to `top`."""
+def draw(rows: Sequence[PanelRow], *, title: str, label: str) -> Figure:
+    """Draw rows of panels at one scale, with one colour bar, labelled `label`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    columns = max(len(row.shapes) for row in rows)
-    heights = [row.views[0].size[1] / row.views[0].size[0] for row in rows]
+    width, top = max(row.width for row in rows), top_of(rows)
+    rows = [row.scaled(width) for row in rows]
+    columns = max(len(row.panels) for row in rows)
+    heights = [row.panels[0].view.size[1] / row.panels[0].view.size[0] for row in rows]
     inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
-    figure = new_figure(inches * columns + 0.9, inches * sum(heights) + 0.6 + 0.3 * len(rows))
+    figure = new_figure(inches * columns + 1.1, inches * sum(heights) + 0.7 + 0.3 * len(rows))
     axes = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
-    for panel in axes.flat:
-        panel.set_axis_off()
-    for row, panels in zip(rows, axes, strict=True):
-        for panel, view, (name, V) in zip(panels, row.views, row.shapes.items(), strict=False):
-            if isinstance(V, str):
-                panel.set_title(name, fontsize=8)
-                reason = shorten(V, REASON, placeholder="...")
-                panel.text(0.5, 0.5, fill(reason, 22), transform=panel.transAxes, **_MIDDLE)
-                continue
-            error = row.errors.get(name)
-            handles = row.handles if name == "rest" else None
-            panel.imshow(picture(row.mesh, V, view=view, width=PIXELS, error=error, top=top, handles=handles))
-            panel.set_title(name if error is None else f"{name}\nmean {error.mean():.2g}", fontsize=8)
-        beside = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 7}
-        panels[0].text(-0.03, 0.5, row.label, transform=panels[0].transAxes, **beside)
+    for place in axes.flat:
+        place.set_axis_off()
+    for row, places in zip(rows, axes, strict=True):
+        for place, panel in zip(places, row.panels, strict=False):
+            text = "\n".join(filter(None, (panel.name, panel.caption)))
+            place.set_title(text, fontsize=8, fontweight="bold" if panel.name == row.nearest else "normal")
+            if isinstance(panel.shape, str):
+                reason = shorten(panel.shape, REASON, placeholder="...")
+                place.text(0.5, 0.5, fill(reason, 22), transform=place.transAxes, **_MIDDLE)
+            else:
+                place.imshow(picture_of(panel, row.mesh, width=PIXELS, top=top))
+        places[0].text(-0.12, 0.5, row.title, transform=places[0].transAxes, fontsize=9, **_BESIDE)
+        if row.name != row.title:
+            places[0].text(-0.03, 0.5, row.name, transform=places[0].transAxes, fontsize=5, **_BESIDE)
     colours = ScalarMappable(Normalize(0, top), COLOURS)
     bar = figure.colorbar(colours, ax=axes, extend="max", shrink=0.6, pad=0.01)
     bar.set_label(label)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def picture_of(panel: Panel, mesh: Mesh, *, width: int, top: float) -> np.ndarray:
+    """Return the picture of a panel with a shape, (h, w, 3) uint8; its colours go from 0 to `top`."""
+    form = {"view": panel.view, "width": width, "error": panel.error, "top": top, "handles": panel.handles}
+    return picture(mesh, panel.shape, **form)

@@ -3,7 +3,7 @@
 import pytest
 from eval_rows import frame, lost, row
 
-from eval.publish.chart import chart_of, time_and_truth, unbeaten
+from eval.publish.figures import chart_of, time_and_truth, unbeaten
 from sshade.core.errors import InputError
 
 

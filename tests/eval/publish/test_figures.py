@@ -68,11 +68,12 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
     monkeypatch.setattr(figures, "save", lambda *args, **options: None)
     assert call("figures", [str(tiny_runs), "-o", str(tmp_path / "a.png")]) == 0
     (row,) = drawn["rows"]
-    assert list(row.shapes) == ["rest", "failing", "stretching"] and list(row.errors) == ["stretching"]
-    assert drawn["title"].startswith("T ") and row.views[0].axes[1].argmax() == 2
+    assert [panel.name for panel in row.panels] == ["rest", "failing", "stretching"]
+    assert drawn["title"].startswith("T\nThe lighter, the less edges") and "change of edge" in drawn["label"]
+    assert row.panels[0].view.axes[1].argmax() == 2
     assert call("figures", [str(tiny_runs), "--cases", "bumpy_10", "--up", "0", "1", "0"]) == 0
     (row,) = drawn["rows"]
-    assert row.label.startswith("bumpy_10") and row.views[0].axes[1].argmax() == 1
+    assert row.name == "bumpy_10" and row.panels[0].view.axes[1].argmax() == 1
 
 
 def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):

@@ -1,14 +1,14 @@
-"""Rows of panels: their shapes, colours and views."""
+"""Rows of panels: their shapes, colours, titles and views."""
 
 import numpy as np
 import pytest
 from eval_cases import bumpy_task
 
-from eval.publish.panels import draw, error_label, error_of, rows_of
+from eval.publish.panels import Case, draw, error_of, rows_of, task_title
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.plotting.pictures import edge_error
-from sshade.problem.task import TransferTask
+from sshade.problem.task import DeformationTask, TransferTask
 from tests.shapes import bumpy
 
 CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
@@ -21,11 +21,21 @@ def transfer(edited=True, known=True) -> TransferTask:
     return TransferTask("t", mesh, rest, posed, truth=truth if known else None)
 
 
-def assert_fits(row):
-    """Assert that all panels of a row have one scale, and that every shape fits into its panel."""
-    assert len({tuple(view.size) for view in row.views}) == 1
-    for V, view in zip(row.shapes.values(), row.views, strict=True):
-        assert (np.abs((V - view.centre) @ view.axes.T) < view.size / 2).all()
+def rows(task, **results):
+    """Return the rows of a case, and assert that each has one scale, and that every shape fits its panel."""
+    found = rows_of(Case(task, results, {"far": {"seconds.total": 1.25}}), **CAMERA)
+    for row in found:
+        assert len({tuple(panel.view.size) for panel in row.panels}) == 1
+        for panel in row.panels:
+            if isinstance(panel.shape, np.ndarray):
+                assert (
+                    np.abs((panel.shape - panel.view.centre) @ panel.view.axes.T) < panel.view.size / 2
+                ).all()
+    return found
+
+
+def names(row) -> list[str]:
+    return [panel.name for panel in row.panels]
 
 
 def test_error_is_the_distance_to_the_truth_or_else_the_change_of_edges():
@@ -33,53 +43,73 @@ def test_error_is_the_distance_to_the_truth_or_else_the_change_of_edges():
     V = known.truth + [0, 0.03, 0.04]
     np.testing.assert_allclose(error_of(known, V), 100 * 0.05 / known.mesh.diagonal)
     np.testing.assert_array_equal(error_of(unknown, V), edge_error(unknown.mesh, V))
-    assert "ground truth" in error_label(known)
-    assert error_label(unknown) == error_label(bumpy_task(level=1)) and "edge" in error_label(unknown)
 
 
-def test_a_deformation_shows_the_rest_shape_with_its_handles_and_each_result():
+def test_a_deformation_shows_the_rest_shape_the_true_pose_and_each_result():
     task = bumpy_task(level=2)
-    (row,) = rows_of(task, {"far": task.mesh.V + [0, 0, 3.0]}, **CAMERA)
-    assert list(row.shapes) == ["rest", "far"] and list(row.errors) == ["far"]
-    assert row.handles is task.handles and row.views[0].axes[1, 2] > 0.9
-    assert_fits(row)
+    true = DeformationTask(task.name, task.mesh, task.handles, truth=task.mesh.V + [0, 0, 0.1])
+    (row,) = rows(true, far=task.mesh.V + [0, 0, 3.0], lost="it ran out of time", near=true.truth)
+    assert names(row) == ["rest", "true pose", "far", "lost", "near"] and row.nearest == "near"
+    rest, _, far, lost, _ = row.panels
+    assert rest.handles is task.handles and far.handles is None and rest.view.axes[1, 2] > 0.9
+    assert lost.shape == "it ran out of time" and lost.error is None
+    assert far.caption == f"{100 * 2.9 / task.mesh.diagonal:.2g} %, 1.2 s"
+    (row,) = rows(task, far=task.mesh.V)
+    assert names(row) == ["rest", "far"]
     with pytest.raises(InputError, match="upward direction"):
-        rows_of(task, {}, towards=np.array([0.0, 0, 1]), up=np.array([0.0, 0, 1]))
+        rows_of(Case(task, {}, {}), towards=CAMERA["up"], up=CAMERA["up"])
 
 
-def test_a_method_without_a_result_has_a_panel_that_says_why():
+@pytest.mark.parametrize(
+    ("name", "source", "pose", "title"),
+    [
+        ("defaust-synthetic/subject_01/pose_2", "synthetic", "leg_lift", "body 1, leg lift"),
+        ("defaust-faust/subject_01/pose_2", "faust", "3_forearms_raised", "body 1, forearms raised"),
+        ("defaust-animals/subject_01/pose_2/regions", "animals", "sit", "animal 1, sit, regions"),
+        ("wolves/subject_01/pose_2", "wolves", "run", "subject 1, run"),
+    ],
+)
+def test_titles_say_the_task_in_words(name, source, pose, title):
     task = bumpy_task(level=1)
-    (row,) = rows_of(task, {"lost": "it ran out of time", "far": task.mesh.V + [0, 0, 3.0]}, **CAMERA)
-    case = transfer()
-    for found in (row, *rows_of(case, {"lost": "no", "far": case.posed}, **CAMERA)):
-        assert list(found.shapes)[-2:] == ["lost", "far"] and len(found.views) == len(found.shapes)
-        assert isinstance(found.shapes["lost"], str) and "lost" not in found.errors
-    figure = draw([row], title="t", top=100.0, label="error")
-    lost, far = figure.axes[1:3]
-    assert lost.get_title() == "lost" and not lost.images and far.images
-    assert [text.get_text() for text in lost.texts] == ["it ran out of time"]
+    meta = {"subject": 1, "source": source, "source_pose": pose}
+    assert task_title(DeformationTask(name, task.mesh, task.handles, meta=meta)) == title
+    assert task_title(task) == task.name
+
+
+def test_all_rows_of_a_picture_have_one_scale(monkeypatch):
+    """A diagonal of the rest shape is as long in each row, although poses differ in width."""
+    task, drawn = bumpy_task(level=1), []
+    monkeypatch.setattr(
+        "eval.publish.panels.picture_of", lambda panel, mesh, **form: drawn.append(panel) or [[0]]
+    )
+    large = DeformationTask("large", Mesh(10 * task.mesh.V, task.mesh.F), task.handles)
+    both = [*rows(task, far=task.mesh.V * [1, 4, 1], lost="no"), *rows(large, far=5 * large.mesh.V)]
+    figure = draw(both, title="t", label="error")
+    widths = [panel.view.size[0] for panel in drawn]
+    np.testing.assert_allclose(widths, widths[0] * np.array([1, 1, 10, 10]))
+    assert [text.get_text() for text in figure.axes[2].texts] == ["no"] and not figure.axes[2].images
 
 
 @pytest.mark.parametrize(
     ("edited", "known", "expected"),
     [
-        (True, True, ["rest", "edited", "pose", "truth", "m"]),
-        (True, False, ["rest", "edited", "pose", "m"]),
-        (False, True, ["rest", "pose", "m"]),
+        (True, True, ["rest", "edited", "pose", "true pose", "m", "lost"]),
+        (True, False, ["rest", "edited", "pose", "m", "lost"]),
+        (False, True, ["rest", "pose", "m", "lost"]),
     ],
 )
 def test_a_transfer_shows_what_is_given_what_is_true_and_what_was_found(edited, known, expected):
     case = transfer(edited, known)
-    whole, close = rows_of(case, {"m": case.posed}, **CAMERA)
+    whole, close = rows(case, m=case.posed, lost="no")
+    assert names(whole) == names(close) == expected
     for row in (whole, close):
-        assert list(row.shapes) == expected and list(row.errors) == ["m"]
-        assert_fits(row)
+        assert [panel.name for panel in row.panels if panel.error is not None] == ["m"]
 
 
 def test_the_close_up_shows_the_largest_error_from_outside():
     case = transfer(edited=False)
     V = case.truth.copy()
     V[17] += 0.3
-    _, close = rows_of(case, {"good": case.truth, "bad": V}, **CAMERA)
-    assert close.errors["bad"].max() == error_of(case, V)[17] > 0
-    assert (close.mesh.face_normals @ close.views[0].axes[2]).min() > 0.3
+    _, close = rows(case, good=case.truth, bad=V)
+    assert close.panels[-1].error.max() == error_of(case, V)[17] > 0
+    assert (close.mesh.face_normals @ close.panels[0].view.axes[2]).min() > 0.3

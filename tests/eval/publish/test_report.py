@@ -6,11 +6,11 @@ from html import unescape
 
 import pytest
 import yaml
-from eval_rows import frame, row
+from eval_rows import frame, lost, row
 from report_runs import METHODS, make_transfers
 
 from eval.main import call
-from eval.publish.html import configuration
+from eval.publish.report import configuration, headline
 from eval.rows.frame import read_csv, records
 from sshade.core.errors import InputError
 
@@ -55,19 +55,32 @@ def page(text):
 def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     rows = read_csv(tiny)
     numbers = rows.set_index(["method.name", "task.name"])["metric.volume"]
-    assert page.tables[2][0][:3] == ["method", "runs", "volume (%)"]
-    lines = {line[0]: line[1:] for line in page.tables[2][1:]}
+    whole = next(table for table in page.tables if table[0][:2] == ["method", "runs"])
+    lines = {line[0]: line[1:] for line in whole[1:]}
     assert lines["failing"][:2] == ["0/2", "failed"] and lines["missing"][:2] == ["0/2", "skipped"]
     assert lines["arap"][:2] == ["2", f"{numbers['arap'].astype(float).mean():.2f}"]
     assert "No ranks and no intervals: the means are over" in page.text
     assert not re.search('<b title="best">|<u title="second best">|: difference to', page.text)
-    assert "Machine: " in page.told("ul", "notes")
-    assert page.tables[3][0][:3] == ["method", "runs", "D"] and page.tables[3][0][-1] == "success (%)"
-    assert {line[0]: line[-1] for line in page.tables[3][1:]}["failing"] == "0.0"
-    assert "<h3>tiny: further measures</h3>" in page.text
-    of_case = page.tables[0]
-    assert [line[0] for line in of_case[1:]] == ["arap", "learned", "stretching"]
+    assert "Machine: " in page.told("ul", "notes") and "<h3>tiny: further measures</h3>" in page.text
+    of_case = page.tables[1]
+    assert [line[0] for line in of_case] == ["method", "arap", "learned", "stretching"]
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
+
+
+def test_the_headline_names_the_nearest_and_the_fastest_method(page):
+    def runs(method, truth, volume, seconds):
+        changes = {"metric__truth_distance": truth, "metric__volume": volume, "seconds__total": seconds}
+        return [row(method, f"t{i}", env__jobs=2, **changes) for i in range(2)]
+
+    found = headline(frame(*runs("a", 3.0, 9.0, 20.0), *runs("b<", 2.0, 0.5, 0.25), lost("c", "t0")))
+    assert found.sentence == "Nearest to the true pose: b< (2.00 %). Fastest: b< (0.25 s)."
+    assert found.labels == ["method", "volume (%)", "truth (%)", "EL (%)", "time (s)"]
+    assert found.body[0] == ["a", "9.00", "3.00", "<b>3.00</b>", "20.00"]
+    assert found.body[1][:3] == ["b&lt;", "<b>0.50</b>", "<b>2.00</b>"] and "2 at once" in found.note
+    assert headline(frame(lost("c"))) is None
+    # Without a true pose, nothing is said of it.
+    assert page.tables[0][0] == ["method", "volume (%)", "EL (%)", "time (s)"]
+    assert "Nearest" not in page.told("p", "headline") and "No true pose is known" in page.text
 
 
 def test_every_case_has_pictures(page):
@@ -134,14 +147,14 @@ def test_the_view_holds_every_shape(text):
 @pytest.fixture
 def without_charts(monkeypatch):
     """Leave out the charts, which take most of the time of a small report."""
-    monkeypatch.setattr("eval.publish.report.page.chart_of", lambda rows: None)
+    monkeypatch.setattr("eval.publish.report.chart_of", lambda rows: None)
 
 
 @pytest.mark.usefixtures("without_charts")
 def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path):
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
     with_runs = Page(text)
-    assert page.tables[:2] == with_runs.tables[:2] and page.tables[3] == with_runs.tables[3]
+    assert page.tables == with_runs.tables
     assert "rest" not in page.images and ' id="turn"' not in page.text
     assert page.told("p", "warning").count("No stored vertices of arap, learned, stretching in ") == 2
 
@@ -170,13 +183,14 @@ def test_a_system_that_cannot_draw_gets_a_report_without_pictures(
 def test_pose_transfers_are_held_against_the_truth(tmp_path):
     rows = make_transfers(tmp_path)
     page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved")))
-    assert list(page.images) == ["rest", "truth", "mirror"] and len(page.images["truth"]) == 2
-    assert "distance to the ground truth (% of the diagonal)" in page.told("div", "scale")
+    assert list(page.images) == ["rest", "edited", "pose", "true pose", "mirror"]
+    assert len(page.images["true pose"]) == 4  # two cases, each with a close-up
+    assert "distance to the true pose (% of the bounding-box diagonal)" in page.told("div", "scale")
     assert "fixed" not in page.told("div", "scale")  # there are no handles
     assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
-    # The tables of the two cases, the whole experiment and the two edits have the numbers of their runs.
+    # The tables of the whole experiment and the two edits have the numbers of their runs.
     at = "distance (%)"
     distances = [table[1][table[0].index(at)] for table in page.tables if at in table[0]]
-    assert distances[:2] == distances[3:5] and len(set(distances)) == 3
+    assert len(set(distances)) == 3
     case = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', (tmp_path / "r.html").read_text())[1])
     assert case["cases"][0]["handles"] == case["cases"][0]["targets"] == []

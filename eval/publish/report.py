@@ -1,0 +1,393 @@
+"""``sshade-eval report``: the results of experiments on one HTML page that needs no network.
+
+The page begins with a headline table and pictures. It has all numbers, time against truth, configurations and
+failures from rows. If the run folders exist, it also has pictures of every case and a 3D view.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import base64
+import html
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from eval.publish.columns import HEADLINE, TIME, TRUTH, Column, begun
+from eval.publish.comparison import compare, means
+from eval.publish.figures import chart_of
+from eval.publish.notes import definitions, legend
+from eval.publish.panels import Case, error_label, picture_of, rows_of, task_title, top_of, what_to_see
+from eval.publish.plotting import add_camera, camera, to_svg
+from eval.publish.summary import by_half, make_table
+from eval.publish.tables import TIE, printed
+from eval.rows.collect import Experiment, read_experiments
+from eval.rows.files import ROWS_HELP, add_out, write_text
+from eval.rows.frame import distinct, method_names, records, valid
+from eval.rows.store import Row
+from eval.run.config import load_task
+from sshade import plotting
+from sshade.core.console import progress_bar
+from sshade.core.errors import InputError, counted
+from sshade.core.progress import Progress
+from sshade.plotting import threejs
+from sshade.plotting.view import ViewShape, packed_view
+
+#: Default number of cases of an experiment in the 3D view.
+TURNABLE = 3
+#: Pixels on the page of the bounding-box diagonal of a rest shape: all pictures have one scale.
+DIAGONAL = 280
+#: Columns of facts about runs, and their headings.
+FACTS = {
+    "env.machine": "machine",
+    "env.python": "Python",
+    "env.commit": "commit",
+    "env.modified": "with changes to it",
+    "env.numba_threads": "threads of numba",
+    "env.omp_num_threads": "threads of OpenMP",
+    "env.jobs": "runs at once",
+}
+
+
+@dataclass
+class ReportCase:
+    """A section of the report.
+
+    Parameters
+    ----------
+    rows : list of rows
+        One row per method.
+    title : str
+        The case in words.
+    missing : list of str
+        Sentences on parts that cannot be shown.
+    pictures : list of lists of dict
+        Rows of pictures: name, caption, width in pixels and image (a data URI).
+    look, label : str
+        What to look at, and the name of the error that the colours show.
+    top : float
+        Upper end of the colour scale.
+    handles : bool
+        Whether the rest shape shows handles.
+    view : dict, optional
+        Data of the 3D view.
+    """
+
+    rows: list[Row]
+    title: str = ""
+    missing: list[str] = field(default_factory=list)
+    pictures: list[list[dict[str, Any]]] = field(default_factory=list)
+    look: str = ""
+    label: str = ""
+    top: float = 1.0
+    handles: bool = False
+    view: dict[str, Any] | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the task."""
+        return self.rows[0]["task.name"]
+
+    def numbers(self, columns: Sequence[Column]) -> list[list[str]]:
+        """Return a line for each method: its name, and the printed numbers of columns."""
+        return [
+            [row["method.name"]]
+            + ["n/a" if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
+            for row in self.rows
+        ]
+
+
+def show_case(
+    experiment: Experiment, rows: list[Row], *, towards: np.ndarray, up: np.ndarray, turnable: bool
+) -> ReportCase:
+    """Render a case from its stored runs.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    rows : list of rows
+        Rows of the case, one per method.
+    towards, up : (3,) float64
+        Direction from the scene to the camera, and upright direction.
+    turnable : bool
+        Pack the shapes for the 3D view as well.
+    """
+    shown = ReportCase(rows, rows[0]["task.name"])
+    found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
+    if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
+        where = ", ".join(str(root) for root in experiment.runs)
+        shown.missing.append(f"No stored vertices of {', '.join(absent)} in {where}: only the numbers.")
+    if not found:
+        return shown
+    try:
+        task = load_task(next(row for row in rows if row["method.name"] in found))
+    except (InputError, OSError, ImportError) as error:
+        shown.missing.append(f"No pictures: {error}.")
+        return shown
+    panel_rows = rows_of(Case(task, found, {row["method.name"]: row for row in rows}), towards=towards, up=up)
+    shown.title, shown.look, shown.label = task_title(task), what_to_see(task), error_label(task)
+    shown.top = top_of(panel_rows)
+    handles = getattr(task, "handles", None)
+    shown.handles = handles is not None
+    try:
+        for row in panel_rows:
+            width = round(DIAGONAL * row.width)
+            shown.pictures.append(
+                [
+                    {"name": panel.name, "caption": panel.caption, "width": width}
+                    | {"image": image_uri(picture_of(panel, row.mesh, width=2 * width, top=shown.top))}
+                    for panel in row.panels
+                ]
+            )
+    except InputError as error:  # the system cannot draw
+        shown.missing.append(f"No pictures: {error}.")
+    if turnable:
+        shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in panel_rows[0].panels]
+        view = packed_view(task.mesh, shapes, handles=handles, top=shown.top, label=shown.label)
+        shown.view = {**view, "name": shown.name}
+    return shown
+
+
+def image_uri(pixels: np.ndarray) -> str:
+    """Return an image, (h, w, 3) uint8, as a data URI."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "WEBP", quality=82, method=4)
+    return f"data:image/webp;base64,{base64.b64encode(file.getvalue()).decode('ascii')}"
+
+
+def svg_uri(figure: Any) -> str:
+    """Return a figure as a data URI."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure).encode()).decode('ascii')}"
+
+
+@dataclass
+class Headline:
+    """A table for a first look, in HTML, with a sentence above it and a note below it."""
+
+    labels: list[str]
+    body: list[list[str]]
+    sentence: str
+    note: str
+
+
+def headline(rows: pd.DataFrame) -> Headline | None:
+    """Return the headline of an experiment: means over the common cases; None if no method has a result."""
+    first = next(iter(by_half(rows).values()))
+    comparison = compare(first, HEADLINE)
+    found = (
+        means(comparison.values, "method.name").reindex(comparison.ranked).dropna(axis="columns", how="all")
+    )
+    if found.empty:
+        return None
+    columns = {column.source: column for column in HEADLINE if column.heading in found}
+    texts = pd.DataFrame({c.heading: found[c.heading].map(c.text) for c in columns.values()})
+    lowest = texts.eq({c.heading: c.text(found[c.heading].min()) for c in columns.values()})
+    sentences = []
+    for words, source in (("Nearest to the true pose", TRUTH), ("Fastest", TIME)):
+        if source in columns and len(found) > 1:
+            column = columns[source]
+            best = texts[column.heading][lowest[column.heading]]
+            sentences.append(f"{words}: {' and '.join(best.index)} ({best.iloc[0]} {column.unit}).")
+    note = f"Means over {counted(len(comparison.common), 'case', 'cases')}."
+    note += " Bold: lowest of a column." if len(found) > 1 else ""
+    if "truth" in found:
+        note += " truth: distance to the true pose, % of the bounding-box diagonal."
+    note += " EL: change of edge length, % of the longest edge. time: of these runs"
+    at_once = max(distinct(first, "env.jobs"), default=1)
+    note += f", {at_once} at once." if at_once > 1 else "."
+    marked = texts.where(~lowest | (len(found) == 1), "<b>" + texts + "</b>")
+    body = [[html.escape(str(method)), *cells] for method, *cells in marked.itertuples()]
+    return Headline(
+        ["method", *(column.label for column in columns.values())], body, " ".join(sentences), note
+    )
+
+
+def write_page(
+    experiments: list[Experiment],
+    *,
+    cases: list[str],
+    towards: np.ndarray,
+    up: np.ndarray,
+    progress: Progress,
+) -> str:
+    """Return the page as HTML text.
+
+    Parameters
+    ----------
+    experiments : list of Experiment
+    cases : list of str
+        Names of tasks to show. If empty: pictures of every case, and three cases of each experiment in 3D.
+    towards, up : (3,) float64
+        Direction from the scene to the camera, and upright direction.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        If no experiment has a named case, or the rows of an experiment make no table.
+    """
+    every = pd.concat([experiment.rows for experiment in experiments], ignore_index=True)
+    known = set(every["task.name"])
+    unknown = [name for name in cases if name not in known]
+    if unknown:
+        raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
+    direction = {"towards": towards, "up": up}
+    form = {"cases": cases, "camera": direction, "progress": progress}
+    sections = [_section(experiment, **form) for experiment in experiments]
+    views = [
+        case.view | {"title": f"{section['name']}: {case.title}", "id": f"{section['slug']}-case-{i}"}
+        for section in sections
+        for i, case in enumerate(section["cases"])
+        if case.view is not None
+    ]
+    return _render(
+        sections=sections,
+        data=[view.pop("data") for view in views],
+        views=views,
+        camera={name: list(axis) for name, axis in direction.items()},
+        ramp=plotting.ramp(),
+        three=threejs.source(),
+        viewer=plotting.part("viewer.js"),
+        view_markup=plotting.part("view.html"),
+        view_style=plotting.style(),
+        valid=len(valid(every)),
+        runs=len(every),
+    )
+
+
+def _render(**names: Any) -> str:
+    """Return the page from its template. All text is escaped; undefined names are refused."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    blocks = {"trim_blocks": True, "lstrip_blocks": True}
+    loader = PackageLoader("eval", "publish")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
+    marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
+    marks[TIE] = '<i title="may be zero">{}</i>'
+    pages.globals["printed"] = partial(printed, marks=marks, not_available="n/a", escape=html.escape)
+    pages.globals |= {"legend": legend, "definitions": definitions}
+    return pages.get_template("report.html").render(**names)
+
+
+def _section(
+    experiment: Experiment,
+    *,
+    cases: list[str],
+    camera: dict[str, np.ndarray],
+    progress: Progress,
+) -> dict[str, Any]:
+    """Return the contents of the section of an experiment."""
+    rows, runs = experiment.rows, begun(experiment.rows)
+    table = make_table(rows, title=experiment.name)
+    groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
+    turnable = set(range(len(groups)))
+    if not cases:
+        turnable = set(np.unique(np.linspace(0, len(groups) - 1, TURNABLE).astype(int)).tolist())
+    shown = []
+    for i, group in enumerate(groups):
+        progress(experiment.name, i, len(groups), group[0]["task.name"])
+        shown.append(show_case(experiment, group, **camera, turnable=i in turnable))
+    progress(experiment.name, len(groups), len(groups))
+    return {
+        "name": experiment.name,
+        "headline": headline(rows),
+        "table": table,
+        "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
+        "chart": svg_uri(figure) if (figure := chart_of(rows)) else "",
+        "cases": shown,
+        "columns": [column for column in HEADLINE if column.source in rows],
+        "failures": records(rows.drop(valid(rows).index)),
+        "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],
+        "facts": facts(runs),
+    }
+
+
+def configuration(rows: pd.DataFrame, method: str) -> str:
+    """Return the settings of a method as YAML, nested as in its configuration.
+
+    A setting that the method resolves by the case, such as a default for regions, has all of its values.
+    """
+    import yaml
+
+    own = rows[rows["method.name"] == method]
+    row = records(own)[0]
+    found = {name: list(own[name].dropna().unique()) for name in own if name.startswith("method.")}
+    # A setting without a value belongs to another method.
+    names = {name for name, values in found.items() if values}
+    names -= {f"method.{fact}" for fact in ("name", "hash", "note", "version")}
+    settings: dict[str, Any] = {}
+    for name in sorted(names, key=_function_first):
+        _, *parents, last = name.split(".")
+        place = settings
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        value = found[name][0]
+        if len(found[name]) > 1:
+            value = f"{' or '.join(map(str, found[name]))}, by the case"
+        elif isinstance(value, str) and value.startswith("["):  # rows hold lists as text
+            value = ast.literal_eval(value)
+        place["_target_" if last == "target" else last] = value
+    text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)
+    return f"# version {row['method.version']}, hash {row['method.hash']}\n{text}"
+
+
+def _function_first(name: str) -> list[str]:
+    return ["" if part == "target" else part for part in name.split(".")]
+
+
+def facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
+    """Return when and where the rows were made; several values are listed."""
+    found = []
+    for column, heading in FACTS.items():
+        values = distinct(rows, column)
+        if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
+            found.append((heading, f"{values[0]:g} to {values[-1]:g}"))
+        elif values:
+            found.append((heading, ", ".join(map(_word, values))))
+    for column in sorted(name for name in rows if name.startswith("env.version.")):
+        found.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
+    days = sorted({date[:10] for date in distinct(rows, "date")})
+    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *found]
+
+
+def _word(value: Any) -> str:
+    """Return a fact as text: a bool as a word, the beginning of a commit."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = str(value)
+    return text[:12] if re.fullmatch("[0-9a-f]{40}", text) else text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
+    add_out(parser, Path("out/report.html"), "page to write")
+    runs = "folders of the run folders (default: out/runs/<experiment>)"
+    parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
+    cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
+    parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
+    add_camera(parser)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run the sub-command; return its exit code."""
+    import jinja2  # noqa: F401 - refused before the rows are read
+    import matplotlib  # noqa: F401
+    import pyvista  # noqa: F401
+
+    experiments = read_experiments(options.rows, runs=options.runs)
+    with progress_bar() as progress:
+        text = write_page(experiments, cases=options.cases, **camera(options), progress=progress)
+    write_text(options.out, text)
+    print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
+    return 0
