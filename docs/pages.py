@@ -39,7 +39,7 @@ from sshade.core.errors import counted
 from sshade.problem.options import GROUPS, REGIONS, default, described
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+PAGES = (ROOT / "README.md", ROOT / "results" / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
     r"((?P<kind>table|differences|paper|poses) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
@@ -84,12 +84,11 @@ def reference() -> str:
     """Return the reference of all options in Markdown: a table for each group."""
     lines: list[str] = []
     for group, names in GROUPS.items():
-        lines += [f"### {group}", "", "| option | effect | values | default | with handle regions |"]
-        lines += ["|---|---|---|---|---|"]
+        lines += [f"### {group}", "", "| option | effect | values | default |", "|---|---|---|---|"]
         for name in names:
-            option = described()[name]
-            cells = f"`{name}`", option.effect, option.values, default(name), default(name, REGIONS)
-            lines.append(f"| {' | '.join(cells)} |")
+            option, regions = described()[name], default(name, REGIONS)
+            usual = f"{default(name)}; with regions {regions}" if regions else default(name)
+            lines.append(f"| `{name}` | {option.effect} | {option.values} | {usual} |")
         lines.append("")
     return "\n".join(lines)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from docs import artefacts, beyond, blender, blocks, cover, measures, scaling, tracks
+from docs import artefacts, beyond, blender, blocks, cover, measures, scaling
 from docs.pages import PAGES, ROOT, by_pose, filled, filled_page, reference
 from eval.metrics import METRICS
 from eval.publish.figures import Case
@@ -39,9 +39,9 @@ def test_the_reference_has_a_line_for_each_option():
         assert sum(line.startswith(start) for line in lines) == 1, name
 
 
-@pytest.mark.parametrize("script", [blender, scaling, tracks], ids=lambda script: script.__name__)
+@pytest.mark.parametrize("script", [blender, scaling], ids=lambda script: script.__name__)
 def test_tables_that_a_script_writes_are_those_of_its_rows(script):
-    tables = script.tables() if script is tracks else script.tables(pd.read_csv(script.ROWS))
+    tables = script.tables(pd.read_csv(script.ROWS))
     page = script.PAGE.read_text(encoding="utf-8")
     assert blocks.filled(page, tables) == page, f"run: python -m {script.__name__}"
     with pytest.raises(ValueError, match="0 blocks 'absent'"):
@@ -107,7 +107,7 @@ def test_nearer_counts_by_pose_are_those_of_the_rows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "page", [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], ids=lambda page: page.name
+    "page", sorted({*ROOT.glob("*.md"), *PAGES}), ids=lambda page: str(page.relative_to(ROOT))
 )
 def test_links_lead_to_files_and_headings(page):
     broken = []

@@ -1,4 +1,4 @@
-"""README.md and docs/start.md run word for word, and docs/tracks.md lists every experiment."""
+"""README.md and docs/start.md run word for word, and pages list every experiment and all published rows."""
 
 import os
 import re
@@ -20,16 +20,23 @@ from eval.rows.frame import numbers, read_csv
 from eval.rows.splits import HELD_OUT, read_splits, split_of
 
 ROOT = Path(__file__).parents[1]
-README, START, LIST, MAKEFILE, PROJECT = (
+README, START, LIST, RESULTS, MAKEFILE, PROJECT = (
     (ROOT / name).read_text(encoding="utf-8")
-    for name in ("README.md", "docs/start.md", "docs/tracks.md", "Makefile", "pyproject.toml")
+    for name in (
+        "README.md",
+        "docs/start.md",
+        "docs/tracks.md",
+        "results/README.md",
+        "Makefile",
+        "pyproject.toml",
+    )
 )
 PAGES = (README, START)
 EXTRAS = {*tomllib.loads(PROJECT)["project"]["optional-dependencies"]}
 
 
 def test_the_page_lists_every_experiment_with_its_split():
-    listed = dict(re.findall(r"^\| `(\w+)` \| (\w+) \|", LIST.partition("<!-- rows -->")[0], re.MULTILINE))
+    listed = dict(re.findall(r"^\| `(\w+)` \| (\w+) \|", LIST, re.MULTILINE))
     split = {
         path.stem: re.search(r"^  split: (\w+)$", path.read_text(), re.MULTILINE)
         for path in CONFIGURATION.glob("experiment/*.yaml")
@@ -39,7 +46,7 @@ def test_the_page_lists_every_experiment_with_its_split():
 
 
 def test_the_page_lists_all_published_rows():
-    (rows,) = (block["old"] for block in BLOCK.finditer(LIST) if block["name"] is None)
+    (rows,) = (block["old"] for block in BLOCK.finditer(RESULTS) if block["name"] is None)
     listed = re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)
     assert sorted(listed) == sorted(path.stem for path in ROOT.glob("results/rows/*.csv"))
 
