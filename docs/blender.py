@@ -45,7 +45,7 @@ METHODS = {
     "surface": "Laplacian Deform of a proxy, Surface Deform",
 }
 #: Columns of measures, and their metrics.
-MEASURES = {"volume": "volume", "edge": "edge", "truth": "truth_distance", "handle": "handle"}
+MEASURES = {"volume": "volume", "edge": "edge", "truth": "truth_distance"}
 #: Size of the picture in pixels, and number of its colours.
 PICTURE, COLOURS = (800, 480), 256
 #: Seconds after which a run is ended.
@@ -136,7 +136,7 @@ def table_of_methods(rows: pd.DataFrame) -> str:
     It has the fastest times, the largest memory, and means of other columns over the poses.
     """
     head = ["method", "vertices", "bind (s)", "deform (s)", "peak (MiB)", "volume (%)", "EL (%)"]
-    head += ["truth (%)", "handles off (%)"]
+    head += ["truth (%)"]
     ends = rows["vertices"].isin([rows["vertices"].min(), rows["vertices"].max()])
     over_poses = {"bind": "min", "deform": "min", "peak": "max"} | dict.fromkeys(MEASURES, "mean")
     lines = []
