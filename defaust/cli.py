@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from sshade.core.completion import add_completion
 from sshade.core.console import CommandParser, progress_bar, run_command, version_of
 from sshade.core.errors import counted
 
@@ -64,7 +63,6 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=version_of("defaust"))
-    add_completion(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="report every step")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     example = commands.add_parser(

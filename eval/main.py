@@ -33,9 +33,8 @@ Run deformation methods, and make tables, figures and pages from the results.
   sshade-eval run -m experiment=quick
   sshade-eval collect quick && sshade-eval tables quick && sshade-eval report quick
 
-`sshade-eval COMMAND --help` lists the arguments, and `sshade-eval --print-completion bash` prints a script
-that completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0; 1 if a run or a check failed;
-2 after a mistake in the arguments, which is reported in one sentence.
+`sshade-eval COMMAND --help` lists the arguments. Exit codes: 0; 1 if a run or a check failed; 2 after a
+mistake in the arguments, which is reported in one sentence.
 """
 
 PROGRAM = Program("sshade-eval", COMMANDS, HELP, EXTRAS)

@@ -22,7 +22,6 @@ REQUIRED = {
     "yaml",
     "rich",
     "psutil",
-    "shtab",
     "llvmlite",
     "bpy",
     "bmesh",

@@ -7,9 +7,8 @@
 
 `defaust example DIR` writes such a body and handle files, to try.
 
-`sshade COMMAND --help` describes a command, and `sshade --print-completion bash` prints a script that
-completes arguments in bash; zsh and tcsh are possible, too. Exit codes: 0 on success; 2 for a mistake in the
-arguments or the files, reported in one sentence; 130 after Ctrl-C, and 143 after SIGTERM.
+`sshade COMMAND --help` describes a command. Exit codes: 0 on success; 2 for a mistake in the arguments or the
+files, reported in one sentence; 130 after Ctrl-C, and 143 after SIGTERM.
 """
 
 from __future__ import annotations

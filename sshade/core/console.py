@@ -276,8 +276,6 @@ class Program(NamedTuple):
         try:
             if name in ("-h", "--help", "--version"):
                 return run_command(lambda: self.tell(name))
-            if name == "--print-completion":
-                return run_command(lambda: self.complete(arguments), extras=self.extras)
             return run_command(partial(self.call, name, arguments), extras=self.extras)
         except KeyboardInterrupt:  # while libraries are imported
             print("interrupted", file=sys.stderr)  # noqa: T201
@@ -295,36 +293,8 @@ class Program(NamedTuple):
         print(f"{version_of(self.name)}\n" if name == "--version" else self.help, end="")  # noqa: T201
         return 0
 
-    def complete(self, arguments: Sequence[str]) -> int:
-        """Print the script of ``--print-completion SHELL``. This imports the modules of all sub-commands."""
-        self.parser().parse_args(["--print-completion", *arguments])
-        return 0
-
-    def parser(self) -> argparse.ArgumentParser:
-        """Return a parser of all sub-commands. This imports the modules of all sub-commands."""
-        from sshade.core.completion import add_completion
-
-        parser = CommandParser(prog=self.name)
-        add_completion(parser)
-        commands = parser.add_subparsers()
-        for name, (module_name, summary) in self.commands.items():
-            command, module = commands.add_parser(name, help=summary), import_module(module_name)
-            if hasattr(module, "add_arguments"):
-                module.add_arguments(command)
-        return parser
-
     def call(self, name: str, arguments: Sequence[str]) -> int:
-        """Run a sub-command.
-
-        Parameters
-        ----------
-        name : str
-        arguments : sequence of str
-
-        Returns
-        -------
-        int
-            Exit code.
+        """Run a sub-command; return the exit code.
 
         Raises
         ------
@@ -338,6 +308,15 @@ class Program(NamedTuple):
         if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]
             return module.main()
+        parser = self.parser(name)
+        options = parser.parse_args(arguments)
+        if "with_file" in options:  # a file may give values that the arguments leave out
+            options = options.with_file(parser, options, arguments)
+        return module.command(options)
+
+    def parser(self, name: str) -> argparse.ArgumentParser:
+        """Return the parser of a sub-command that is no Hydra program."""
+        module = import_module(self.commands[name][0])
         parser = CommandParser(
             prog=f"{self.name} {name}",
             description=module.__doc__,
@@ -346,7 +325,4 @@ class Program(NamedTuple):
         module.add_arguments(parser)
         if hasattr(module, "USUAL"):
             add_help_all(parser, module.USUAL)
-        options = parser.parse_args(arguments)
-        if "with_file" in options:  # a file may give values that the arguments leave out
-            options = options.with_file(parser, options, arguments)
-        return module.command(options)
+        return parser

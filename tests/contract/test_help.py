@@ -1,17 +1,25 @@
 """The help of each command describes all its arguments."""
 
 import argparse
+from importlib import import_module
 
 import pytest
 
 from defaust.cli import make_parser
-from eval.main import PROGRAM as EVAL
-from sshade.cli.main import PROGRAM as SSHADE
+from eval.main import COMMANDS as EVAL
+from sshade.cli.main import COMMANDS as SSHADE
 
 
-@pytest.mark.parametrize(
-    "parser", [SSHADE.parser(), EVAL.parser(), make_parser()], ids=["sshade", "sshade-eval", "defaust"]
-)
+def of_command(name, module):
+    parser = argparse.ArgumentParser(name)
+    import_module(module).add_arguments(parser)
+    return parser
+
+
+PARSERS = [of_command(name, module) for name, (module, _) in {**SSHADE, **EVAL}.items() if name != "run"]
+
+
+@pytest.mark.parametrize("parser", [*PARSERS, make_parser()], ids=lambda parser: parser.prog)
 def test_help_describes_each_argument(parser):
     def undescribed(name, parser):
         for action in parser._actions:
