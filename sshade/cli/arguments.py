@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sshade.cli.option_file import as_number, read_values
 from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
@@ -110,7 +109,7 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
 
 
 def _weld(text: str) -> float:
-    weld = _argument(text)
+    weld = _number(text)
     try:
         check_weld(weld)
     except InputError as error:
@@ -118,22 +117,9 @@ def _weld(text: str) -> float:
     return weld
 
 
-def add_options(
-    parser: argparse.ArgumentParser, names: Iterable[str], *, further: Iterable[str] = (), **defaults: Any
-) -> None:
-    """Declare --options and an argument for each option.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-    names : iterable of str
-    further : iterable of str
-        Other arguments that a file of options may have beside --weld and --repair.
-    **defaults
-        Values that replace the defaults of the methods.
-    """
+def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
+    """Declare an argument for each option. `defaults` are values that replace the defaults of the methods."""
     names = tuple(names)
-    add_option_file(parser, (*names, *further, "weld", "repair"))
     for name in names:
         option, default = described()[name], defaults.get(name)
         text = help_text(name, default)
@@ -144,40 +130,14 @@ def add_options(
         elif option.choices:
             about["choices"] = option.choices
         else:
-            about |= {"type": _argument, "metavar": name[0].upper()}
+            about |= {"type": _number, "metavar": name[0].upper()}
         parser.add_argument(f"--{name.replace('_', '-')}", **about)
 
 
-def add_option_file(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
-    """Declare --options, a file that may have values for some arguments; see :func:`with_option_file`."""
-    text = "file of option names and values (.yaml, .json), or a handle file that the editor saved; switches "
-    text += "on the command line take precedence"
-    parser.add_argument("--options", type=Path, metavar="FILE", help=text)
-    parser.set_defaults(names_in_file=tuple(names), from_file={}, with_file=with_option_file)
-
-
-def with_option_file(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str]
-) -> argparse.Namespace:
-    """Return the parsed `arguments`, with the values of --options where no switch gives a value.
-
-    Raises
-    ------
-    InputError
-        See :func:`sshade.cli.option_file.read_values`.
-    """
-    path = options.options
-    if path is None:
-        return options
-    values = read_values(path, options.names_in_file)
-    parser.set_defaults(**values, from_file=values)
-    return parser.parse_args(arguments)
-
-
-def _argument(text: str) -> float:
-    """Convert an argument to a number."""
+def _number(text: str) -> float:
+    """Convert an argument to a number; whole numbers that a float can hold become int, for later checks."""
     try:
-        return as_number(text)
+        return int(text) if text.lstrip("-").isdigit() and len(text) < 300 else float(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is no number") from error
 

@@ -1,6 +1,7 @@
 """Deform a mesh so that its handles reach their targets.
 
-HANDLES says which vertices stay and where others move. `sshade edit` makes such a file. It is a .json file of
+HANDLES says which vertices stay and where others move. `sshade edit` makes such a file, whose method and
+options apply where no switch gives others. It is a .json file of
 this project or a .yaml file of Implicit-ARAP, or two landmark files (.csv, .txt, .mrk.json, .fcsv, .pp,
 .particles), of the rest shape and of the target. In JSON:
 
@@ -41,7 +42,6 @@ methods:
 examples:
   sshade deform body.ply pose.json -o posed.ply
   sshade deform scan.obj landmarks.json -o fitted.obj --weight 10
-  sshade deform body.ply pose.json -o posed.ply --options options.yaml
   sshade deform skull.vtp rest.mrk.json target.mrk.json -o fitted.vtp --amount 0.5
   sshade deform body.ply poses/*.json -o out_%04d.ply
   sshade deform body.ply pose.json -o posed.ply --with shirt.obj hair.glb
@@ -69,8 +69,8 @@ from sshade.cli.arguments import (
     has_number,
     open_task,
 )
+from sshade.cli.saved_options import take_saved_options
 from sshade.cli.sequence import FPS, check_sequence, deform_poses
-from sshade.core.atomic import naming
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh
@@ -91,9 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     handles = f"{HANDLES}, or two landmark files; several handle files for a sequence"
     add_files(parser, output="OUT", several=("handles",), mesh=REST, handles=handles)
     method = "fast (default), fine, paper or interpolate, see above"
-    parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
-    further = ("method", "weight", "raw", "refuse_unconstrained")
-    add_options(parser, OPTIONS, further=further)
+    parser.add_argument("--method", metavar="METHOD", help=method)
+    add_options(parser, OPTIONS)
     weight = "pull the handles softly to their targets; 1 is about as strong as the surface, at any size and "
     weight += "resolution (default: hard, or the weights of the file)"
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
@@ -121,11 +120,13 @@ def command(options: argparse.Namespace) -> int:
             raise InputError("--fps applies to sequences, and these arguments give one pose")
         check_outputs(options, output=WRITABLE)
     names = along.outputs(options) if options.along else []
-    values, resolved = _given_options(options)
     check_mesh(options.mesh)
     if sequence:
         check_sequence(options)
     given = [read_handle_file(*files, raw=options.raw, amount=options.amount) for files in poses]
+    take_saved_options(options, options.handles[0], given[0])
+    options.method = options.method or "fast"
+    values, resolved = _given_options(options)
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
@@ -175,10 +176,6 @@ def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
     if require_method(options.method) == "paper":
         values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
-    if options.from_file:
-        of_file = {name: value for name, value in options.from_file.items() if name in OPTIONS}
-        with naming(options.options):
-            resolve(options.method, of_file)
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")

@@ -2,11 +2,9 @@
 
 The page opens at a secret address of this machine; --no-browser only prints the address. HANDLES gives the
 first groups, as for `sshade deform`. The editor saves the handles and the deformed mesh beside MESH, or at
-the paths of -o and --handles-out. The saved handle file also has the method and all options. Then
-
-  sshade deform MESH SAVED_HANDLES --options SAVED_HANDLES -o OUT
-
-computes the same shape, and `sshade edit MESH SAVED_HANDLES --options SAVED_HANDLES` continues the session.
+the paths of -o and --handles-out. The saved handle file also has the method and all options, so that
+`sshade deform MESH SAVED_HANDLES -o OUT` computes the same shape, and `sshade edit MESH SAVED_HANDLES`
+continues the session.
 The program runs until you click End on the page or press Ctrl-C; closing the page does not end it. Unsaved
 work is kept in a recovery file beside the handles, which the next start offers.
 
@@ -27,10 +25,10 @@ from sshade.cli.arguments import (
     REFUSE,
     add_flags,
     add_mesh_and_handles,
-    add_option_file,
     add_repair,
     check_outputs,
 )
+from sshade.cli.saved_options import take_saved_options
 from sshade.core.console import announced_compilation, say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh
@@ -41,8 +39,6 @@ if TYPE_CHECKING:
     from sshade.edit.server import Server
 
 
-#: Arguments that a file of options may have. The page switches volume and area.
-OPTIONS = ("method", "volume", "area", "refuse_unconstrained", "weld", "repair")
 #: Largest time in seconds for a computation to end before the command does.
 PATIENCE = 10.0
 
@@ -54,17 +50,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     saved = "handle file to write (default: MESH's name, _handles.json)"
     parser.add_argument("--handles-out", type=Path, metavar="JSON", help=saved)
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
-    parser.add_argument("--method", default="fast", metavar="METHOD", help=method)
+    parser.add_argument("--method", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
     up = "axis of the mesh that points up on the page (default: y)"
     parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
     recover = "recovery file of this mesh to continue from, as an earlier session left it"
     parser.add_argument("--recover", type=Path, metavar="FILE", help=recover)
     # --overwrite does not apply to the mesh: the saved handles belong to it.
-    parser.set_defaults(inputs=("handles",))
+    # The page switches volume and area.
+    parser.set_defaults(inputs=("handles",), volume=None, area=None)
     browser = "do not open a browser, only print the address"
     add_flags(parser, {"--refuse-unconstrained": REFUSE, "--no-browser": browser})
-    add_option_file(parser, OPTIONS)
     add_repair(parser)
 
 
@@ -72,15 +68,14 @@ def command(options: argparse.Namespace) -> int:
     """Serve the editor until it is closed; return the exit code."""
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
-    require_method(options.method)
-    for name in ("volume", "area"):
-        if options.from_file.get(name, 0) != 0:
-            raise InputError(
-                f"{options.options}: the editor keeps the {name} or not; {name} is 0 or left out"
-            )
     check_mesh(options.mesh)
     if options.handles is not None:
-        read_handle_file(options.handles)
+        given = read_handle_file(options.handles)
+        for name in ("volume", "area"):
+            if given.made.get(name):
+                raise InputError(f"{options.handles}: the editor keeps the {name} or not; use 0 or nothing")
+        take_saved_options(options, options.handles, given)
+    options.method = require_method(options.method or "fast")
     check_outputs(options, output=WRITABLE, handles_out=(".json",))
     return _edit(options)
 
@@ -91,8 +86,8 @@ def _edit(options: argparse.Namespace) -> int:
     from sshade.edit.session import Session
     from sshade.edit.state import METHODS, Settings
 
-    constrained = (name not in options.from_file for name in ("volume", "area"))
-    settings = Settings(require_method(options.method, METHODS), *constrained)
+    method = require_method(options.method, METHODS)
+    settings = Settings(method, volume=options.volume is None, area=options.area is None)
     files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
     with announced_compilation():
         further = {name: getattr(options, name) for name in ("refuse_unconstrained", "weld", "repair")}

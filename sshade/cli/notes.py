@@ -15,7 +15,6 @@ from sshade.cli.handle_notes import handle_notes
 from sshade.core.console import say
 from sshade.core.errors import counted
 from sshade.files.by_library import EXTRA
-from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single
@@ -85,7 +84,6 @@ def tell(
     dense = options.method != "interpolate" and are_dense(task)
     for note in [
         *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=diagonal),
-        *unused_options(options, options.handles[0], given[0]),
         *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
         *notes(facts, shape.surface, asked=asked, snap=snap, dense=dense),
     ]:
@@ -168,14 +166,6 @@ def _on_pieces(facts: Facts) -> Iterator[str]:
         yield f"{follow} the nearest component rigidly"
     if facts.opening > APART:
         yield f"parts of the mesh that touched came apart by {_percent(facts.opening)}"
-
-
-def unused_options(options: argparse.Namespace, path: Path, given: HandleFile) -> list[str]:
-    """Return a note if the options that the editor saved in a handle file differ from the options used."""
-    differ = [name for name, value in given.made.items() if getattr(options, name, value) != value]
-    if not differ or options.options is not None:
-        return []
-    return [f"{path} was saved with other values of {', '.join(differ)}; pass --options {path} to use them"]
 
 
 def _verb(verb: str, count: int) -> str:

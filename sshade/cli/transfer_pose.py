@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=REST, posed=POSED, edited=EDITED)
     text = "transfer only the edit: vertices that were not edited end exactly at their places in POSED"
     add_flags(parser, {"--residual": text})
-    add_options(parser, OPTIONS, further=("residual",), **DEFAULTS)
+    add_options(parser, OPTIONS, **DEFAULTS)
     add_repair(parser)
 
 

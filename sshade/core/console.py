@@ -308,11 +308,7 @@ class Program(NamedTuple):
         if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]
             return module.main()
-        parser = self.parser(name)
-        options = parser.parse_args(arguments)
-        if "with_file" in options:  # a file may give values that the arguments leave out
-            options = options.with_file(parser, options, arguments)
-        return module.command(options)
+        return module.command(self.parser(name).parse_args(arguments))
 
     def parser(self, name: str) -> argparse.ArgumentParser:
         """Return the parser of a sub-command that is no Hydra program."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -36,20 +36,6 @@ LONGEST = 120
 
 class FileExists(InputError):
     """A file of this name exists, and this editor did not write it."""
-
-
-class Given(NamedTuple):
-    """Contents of a handle file.
-
-    Attributes
-    ----------
-    groups : tuple of Group
-    unconstrained : tuple of str
-        Those of "volume" and "area" that the file was saved without.
-    """
-
-    groups: tuple[Group, ...]
-    unconstrained: tuple[str, ...]
 
 
 class Document:
@@ -139,7 +125,7 @@ class Document:
         """
         return self._shape.task(self.name, state.handles(self.mesh), refuse_unconstrained=self._refuse)
 
-    def read_groups(self, path: Path, *, first: int) -> Given:
+    def read_groups(self, path: Path, *, first: int) -> tuple[Group, ...]:
         """Read a handle file; `first` is the number of the first group.
 
         Raises
@@ -150,9 +136,7 @@ class Document:
         file = read_handle_file(path)
         with naming(path):
             handles = on_shape(file, self._shape)
-        names = {group.number: group.name for group in file.groups}
-        groups = groups_of(handles, names, first=first)
-        return Given(groups, tuple(name for name in ("volume", "area") if file.made.get(name) == 0))
+        return groups_of(handles, {group.number: group.name for group in file.groups}, first=first)
 
     def groups_of(self, handles: Handles) -> tuple[Group, ...]:
         """Return the groups of handles at vertices of the file.
@@ -297,8 +281,7 @@ class Document:
         if self.is_in_memory:
             handles = str(self.outputs["handles"])
             return f"import sshade; handles = sshade.read_handles({handles!r}, mesh)"
-        handles = str(self.outputs["handles"])
-        words = [str(self._path), handles, "--options", handles, "-o", str(self.outputs["mesh"])]
+        words = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])
 
 

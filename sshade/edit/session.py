@@ -10,8 +10,9 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.edit.document import Document, Given
+from sshade.edit.document import Document
 from sshade.edit.grouping import Grouping
+from sshade.edit.groups import Group
 from sshade.edit.selection import selected
 from sshade.edit.state import History, Settings
 from sshade.problem.handles import Handles
@@ -57,7 +58,7 @@ class Session(Grouping):
         super().__init__(Document(path, output=output, handles=handles_output, **options), settings)
         if handles is not None:
             if isinstance(handles, Handles):
-                self._take(Given(self.document.groups_of(handles), ()))
+                self._take(self.document.groups_of(handles))
             else:
                 self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
@@ -187,13 +188,9 @@ class Session(Grouping):
         self._saved = replace(self.state, shape=None)
         self._keep()
 
-    def _take(self, given: Given) -> None:
-        """Replace all groups by those of a file. Constraints that it left out are left out."""
-        groups, unconstrained = given
-        method, volume, area = self.state.settings
-        kept = volume and "volume" not in unconstrained, area and "area" not in unconstrained
-        settings = Settings(method, *kept)
-        state = replace(self.state, groups=groups, settings=settings)
+    def _take(self, groups: tuple[Group, ...]) -> None:
+        """Replace all groups by the groups of a file."""
+        state = replace(self.state, groups=groups)
         self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
         self._number += len(groups)
         self._saved, self._jumped = replace(state, selection=self._saved.selection, shape=None), True

@@ -45,30 +45,23 @@ def test_all_options_reach_the_method(sound, method):
     own = read_handles("pose.json", BODY, raw=True)
     task = DeformationTask("body", BODY, Handles(own.index, own.target, weight=50.0))
     assert np.array_equal(read_arrays("out.ply")[0], deform(task, method=method, **options).vertices)
-    text = f"method: {method}\nraw: true\nweight: 50\ntolerance: 1e-5\n"
-    Path("options.yml").write_text(text + "".join(f"{name}: {value}\n" for name, value in options.items()))
-    first = Path("out.ply").read_bytes()
-    assert main([*DEFORM, "--options", "options.yml"]) == 0 and Path("out.ply").read_bytes() == first
-    assert main([*DEFORM, "--options", "options.yml", "--seed", "0"]) == 0
-    assert Path("out.ply").read_bytes() != first
 
 
-def test_a_switch_turns_an_option_on_or_off_whatever_the_file_says(sound):
-    put_handles({"vertices": POSE.index.tolist(), "target": POSE.target.tolist()})
-    same = {"method": "paper", "vertices": 60, "start": "rigid"}
-    task = DeformationTask("body", BODY, POSE)
-    on, off = (deform(task, accelerate=value, **same).vertices for value in (True, False))
-    assert not np.array_equal(on, off)
-    Path("options.yml").write_text("method: paper\nvertices: 60\naccelerate: false\n")
-    typed = ["--method", "paper", "--vertices", "60"]
-    for given, V in (
-        (typed, on),
-        ([*typed, "--no-accelerate"], off),
-        (["--options", "options.yml"], off),
-        (["--options", "options.yml", "--accelerate"], on),
-    ):
-        assert main([*DEFORM, *given]) == 0
-        assert np.array_equal(read_arrays("out.ply")[0], V)
+@pytest.mark.parametrize(
+    ("made", "switches", "options"),
+    [
+        ({"method": "paper"}, "", {"method": "paper", "start": "rigid"}),
+        ({"method": "paper"}, "--no-accelerate", {"method": "paper", "start": "rigid", "accelerate": False}),
+        ({"method": "paper", "volume": 0.0}, "--method fast", {"volume": 0.0}),
+        ({"volume": 0.0, "area": 0.0}, "--volume 1", {"volume": 1.0, "area": 0.0}),
+    ],
+)
+def test_options_that_the_editor_saved_apply_unless_switches_change_them(sound, made, switches, options):
+    entry = {"vertices": POSE.index.tolist(), "target": POSE.target.tolist()}
+    Path("pose.json").write_text(json.dumps({"handles": [entry], "made": made}))
+    assert main([*DEFORM, "--vertices", "60", *switches.split()]) == 0
+    V = deform(DeformationTask("body", BODY, POSE), vertices=60, **options).vertices
+    assert np.array_equal(read_arrays("out.ply")[0], V)
 
 
 def test_remesh_and_carry_bring_an_edit_back(sound, capsys):

@@ -97,15 +97,6 @@ def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, c
     assert "single precision" not in capsys.readouterr().err
 
 
-def test_options_that_the_editor_saved_are_named_where_a_sequence_does_not_use_them(folder, capsys):
-    data = json.loads(Path("pose_0.json").read_text()) | {"made": {"method": "paper", "volume": 0.0}}
-    Path("made.json").write_text(json.dumps(data))
-    assert main(["deform", "body.ply", "made.json", "made.json", "-o", "out_%d.ply", *FAST]) == 0
-    assert "made.json was saved with other values of method, volume; pass" in capsys.readouterr().err
-    # The command remesh takes the options that it has.
-    assert main(["remesh", "body.ply", "--options", "made.json", "-o", "p.ply", "--map", "p.npz"]) == 0
-
-
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
     """Read a .glb and check what a validator checks: lengths, alignment, bounds, targets, animations."""
     data = Path(path).read_bytes()

@@ -237,7 +237,7 @@ def test_a_gizmo_turns_a_group_as_the_command_does_and_a_mistake_is_told_on_the_
     page.locator("#volume").uncheck()
     page.wait_for_selector("#stage[data-state=converged]")
     asked(page, "save", page.get_by_role("button", name="Save handles").click)
-    page.wait_for_selector("#command:has-text('--options')")
+    page.wait_for_selector("#command:has-text('sshade deform')")
     session.settle()
     assert main(page.locator("#command").inner_text().split()[1:]) == 0
     gap = np.abs(read_arrays("body_deformed.ply")[0] - session.shown).max()
