@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sshade.core.errors import InputError as InputError
-    from sshade.edit.from_python import edit_handles as edit_handles
     from sshade.files.arrays import read as read
     from sshade.files.arrays import write as write
     from sshade.files.task_files import read_handles as read_handles
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "core.errors": ["InputError"],
-    "edit.from_python": ["edit_handles"],
     "files.arrays": ["read", "write"],
     "files.task_files": ["read_handles"],
     "mesh.mesh": ["Mesh"],

@@ -211,7 +211,6 @@ class Commands:
             "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
             "scale": self._scale,
             "version": session.version,
-            "returns": session.document.is_in_memory,
             "picked": len(state.selection),
             "carried": _components_without(mesh, state.groups),
             "settings": state.settings._asdict(),

@@ -19,13 +19,11 @@ from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
 from sshade.files.by_library import WRITABLE
-from sshade.files.door import OpenShape, on_shape, open_shape
+from sshade.files.door import on_shape, open_shape
 from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import read_handle_file
-from sshade.files.mesh_file import MeshFile
-from sshade.files.meshes import read_file, write_file, write_mesh
+from sshade.files.meshes import read_file, write_file
 from sshade.files.task_files import write_handles
-from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
@@ -41,8 +39,6 @@ class FileExists(InputError):
 class Document:
     """A mesh file and the surface in it that can be deformed, and the files that the editor writes.
 
-    A mesh in memory takes the place of a file for Python, which waits for the handles.
-
     Parameters
     ----------
     path : path
@@ -50,9 +46,6 @@ class Document:
     output, handles : path, optional
         Files for the deformed mesh and the handles. They are replaced without a question. By default the
         files lie beside the mesh and are named after it.
-    shape : OpenShape, optional
-        A mesh in memory, if there is no file `path`, which then determines the names of the files that are
-        written.
     refuse : bool
         The `refuse_unconstrained` of :class:`sshade.DeformationTask`.
     weld, repair
@@ -67,8 +60,6 @@ class Document:
         Path of the file that is proposed for the next save, by content: "handles" and "mesh".
     notes : tuple of str
         Oddities of the mesh file.
-    is_in_memory : bool
-        Whether there is no file.
 
     Raises
     ------
@@ -82,7 +73,6 @@ class Document:
         *,
         output: Path | None,
         handles: Path | None,
-        shape: OpenShape | None = None,
         refuse: bool,
         weld: float | None = None,
         repair: bool = False,
@@ -99,21 +89,18 @@ class Document:
                 self._check(content, given)
                 self._propose(content, given)
         opened = _signature(path)
-        self._refuse, self.is_in_memory = refuse, shape is not None
-        self._file: MeshFile | None = None
-        if shape is None:
-            self._file = read_file(path)
-            with naming(path):
-                shape = open_shape(self._file, weld=weld, repair=repair)
-        self._shape = shape
-        self._files = [path] if self.is_in_memory else [path, *buffer_files(path)]
+        self._refuse = refuse
+        self._file = read_file(path)
+        with naming(path):
+            self._shape = open_shape(self._file, weld=weld, repair=repair)
+        self._files = [path, *buffer_files(path)]
         self._opened = [opened, *map(_signature, self._files[1:])]
-        self.notes = () if self._file is None else self._file.notes
+        self.notes = self._file.notes
         self._flags: dict[str, Any] = {} if weld is None else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
         self._flags |= {"refuse_unconstrained": True} if refuse else {}
-        self.mesh = shape.mesh
-        self._id = shape.surface.original  # handle files name the first of the vertices at one place
+        self.mesh = self._shape.mesh
+        self._id = self._shape.surface.original  # handle files name the first of the vertices at one place
 
     def task(self, state: EditState) -> DeformationTask:
         """Return the task of a method.
@@ -137,26 +124,6 @@ class Document:
         with naming(path):
             handles = on_shape(file, self._shape)
         return groups_of(handles, {group.number: group.name for group in file.groups}, first=first)
-
-    def groups_of(self, handles: Handles) -> tuple[Group, ...]:
-        """Return the groups of handles at vertices of the file.
-
-        Raises
-        ------
-        InputError
-            When a handle is no vertex of a face.
-        """
-        return groups_of(self._shape.on_surface(handles), {}, first=1)
-
-    def all_handles(self, state: EditState) -> Handles:
-        """Return the groups as handles at vertices of the file, each copy of a vertex included.
-
-        Raises
-        ------
-        InputError
-            When there are no groups.
-        """
-        return self._shape.on_copies(state.handles(self.mesh))
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.
@@ -213,12 +180,9 @@ class Document:
     def write_mesh(self, V: np.ndarray, path: Path) -> tuple[str, ...]:
         """Write the file with new positions (n, 3) of the mesh; return the contents that the format loses."""
         positions = self._shape.placed(V)
-        if self._file is None:
-            write_mesh(path, positions, self._shape.F)
-        else:
-            write_file(path, self._file, positions)
+        write_file(path, self._file, positions)
         self._propose("mesh", path)
-        return () if self._file is None else self._file.lost(path)
+        return self._file.lost(path)
 
     @cached_property
     def colours(self) -> np.ndarray | None:
@@ -226,19 +190,19 @@ class Document:
 
         A vertex that a seam doubles has the colour of its first copy.
         """
-        if self._file is None or (colours := colours_of(self._path)) is None:
+        if (colours := colours_of(self._path)) is None:
             return None
         return (255 * colours[self._id].clip(0, 1)).round().astype(np.uint8)
 
     @property
     def is_coloured(self) -> bool:
         """Whether the file has colours of vertices."""
-        return self._file is not None and "vertex colours" in self._file.holds and self.colours is not None
+        return "vertex colours" in self._file.holds and self.colours is not None
 
     @property
     def has_skin(self) -> bool:
         """Whether the file has materials."""
-        return self._file is not None and has_skin(self._file)
+        return has_skin(self._file)
 
     @cached_property
     def skin(self) -> DrawnSkin:
@@ -249,7 +213,7 @@ class Document:
         InputError
             When the file has no materials, or materials or texture coordinates cannot be read.
         """
-        if self._file is None or not has_skin(self._file):
+        if not self.has_skin:
             raise InputError(f"{self.name}: the file has no materials")
         try:
             return drawn(skin_of(self._path), self._shape.surface.vertex[self._file.F])
@@ -265,22 +229,16 @@ class Document:
     def recovery_folders(self) -> list[Path]:
         """Folders with recovery files, the folder of this session's first.
 
-        It is the folder of the mesh, where each later session looks; the folder of the handles if the mesh is
-        in memory or its folder is read-only.
+        It is the folder of the mesh, where each later session looks; the folder of the handles if the folder
+        of the mesh is read-only.
         """
         handles, mesh = self.outputs["handles"].parent, self._path.parent
-        first = handles if self.is_in_memory or not os.access(mesh, os.W_OK) else mesh
-        return list(dict.fromkeys((first, handles, mesh)))
+        folders = (mesh, handles) if os.access(mesh, os.W_OK) else (handles, mesh)
+        return list(dict.fromkeys(folders))
 
     @property
     def command(self) -> str:
-        """Command line that computes the same shape from the saved handles and their options.
-
-        For a mesh in memory, the line of Python that reads the saved handles.
-        """
-        if self.is_in_memory:
-            handles = str(self.outputs["handles"])
-            return f"import sshade; handles = sshade.read_handles({handles!r}, mesh)"
+        """Command line that computes the same shape from the saved handles and their options."""
         words = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])
 

@@ -15,7 +15,6 @@ from sshade.edit.grouping import Grouping
 from sshade.edit.groups import Group
 from sshade.edit.selection import selected
 from sshade.edit.state import History, Settings
-from sshade.problem.handles import Handles
 
 
 class Session(Grouping):
@@ -27,15 +26,15 @@ class Session(Grouping):
     ----------
     path : path
         Any mesh file that ``sshade deform`` takes.
-    handles : path or Handles, optional
-        Handle file with the first groups, or handles at vertices of the file.
+    handles : path, optional
+        Handle file with the first groups.
     output, handles_output : path, optional
         See :class:`sshade.edit.document.Document`.
     settings : Settings
     refuse_unconstrained : bool
         See :class:`sshade.DeformationTask`.
     **options
-        ``shape``, ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
+        ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
 
     Raises
     ------
@@ -47,7 +46,7 @@ class Session(Grouping):
         self,
         path: Path,
         *,
-        handles: Path | Handles | None = None,
+        handles: Path | None = None,
         output: Path | None = None,
         handles_output: Path | None = None,
         settings: Settings = Settings(),  # noqa: B008  (immutable)
@@ -57,10 +56,7 @@ class Session(Grouping):
         options["refuse"] = refuse_unconstrained
         super().__init__(Document(path, output=output, handles=handles_output, **options), settings)
         if handles is not None:
-            if isinstance(handles, Handles):
-                self._take(self.document.groups_of(handles))
-            else:
-                self._take(self.document.read_groups(handles, first=1))
+            self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
 
     # Actions that can be undone.
@@ -167,19 +163,6 @@ class Session(Grouping):
             self.document.write_handles(self.state, path)
             self._count_as_saved()
         return path, ()
-
-    def hand_over(self) -> Handles:
-        """Return the groups as handles at vertices of the file; they then count as saved.
-
-        Raises
-        ------
-        InputError
-            When there are no groups.
-        """
-        with self._lock:
-            handles = self.document.all_handles(self.state)
-            self._count_as_saved()
-        return handles
 
     # Helpers.
 

@@ -314,10 +314,9 @@ window.addEventListener("keydown", (event) => {
 
 byId("quit").addEventListener("click", async () => {
   await saving;
-  const unsaved = facts?.unsaved && !facts.returns;
-  if (unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
+  if (facts?.unsaved && !window.confirm("The handles are not saved; a recovery file keeps them. End the editor?")) return;
   await request("quit", "").catch(() => {});
-  ended(`${facts?.returns ? "Python goes on with the handles" : "The editor has ended"}; this page can be closed.`);
+  ended("The editor has ended; this page can be closed.");
 });
 
 function ended(sentence) {
@@ -339,8 +338,7 @@ async function listen() {
     }
   }
   if (document.body.classList.contains("ended")) return;
-  const again = facts?.returns ? "Call sshade.edit_handles" : "Start sshade edit";
-  ended(`The editor has ended. ${again} again; it offers work that was not saved.`);
+  ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
 }
 
 picking.use("view");

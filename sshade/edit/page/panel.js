@@ -55,7 +55,6 @@ export class Panel {
     byId("fixed").disabled = byId("moved").disabled = facts.picked === 0;
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
-    byId("quit").textContent = facts.returns ? "Return to Python" : "End";
     byId("method").value = byId("method-name").textContent = settings.method;
     byId("constraints").hidden = settings.method === "paper";
     byId("volume").checked = settings.volume;
