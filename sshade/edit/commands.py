@@ -14,9 +14,8 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Group, Motion
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
-from sshade.edit.state import METHODS, Settings
+from sshade.edit.state import Settings
 from sshade.mesh.mesh import Mesh
-from sshade.problem.options import require_method
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -48,7 +47,7 @@ class Commands:
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._preview = None if session.document.has_skin else preview(session.mesh)
 
-    def __call__(self, name: str, arguments: Any) -> bytes:
+    def __call__(self, name: str, arguments: Mapping[str, Any]) -> bytes:
         """Execute a command and return the answer.
 
         Parameters
@@ -59,21 +58,17 @@ class Commands:
         Raises
         ------
         InputError
-            On an unknown command, an argument that is missing or of a wrong type, or when the session refuses
-            the command.
+            When the session refuses the command.
         Superseded
             See :meth:`sshade.edit.work.Work.settle`.
         """
-        command = getattr(self, f"do_{name}", None)
-        if command is None and name not in (*PLAIN, *OF_GROUPS):
-            raise InputError(f"{name!r} is no command of the editor")
-        if not isinstance(arguments, Mapping):
-            raise InputError(f"the command {name} takes a JSON object")
-        if command is not None:
-            return command(arguments)
-        given = [_given(arguments, "group", int)] if name in OF_GROUPS else []
-        getattr(self._session, name)(*given)
-        return self._answer(*CHANGED)
+        if name in PLAIN:
+            getattr(self._session, name)()
+            return self._answer(*CHANGED)
+        if name in OF_GROUPS:
+            getattr(self._session, name)(arguments["group"])
+            return self._answer(*CHANGED)
+        return getattr(self, f"do_{name}")(arguments)
 
     def whole(self) -> bytes:
         """Return everything that a page needs at the beginning."""
@@ -105,18 +100,14 @@ class Commands:
 
     def image(self, arguments: Mapping[str, Any]) -> bytes:
         """Return the image file of a material."""
-        name, number = self._session.document.name, arguments.get("material", "")
-        materials = self._session.document.skin.materials
-        if not number.isdecimal() or not int(number) < len(materials):
-            raise InputError(f"{name}: the file has no material {number}")
-        texture = materials[int(number)].texture
-        if texture is None:
-            raise InputError(f"{name}: its material {number} has no image")
+        document = self._session.document
+        texture = document.skin.materials[int(arguments["material"])].texture
+        assert texture is not None  # the page asks for the images of materials that have one
         try:
             return texture()
         except (OSError, ValueError, LookupError) as error:
             why = reason(error) if isinstance(error, OSError) else error
-            raise InputError(f"{name}: a texture cannot be shown ({why})") from error
+            raise InputError(f"{document.name}: a texture cannot be shown ({why})") from error
 
     def select(self, vertices: np.ndarray, how: str) -> bytes:
         """Select vertices (k,) int."""
@@ -124,39 +115,35 @@ class Commands:
         return self._answer("selection")
 
     def do_mark(self, arguments: Mapping[str, Any]) -> bytes:
-        number = self._session.mark(_given(arguments, "kind", str))
+        number = self._session.mark(arguments["kind"])
         return self._answer(*CHANGED, marked=number)
 
     def do_alter(self, arguments: Mapping[str, Any]) -> bytes:
-        fields: dict[str, Any] = {
-            key: _given(arguments, key, str) for key in ("kind", "name") if key in arguments
-        }
-        if "weight" in arguments:
-            fields["weight"] = inf if arguments["weight"] is None else _numbers(arguments, "weight", ())
-        self._session.alter(_given(arguments, "group", int), **fields)
+        fields = {key: arguments[key] for key in ("kind", "name", "weight") if key in arguments}
+        if fields.get("weight", 0) is None:
+            fields["weight"] = inf
+        self._session.alter(arguments["group"], **fields)
         return self._answer(*CHANGED)
 
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
-        group = self._session.state.group(_given(arguments, "group", int))
+        group = self._session.state.group(arguments["group"])
         return self.select(group.vertices, "replace")
 
     def do_limit(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.limit(_given(arguments, "group", int), _numbers(arguments, "distance", ()))
+        self._session.limit(arguments["group"], arguments["distance"])
         return self._answer(*CHANGED)
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        method = require_method(_given(arguments, "method", str), METHODS)
-        volume, area = (bool(arguments.get(name, True)) for name in ("volume", "area"))
-        self._session.set_up(Settings(method, volume, area))
+        self._session.set_up(Settings(arguments["method"], arguments["volume"], arguments["area"]))
         return self._answer("positions")
 
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:
-        V = self._session.drag(_given(arguments, "group", int), self._motion(arguments))
+        V = self._session.drag(arguments["group"], self._motion(arguments))
         few = self._preview
         return packet({}, {"positions": self._positions(V if few is None else V[few.vertices])})
 
     def do_release(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.release(_given(arguments, "group", int), self._motion(arguments))
+        self._session.release(arguments["group"], self._motion(arguments))
         return self._answer() if self._preview is None else self._answer("positions")
 
     def do_settle(self, _: Mapping[str, Any]) -> bytes:
@@ -164,16 +151,12 @@ class Commands:
         return self._answer("positions", volume=self._session.volume_change)
 
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
-        content, name = _given(arguments, "what", str), _given(arguments, "name", str)
-        over = arguments.get("over") is True
-        path, lost = self._session.save(content, name, over=over, progress=self._progress)
+        given = {"over": arguments.get("over", False), "progress": self._progress}
+        path, lost = self._session.save(arguments["what"], arguments["name"], **given)
         return self._answer("positions", saved=str(path), lost=list(lost))
 
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
-        pivot, move = _numbers(arguments, "pivot", (3,)), _numbers(arguments, "move", (3,))
-        quaternion = _numbers(arguments, "quaternion", (4,))
-        if not 1e-100 < (largest := np.abs(quaternion).max()) < 1e100:
-            raise InputError(f"a quaternion of length {largest:g} is no rotation")
+        pivot, move, quaternion = (np.array(arguments[name]) for name in ("pivot", "move", "quaternion"))
         return Motion.about(self._centre + self._scale * pivot, quaternion, self._scale * move)
 
     def _positions(self, V: np.ndarray) -> np.ndarray:
@@ -221,7 +204,6 @@ class Commands:
             "outputs": {content: path.name for content, path in session.document.outputs.items()},
             "command": session.document.command,
             "trouble": session.trouble,
-            "changed": session.document.is_changed,
             "recovery": [
                 {"name": path.name, "time": t, "groups": n} for path, t, n in session.recovery.offers
             ],
@@ -255,20 +237,3 @@ def _components_without(mesh: Mesh, groups: tuple[Group, ...]) -> int:
     """Count the components without vertices of groups, which move with the nearest component."""
     held = [mesh.component[group.vertices] for group in groups]
     return mesh.topology.components - len(np.unique(np.concatenate(held))) if held else 0
-
-
-def _given(arguments: Mapping[str, Any], name: str, kind: type) -> Any:
-    value = arguments.get(name)
-    if type(value) is not kind:
-        raise InputError(f'the command needs a {"text" if kind is str else "whole number"} "{name}"')
-    return value
-
-
-def _numbers(arguments: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:
-    try:
-        values = np.asarray(arguments.get(name), dtype=np.float64)
-    except (TypeError, ValueError):  # words, objects, lists of several lengths
-        values = np.full(0, np.nan)
-    if values.shape != shape or not np.isfinite(values).all():
-        raise InputError(f'the command needs "{name}": {"numbers" if shape else "a number"}')
-    return values if shape else float(values)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +19,6 @@ from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
 from sshade.files.by_library import WRITABLE
 from sshade.files.door import on_shape, open_shape
-from sshade.files.gltf import buffer_files
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import read_file, write_file
 from sshade.files.task_files import write_handles
@@ -78,8 +76,8 @@ class Document:
         repair: bool = False,
     ) -> None:
         self.name, self._path = path.name, path
-        #: Files that may be replaced without a question, unless another program changes them.
-        self._replaceable: dict[Path, tuple[int, int] | None] = {}
+        #: Files that may be replaced without a question.
+        self._replaceable: set[Path] = set()
         self.outputs = {
             "mesh": path.with_name(f"{path.stem}_deformed{path.suffix}"),
             "handles": path.with_name(f"{path.stem}_handles.json"),
@@ -88,13 +86,10 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
-        opened = _signature(path)
         self._refuse = refuse
         self._file = read_file(path)
         with naming(path):
             self._shape = open_shape(self._file, weld=weld, repair=repair)
-        self._files = [path, *buffer_files(path)]
-        self._opened = [opened, *map(_signature, self._files[1:])]
         self.notes = self._file.notes
         self._flags: dict[str, Any] = {} if weld is None else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
@@ -139,23 +134,18 @@ class Document:
         Raises
         ------
         InputError
-            On another content, or when `name` is not the plain name of a file with a suffix of the content,
+            When `name` is not the plain name of a file with a suffix of the content,
             or is the edited mesh.
         FileExists
-            When the file exists, unless this editor wrote it last or its path was given in advance.
+            When the file exists, unless this editor wrote it or its path was given in advance.
         """
-        if content not in FORMATS:
-            raise InputError(f"{content!r} cannot be saved: use {' or '.join(FORMATS)}")
         plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
         if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
         path = self.outputs[content].with_name(name)
         self._check(content, path)
-        if path.exists() and not over:
-            if path.resolve() not in self._replaceable:
-                raise FileExists(f"{name} exists already")
-            if self._replaceable[path.resolve()] != _signature(path):
-                raise FileExists(f"another program has changed {name}")
+        if path.exists() and not over and path.resolve() not in self._replaceable:
+            raise FileExists(f"{name} exists already")
         return path
 
     def _check(self, content: str, path: Path) -> None:
@@ -166,7 +156,7 @@ class Document:
     def _propose(self, content: str, path: Path) -> None:
         """Propose a path from now on; it may be replaced without a question."""
         self.outputs[content] = path
-        self._replaceable[path.resolve()] = _signature(path)
+        self._replaceable.add(path.resolve())
 
     def write_handles(self, state: EditState, path: Path) -> None:
         """Write the groups and all options as a handle file; raise InputError when there are no groups."""
@@ -221,11 +211,6 @@ class Document:
             raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
 
     @property
-    def is_changed(self) -> bool:
-        """Whether another program changed or removed the mesh file, or its buffers, since it was opened."""
-        return list(map(_signature, self._files)) != self._opened
-
-    @property
     def recovery_folders(self) -> list[Path]:
         """Folders with recovery files, the folder of this session's first.
 
@@ -241,11 +226,3 @@ class Document:
         """Command line that computes the same shape from the saved handles and their options."""
         words = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])
-
-
-def _signature(path: Path) -> tuple[int, int] | None:
-    """Return what changes with the contents of a file; None without a file."""
-    with suppress(OSError):
-        found = path.stat()
-        return found.st_mtime_ns, found.st_size
-    return None

@@ -41,7 +41,7 @@ class Grouping(Work):
         Raises
         ------
         InputError
-            When no vertex is selected, or on another kind.
+            When no vertex is selected.
         """
         with self._lock:
             vertices = self.state.selection

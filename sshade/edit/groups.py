@@ -78,7 +78,7 @@ class Group:
     Raises
     ------
     InputError
-        On another kind, an empty or too long name, or a weight that is not above 0.
+        On an empty or too long name, or a weight that is not above 0.
     """
 
     number: int
@@ -91,8 +91,6 @@ class Group:
     is_prescribed: bool = False
 
     def __post_init__(self) -> None:
-        if self.kind not in ("fixed", "moved"):
-            raise InputError(f"a group is fixed or moved, not {self.kind!r}")
         if not 0 < len(self.name) <= LONGEST:
             raise InputError(f"a name has 1 to {LONGEST} characters")
         if not self.weight > 0:

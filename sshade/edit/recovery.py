@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
+import os
 import secrets
 from collections.abc import Sequence
 from contextlib import suppress
@@ -27,10 +27,6 @@ from sshade.problem.options import require_method
 WHAT = "a recovery file of `sshade edit`"
 #: Fields of a group that its record in a recovery file has under the same name.
 FIELDS = ("name", "kind", "is_prescribed")
-#: Largest difference in seconds between two readings of the time at which a process began.
-SAME_START = 1.0
-#: Files of sessions of this process that have ended.
-_ENDED: set[Path] = set()
 
 
 class Offer(NamedTuple):
@@ -79,8 +75,9 @@ class Recovery:
         for path in [one for folder in folders for one in folder.glob(f"{escape(name)}.recovery-*.npz")]:
             with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
                 facts = json.loads(str(read_npz(path, "facts", what=WHAT)["facts"]))
-                if path in _ENDED or not _is_running(facts["process"]):
-                    self.offers.append(Offer(path, path.stat().st_mtime, len(facts["groups"])))
+                written = path.stat().st_mtime
+                if not _is_running(facts["process"], since=written):
+                    self.offers.append(Offer(path, written, len(facts["groups"])))
         self.offers.sort(key=lambda offer: -offer.time)
 
     def write(self, state: EditState) -> None:
@@ -102,7 +99,7 @@ class Recovery:
             }
             for group in state.groups
         ]
-        facts = {"mesh": self._digest, "process": _process(), "settings": state.settings, "groups": groups}
+        facts = {"mesh": self._digest, "process": os.getpid(), "settings": state.settings, "groups": groups}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
@@ -131,12 +128,6 @@ class Recovery:
             settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
             return EditState(arrays["selection"], tuple(groups), settings)
 
-    def end(self, *, keep: bool) -> None:
-        """End the session; later sessions offer its file if it is kept."""
-        _ENDED.add(self.path)
-        if not keep:
-            self.remove()
-
     def remove(self) -> None:
         """Remove the file of this session, if it exists."""
         with suppress(OSError):
@@ -158,20 +149,11 @@ class Recovery:
         return digest.hexdigest()
 
 
-def _process(pid: int | None = None) -> list[Any]:
-    """Return this machine's name, and the number and start of a process, by default of this one."""
-    import psutil
-
-    process = psutil.Process(pid)
-    return [platform.node(), process.pid, process.create_time()]
-
-
-def _is_running(process: list[Any]) -> bool:
-    """Whether a process of this machine still runs. Its number alone may belong to a later process."""
+def _is_running(process: int, *, since: float) -> bool:
+    """Whether a process still runs that ran at a time. A later process may have its number."""
     import psutil
 
     try:
-        host, _, start = _process(process[1])
+        return psutil.Process(process).create_time() <= since
     except psutil.Error:
         return False
-    return host == process[0] and abs(start - process[2]) < SAME_START

@@ -30,16 +30,7 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     -------
     (j',) int64
         Selected vertices, ascending.
-
-    Raises
-    ------
-    InputError
-        When `how` is another word, or a vertex is out of range.
     """
-    if how not in WAYS:
-        raise InputError(f"{how!r} is no way to pick vertices; use {', '.join(WAYS)}")
-    if vertices.ndim != 1 or (len(vertices) and (vertices.min() < 0 or vertices.max() >= mesh.n)):
-        raise InputError(f"vertices to pick are numbers from 0 to {mesh.n - 1}")
     chosen = np.zeros(mesh.n, dtype=bool)
     chosen[before] = how not in ("replace", "none")
     if how in ("replace", "add", "remove"):

@@ -69,11 +69,6 @@ class Session(Grouping):
         vertices : (k,) int
         how : str
             See :func:`sshade.edit.selection.selected`.
-
-        Raises
-        ------
-        InputError
-            When a vertex is out of range, or `how` is another word.
         """
         with self._lock:
             new = selected(self.mesh, self.state.selection, np.asarray(vertices), how)
@@ -86,7 +81,8 @@ class Session(Grouping):
         A thread that returns from compiled code while the interpreter ends would abort the process. The
         recovery file stays if there are unsaved groups.
         """
-        self.recovery.end(keep=self.is_unsaved)
+        if not self.is_unsaved:
+            self.recovery.remove()
         self._following.acquire(timeout=patience)
 
     def set_up(self, settings: Settings) -> None:

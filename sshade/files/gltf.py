@@ -181,14 +181,6 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     return Gltf(path, tree, buffers, further)
 
 
-def buffer_files(path: Path) -> list[Path]:
-    """Return the files beside a readable .glb or .gltf that have its buffers; none for other files."""
-    if path.suffix.lower() not in (".glb", ".gltf"):
-        return []
-    tree = parsed_gltf(path.read_bytes(), path).tree
-    return [path.parent / unquote(entry["uri"]) for entry in _outside(tree, "buffers")]
-
-
 def _outside(tree: dict[str, Any], kind: str) -> list[dict[str, Any]]:
     """Return the "buffers" or the "images" whose bytes are in other files."""
     return [entry for entry in tree.get(kind, []) if not is_embedded(entry.get("uri", "data:"))]

@@ -67,9 +67,6 @@ export class Panel {
       const when = new Date(1000 * time).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
       byId("found").textContent = `${name} has unsaved work of ${when}: ${count} ${count === 1 ? "group" : "groups"}.`;
     }
-    byId("changed").hidden = !facts.changed;
-    byId("changed").textContent = facts.changed
-      ? `${mesh.name} changed on disk. The groups belong to the version that was opened, which Save mesh writes. Start the editor again to use the new version.` : "";
     byId("trouble").hidden = !facts.trouble;
     byId("trouble").textContent = `No recovery file: ${facts.trouble}`;
     for (const what of ["handles", "mesh"]) {

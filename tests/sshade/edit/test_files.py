@@ -1,6 +1,5 @@
 """A session without a browser: saved files, and the command that repeats them."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +7,12 @@ import pytest
 
 from sshade import InputError
 from sshade.cli.main import main
-from sshade.edit.commands import Commands
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
-from sshade.files.meshes import read_arrays, write_mesh
+from sshade.files.meshes import read_arrays
 from sshade.files.task_files import read_handles
 from tests.shapes import as_obj, rotation, strip, torn
-from tests.sshade.edit.lent import unpacked
 from tests.sshade.edit.sessions import (
     BODY,
     LIFT,
@@ -32,8 +29,10 @@ from tests.sshade.edit.sessions import (
 pytestmark = pytest.mark.usefixtures("here")
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+@pytest.mark.parametrize(
+    ("shape", "method"),
+    [("a closed body", "fine"), ("two rings", "paper"), ("a torus", "fast"), ("a sheet", "fast")],
+)
 def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
     session, number = ready(SHAPES[shape], settings=Settings(method))
     motion = turned(session.mesh.V, 0.5)
@@ -46,7 +45,7 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
     assert session.save("handles", "pose.json")[0].name == "pose.json" and not session.is_unsaved
     path, lost = session.save("mesh", "posed.ply")
     assert lost == ()
-    assert main(["deform", "body.ply", "pose.json", "-o", "again.ply", "--method", method]) == 0
+    assert main(["deform", "body.ply", "pose.json", "-o", "again.ply"]) == 0
     assert Path("again.ply").read_bytes() == path.read_bytes()
     handles = session.state.handles(session.mesh)
     assert np.array_equal(read_arrays(path)[0][handles.index], handles.target)
@@ -70,19 +69,7 @@ def test_saved_groups_are_opened_as_they_were():
     assert np.allclose(again.state.groups[2].rotation, rotation(1))
 
 
-def test_a_file_with_groups_that_follow_others_is_opened_with_all_groups_at_their_places():
-    session, number = ready()
-    session.release(number, LIFT)
-    session.save("handles", "pose.json")
-    data = json.loads(Path("pose.json").read_text())
-    Path("pose.json").write_text(json.dumps({**data, "links": [None, [0, None, 0.5]]}))
-    again = Session(Path("body.ply"), handles=Path("pose.json"))
-    assert_same_groups(session.state.groups, again.state.groups)
-    assert main(["deform", "body.ply", "pose.json", "-o", "posed.ply"]) == 0
-
-
-@pytest.mark.parametrize("single", [True, False])
-@pytest.mark.parametrize("method", ["fast", "fine", "paper"])
+@pytest.mark.parametrize(("method", "single"), [("fast", True), ("fine", False), ("paper", False)])
 def test_one_command_repeats_a_session_in_which_everything_was_switched(method, single):
     session = switched(single=single)
     session.set_up(Settings(method, volume=False, area=False))
@@ -125,30 +112,6 @@ def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
     assert session.save("mesh", "plain.ply")[1] != ()  # the result names the data that PLY loses
 
 
-@pytest.mark.parametrize("name", ["body.ply", "body.obj", "body.glb"])
-def test_a_mesh_that_changes_on_disk_is_told_and_the_opened_version_is_saved(name):
-    session = begun(name=name)
-    number = marked(session)
-    commands = Commands(session)
-    assert not unpacked(commands.whole())["changed"]
-    before = read_arrays(name)
-    session.drag(number, LIFT)
-    write_mesh(name, 2 * BODY.V[:-1], BODY.F[(BODY.n - 1 > BODY.F).all(axis=1)])
-    session.drag(number, LIFT)
-    session.release(number, LIFT)
-    session.settle()
-    assert unpacked(commands.whole())["changed"]
-    session.save("handles", "pose.json")
-    session.save("mesh", f"posed{name[4:]}")
-    moved, faces = read_arrays(f"posed{name[4:]}")
-    assert np.array_equal(faces, before[1]) and np.abs(moved - session.shown).max() < 1e-6
-    Path(name).unlink()
-    assert unpacked(commands.whole())["changed"]
-    write_mesh(name, *before)
-    assert main(["deform", name, "pose.json", "-o", f"again{name[4:]}"]) == 0
-    assert np.abs(read_arrays(f"again{name[4:]}")[0] - moved).max() < 1e-6
-
-
 def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     (here / "out").mkdir()
     (here / "other.json").write_text("mine")
@@ -168,13 +131,6 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     with pytest.raises(InputError, match="exists already"):
         second.save("handles", "other.json")
     second.save("handles", "other.json", over=True)
-    theirs = (here / "other.json").read_bytes()
-    session.remove(session.state.groups[0].number)
-    with pytest.raises(InputError, match=r"another program has changed other\.json"):
-        session.save("handles", "other.json")
-    assert (here / "other.json").read_bytes() == theirs
-    session.save("handles", "other.json", over=True)
-    session.save("handles", "other.json")
     assert read_handles("other.json", BODY).index.size
     assert session.save("mesh", "posed.obj")[0] == here / "out" / "posed.obj"
     command = session.document.command

@@ -13,7 +13,6 @@ from sshade.edit import preview
 from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays
 from tests.browser import changed, opened, pixels
-from tests.full import few
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import added, begun, marked, upright
@@ -171,7 +170,6 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     assert page.said == []
 
 
-@pytest.mark.parametrize("page", few([1280, 400], 1280), indirect=True)
 def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_command_line(page, session):
     V = session.mesh.V
     shown = where(page, V, V)

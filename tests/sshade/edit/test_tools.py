@@ -1,16 +1,13 @@
 """The tools of the page in a browser: groups, keys, guidance, results, the view, and other files."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays
-from tests.browser import changed, opened, pixels, portion
-from tests.shapes import beside, shifted
+from tests.browser import changed, opened, pixels
 from tests.sshade.edit.lent import lent
-from tests.sshade.edit.sessions import BODY, begun, ready, upright
+from tests.sshade.edit.sessions import BODY, ready, upright
 from tests.sshade.edit.test_page import BACKGROUND, asked, drag, release, tool, where
 
 
@@ -116,20 +113,6 @@ def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
     assert np.array_equal(session.state.selection, session.state.groups[1].vertices)
 
 
-def test_components_without_handles_are_told(browser, here):
-    three = upright(beside(beside(BODY, shifted(BODY, [4, 0, 0])), shifted(BODY, [8, 0, 0])))
-    session = begun(three)
-    with lent(session) as server, opened(browser, server.address) as page:
-        page.wait_for_selector("#stage[data-state=converged]")
-        assert page.locator("#carried").is_hidden()
-        session.select(np.arange(30), "replace")
-        session.mark("fixed")
-        page.reload()
-        page.wait_for_selector("#carried:visible")
-        told = "Components without handles: 2. They move with the nearest component."
-        assert page.locator("#carried").inner_text() == told and page.said == []
-
-
 def test_the_up_axis_and_the_floor_change_the_view_alone(page, session):
     stage, state = page.locator("#stage"), session.state
 
@@ -146,17 +129,3 @@ def test_the_up_axis_and_the_floor_change_the_view_alone(page, session):
     assert changed(before, lying) > 0.02
     page.get_by_label("up axis").select_option("y")
     assert changed(before, shown()) < 0.002 and session.state is state
-
-
-def test_colours_of_the_file_are_shown(browser, here):
-    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in upright(BODY).V.tolist()]
-    Path("red.obj").write_text("\n".join(rows + [f"f {a} {b} {c}" for a, b, c in (BODY.F + 1).tolist()]))
-    with lent(Session(Path("red.obj"))) as server, opened(browser, server.address) as page:
-        page.wait_for_selector("#stage[data-state=converged]")
-        page.wait_for_timeout(300)
-        stage = page.locator("#stage")
-        assert portion(pixels(stage), 0, least=100) > 0.05
-        page.get_by_text("Options, method fast").click()
-        page.get_by_label("colours and textures").uncheck()
-        page.wait_for_timeout(300)
-        assert portion(pixels(stage), 0, least=100) < 0.001

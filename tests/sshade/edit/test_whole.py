@@ -112,7 +112,7 @@ def test_all_controls_have_names_and_messages_are_announced(browser, session):
             ".map((it) => it.outerHTML)"
         )
         assert unnamed == []
-        for place in "#hint", "#busy", "#loose", "#carried", "#saved", "#changed":
+        for place in "#hint", "#busy", "#loose", "#carried", "#saved":
             assert page.locator(place).get_attribute("role") == "status"
         for place in "#message", "#trouble":
             assert page.locator(place).get_attribute("role") == "alert"

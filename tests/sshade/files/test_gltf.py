@@ -9,9 +9,8 @@ import pytest
 import trimesh
 
 from sshade import InputError, Mesh
-from sshade.files.gltf import buffer_files
-from sshade.files.meshes import MeshFile, read_arrays, read_file, write_file, write_mesh
-from tests.gltf import arrays, buffer_beside, glb, taken_apart, with_arrays
+from sshade.files.meshes import MeshFile, read_arrays, read_file, write_file
+from tests.gltf import arrays, glb, taken_apart, with_arrays
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
@@ -365,11 +364,3 @@ def sparse(view: int, offset: int) -> dict:
 def test_files_that_cannot_be_deformed_are_refused(tmp_path, changes, words):
     with pytest.raises(InputError, match=words):
         stored(tmp_path, *exported(**changes))
-
-
-def test_the_bytes_of_a_file_tell_whether_it_is_binary_not_its_suffix(here):
-    write_mesh("part.gltf", SPHERE.V, SPHERE.F)
-    buffer_beside("part.gltf")
-    assert buffer_files(Path("part.gltf").rename("part.glb")) == [Path("part.bin")]
-    write_mesh("whole.glb", SPHERE.V, SPHERE.F)
-    assert buffer_files(Path("whole.glb").rename("whole.gltf")) == []
