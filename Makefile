@@ -126,16 +126,14 @@ ablations: $(READY) $(QUICK)/dataset.json
 	$(foreach name,$(ABLATIONS),$(BIN)/sshade-eval run -m $($(name)) run.experiment=$(name) &&) true
 	$(BIN)/sshade-eval collect $(ABLATIONS)
 	$(BIN)/sshade-eval tables $(ABLATIONS)
-	$(BIN)/sshade-eval figures ablation_touching --cases hairpin/gap_0.01 hairpin/gap_0.05 \
-	  --towards 0 1 0 --up 0 0 1
+	$(BIN)/sshade-eval figures ablation_touching
 
 transfers: $(READY) $(FULL)/dataset.json
 	for name in $(TRANSFERS); do $(BIN)/sshade-eval run -m experiment=$$name || exit 1; done
 	$(BIN)/sshade-eval collect $(TRANSFERS)
 	$(BIN)/sshade-eval tables $(TRANSFERS)
-	$(BIN)/sshade-eval figures isometric --worst hausdorff \
-	  --methods triangle-1 triangle-10 blended_affine-1 blended_affine-10
-	$(BIN)/sshade-eval figures pose_transfer --worst chamfer
+	$(BIN)/sshade-eval figures isometric
+	$(BIN)/sshade-eval figures pose_transfer
 
 cover: $(READY) data/cover/dataset.json
 	$(BIN)/sshade-eval run -m dataset.root=data/cover subject=11 pose=6 method=elastic,fast,fine \

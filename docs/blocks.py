@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from eval.publish.markdown import markdown_table
+from eval.publish.columns import markdown_table
 
 
 def filled(text: str, blocks: dict[str, str]) -> str:

@@ -29,7 +29,7 @@ from typing import Any
 
 import yaml
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.metrics import MEASURES, METRICS, Task, measure
 from eval.rows.files import write_text
 from eval.rows.store import VALID

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 
-from eval.installation import EXTRAS
+from eval import EXTRAS
 from sshade.core.console import Program
 
 # Runs ask git for the state of the checkout. This variable keeps git from locking and writing its index.

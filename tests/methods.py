@@ -8,7 +8,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.run.targets import instantiate
 from sshade.problem.task import DeformationResult
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
-from eval.installation import EXTRAS as OF_EVAL
+from eval import EXTRAS as OF_EVAL
 from sshade.core.console import EXTRAS as OF_SSHADE
 
 ROOT = Path(__file__).parents[1]

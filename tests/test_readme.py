@@ -15,7 +15,7 @@ import pytest
 
 import sshade
 from docs.pages import BLOCK
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.rows.frame import numbers, read_csv
 from eval.rows.splits import HELD_OUT, read_splits, split_of
 

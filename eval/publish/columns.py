@@ -1,7 +1,8 @@
-"""The columns of tables of deformations and of pose transfers, and the methods that tables do not rank."""
+"""The columns of tables, the methods that tables do not rank, and tables in Markdown."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import pandas as pd
@@ -181,3 +182,12 @@ def are_transfers(rows: pd.DataFrame) -> bool:
 def reference_rows(rows: pd.DataFrame) -> pd.Series:
     """Whether each row is of a reference, which no table ranks."""
     return rows.reindex(columns=["method.target"])["method.target"].isin(REFERENCES)
+
+
+def markdown_table(
+    labels: Sequence[str], body: Iterable[Iterable[str]], *, left: Collection[str] = ()
+) -> str:
+    """Return a table; columns labelled in `left` are aligned left, the others right."""
+    sides = ["---" if label in left else "---:" for label in labels]
+    lines = (" | ".join(cell.replace("|", r"\|") for cell in cells) for cells in (labels, sides, *body))
+    return "\n".join(f"| {line} |" for line in lines)

@@ -22,17 +22,7 @@ from eval.publish import panels
 from eval.publish.columns import TIME, TRUTH, reference_rows
 from eval.publish.comparison import RUN, means
 from eval.publish.panels import Case
-from eval.publish.plotting import (
-    FIGURES,
-    add_camera,
-    camera,
-    look,
-    name_points,
-    new_figure,
-    plot_points,
-    save,
-    style,
-)
+from eval.publish.plotting import FIGURES, add_camera, camera, new_figure, save, style
 from eval.rows.collect import Experiment, collect, load_rows
 from eval.rows.files import FOLDER_HELP, TIMING, experiment_folder, has_runs, read_conf, rows_file
 from eval.rows.frame import distinct, method_names, numbers, read_csv, records, valid
@@ -42,6 +32,13 @@ from sshade.core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Colours of methods in the order of the table; colour-blind people can tell them apart. Then markers.
+PALETTE = (
+    *("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"),
+    *("#56b4e9", "#8c6d31", "#6b6ecf", "#637939", "#7f7f7f"),
+)
+MARKERS = "osD^vPX*<>"
 
 Point = tuple[float, float]
 
@@ -91,10 +88,11 @@ def _draw_chart(points: dict[str, Point], *, machine: str) -> Figure:
     """Draw a point for each method; a grey line joins the methods that no other method beats."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    figure = new_figure(3.8, 3.6)
-    axes, looks = figure.subplots(), look(points)
-    curves = {method: [point] for method, point in points.items()}
-    plot_points(axes, curves, looks)
+    figure = new_figure(4.8, 3.6)
+    axes = figure.subplots()
+    for i, (method, point) in enumerate(points.items()):
+        marker, colour = MARKERS[i // len(PALETTE) % len(MARKERS)], PALETTE[i % len(PALETTE)]
+        axes.plot(*point, marker, color=colour, label=method)
     axes.step(*zip(*unbeaten(points.values()), strict=True), where="post", color="#bbbbbb", zorder=0, lw=1)
     axes.set(xscale="log", xlabel="\n".join(["time (s)", *textwrap.wrap(machine, 46)]))
     axes.set(ylabel="distance to the true pose (% of the diagonal)")
@@ -104,7 +102,7 @@ def _draw_chart(points: dict[str, Point], *, machine: str) -> Figure:
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    name_points(axes, curves, looks)
+    figure.legend(loc="outside right upper")
     return figure
 
 
@@ -128,9 +126,7 @@ def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | 
     return _draw_chart(points, machine="; ".join(distinct(rows if times is None else times, "env.machine")))
 
 
-def read_cases(
-    folder: Path, *, names: Sequence[str], methods: Sequence[str], worst: str | None = None
-) -> list[Case]:
+def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) -> list[Case]:
     """Read tasks and results from the run folders of an experiment; the latest of several runs counts.
 
     Parameters
@@ -138,13 +134,11 @@ def read_cases(
     folder : path
     names, methods : list of str
         Cases and methods to show. If empty: three cases, and all methods with a result on them.
-    worst : str, optional
-        A metric. Without `names`, show the case with the largest value.
 
     Raises
     ------
     InputError
-        If there is no such run, result or metric, or a dataset has changed since the run.
+        If there is no such run or result, or a dataset has changed since the run.
     """
     experiment = Experiment(folder.name, collect(folder), (folder,))
     every = experiment.rows.assign(found=experiment.rows["status"].isin(VALID))
@@ -157,12 +151,6 @@ def read_cases(
     missing = [name for name in names if name not in known]
     if missing:
         raise InputError(f"{folder}: no case {missing[0]!r}; there are {', '.join(known)}")
-    if worst and not names:
-        shown = rows[rows["method.name"].isin(methods)] if methods else rows
-        values = numbers(shown, f"metric.{worst}")
-        if values.isna().all():
-            raise InputError(f"no case has the metric {worst!r}")
-        names = [shown["task.name"][values.idxmax()]]
     names = names or [known[i] for i in np.unique(np.linspace(0, len(known) - 1, 3).astype(int))]
     with_result = set(rows["method.name"][rows["task.name"].isin(names)])
     methods = methods or [method for method in experiment.methods if method in with_result]
@@ -198,8 +186,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--times", metavar="NAME", help=text)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
-    text = "show the case with the largest value of this measure"
-    parser.add_argument("--worst", metavar="METRIC", help=text)
     add_camera(parser)
     text = "picture to write (default: out/figures/<experiment>.png)"
     parser.add_argument("-o", "--out", type=Path, help=text)
@@ -223,13 +209,11 @@ def command(options: argparse.Namespace) -> int:
 def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     """Draw the grid of pictures: a row for each case, a panel for each method."""
     entry = read_picture(folder.name)
-    names, methods = options.cases, options.methods or entry.get("methods", [])
-    if not names and not options.worst:
-        names = entry.get("tasks", [])
-    cases = read_cases(folder, names=names, methods=methods, worst=options.worst)
+    names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
+    cases = read_cases(folder, names=names, methods=methods)
     view = camera(options, entry)
     out = options.out or FIGURES / f"{folder.name}.png"
-    rows = [row for case in cases for row in panels.rows_of(case, **view)]
+    rows = [panels.row_of(case, **view) for case in cases]
     legend = f"{panels.what_to_see(cases[0].task)} Percentages are means. Seconds are of these runs."
     if any(panel.handles for row in rows for panel in row.panels):
         legend += " Handles: blue fixed, yellow moved."

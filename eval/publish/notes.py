@@ -8,7 +8,7 @@ from functools import cache
 import pandas as pd
 import yaml
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.metrics import METRICS
 from eval.publish.columns import (
     DEFINITIONS,

@@ -1,14 +1,13 @@
 """Pictures of results side by side: a row of panels for each case.
 
 A row has the rest shape with its handles (blue: fixed, yellow: moved), the true pose if known, and the
-result of each method. Colours show the distance to the true pose, or else the change of edge lengths. A pose
-transfer has a second row, a close-up of the place where the results are farthest from the true pose.
+result of each method. Colours show the distance to the true pose, or else the change of edge lengths.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import fill, shorten
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,16 +17,13 @@ import numpy as np
 from eval.metrics import Task
 from eval.publish.plotting import new_figure, picture, style
 from eval.rows.store import Row
-from sshade.mesh.connectivity import connectivity
 from sshade.mesh.mesh import Mesh
 from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error
-from sshade.problem.task import Handles, TransferTask
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Radius of a close-up, as a fraction of the bounding-box diagonal.
-CLOSE_UP = 0.06
 #: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
 #: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
@@ -127,8 +123,8 @@ def task_title(task: Task) -> str:
     return ", ".join([f"{subject} {task.meta['subject']}", *(word.replace("_", " ") for word in words)])
 
 
-def rows_of(case: Case, *, towards: np.ndarray, up: np.ndarray) -> list[PanelRow]:
-    """Return the rows of a case.
+def row_of(case: Case, *, towards: np.ndarray, up: np.ndarray) -> PanelRow:
+    """Return the row of a case.
 
     Parameters
     ----------
@@ -137,37 +133,20 @@ def rows_of(case: Case, *, towards: np.ndarray, up: np.ndarray) -> list[PanelRow
         Direction from the scene to the camera, and upright direction.
     """
     task = case.task
-    found = {name: V for name, V in case.results.items() if isinstance(V, np.ndarray)}
-    errors = {name: error_of(task, V) for name, V in found.items()}
-    inputs = _inputs(task)
-    shapes = inputs | found
-
-    def row(
-        title: str, mesh: Mesh, ids: np.ndarray | slice, directions: Mapping[str, np.ndarray]
-    ) -> PanelRow:
-        """Return a row of a part of the mesh, seen from a direction for each shape."""
-        views = [View.of([V[ids]], towards=directions[name], up=up) for name, V in shapes.items()]
-        size = np.max([view.size for view in views], axis=0)  # a unit of length has one size
-        view_of = {name: replace(view, size=size) for name, view in zip(shapes, views, strict=True)}
-        panels = []
-        for name in (*inputs, *case.results):
-            if name not in shapes:
-                panels.append(Panel(name, str(case.results[name]), view_of["rest"]))
-                continue
-            error = errors[name][ids] if name in errors else None
-            panels.append(Panel(name, shapes[name][ids], view_of[name], error=error))
-        return PanelRow(title, task.name, mesh, panels)
-
-    whole = row(task_title(task), task.mesh, slice(None), dict.fromkeys(shapes, towards))
-    captions = {name: _caption(error, case.rows.get(name, {})) for name, error in errors.items()}
-    whole.panels[:] = [panel._replace(caption=captions.get(panel.name, "")) for panel in whole.panels]
-    if not isinstance(task, TransferTask):
-        whole.panels[0] = whole.panels[0]._replace(handles=task.handles)
-        return [whole]
-    worst = int(np.argmax(sum(errors.values())))
-    ids, patch = surroundings(task.rest, worst, CLOSE_UP * task.rest.diagonal)
-    outwards = {name: _outwards(patch, V[ids]) for name, V in shapes.items()}
-    return [whole, row("largest error", patch, ids, outwards)]
+    shapes: dict[str, np.ndarray | str] = {**_inputs(task), **case.results}
+    found = {name: V for name, V in shapes.items() if isinstance(V, np.ndarray)}
+    views = {name: View.of([V], towards=towards, up=up) for name, V in found.items()}
+    size = np.max([view.size for view in views.values()], axis=0)  # a unit of length has one size
+    panels = []
+    for name, V in shapes.items():
+        panel = Panel(name, V, replace(views.get(name, views["rest"]), size=size))
+        if name in case.results and isinstance(V, np.ndarray):
+            error = error_of(task, V)
+            panel = panel._replace(error=error, caption=_caption(error, case.rows.get(name, {})))
+        panels.append(panel)
+    if isinstance(task, DeformationTask):
+        panels[0] = panels[0]._replace(handles=task.handles)
+    return PanelRow(task_title(task), task.name, task.mesh, panels)
 
 
 def _inputs(task: Task) -> dict[str, np.ndarray]:
@@ -184,21 +163,6 @@ def _caption(error: np.ndarray, row: Row) -> str:
     """Return the mean error of a result and the time of its method."""
     seconds = row.get("seconds.total")
     return f"{error.mean():.2g} %" + ("" if seconds is None else f", {seconds:.2g} s")
-
-
-def surroundings(mesh: Mesh, vertex: int, radius: float) -> tuple[np.ndarray, Mesh]:
-    """Return the part of a mesh in a ball around a vertex that is connected to it: vertex ids and mesh."""
-    inside = np.linalg.norm(mesh.V - mesh.V[vertex], axis=1) <= radius
-    F = mesh.F[inside[mesh.F].all(axis=1) | (vertex == mesh.F).any(axis=1)]
-    part = connectivity(F, mesh.n).component
-    ids, faces = np.unique(F[part[F[:, 0]] == part[vertex]], return_inverse=True)
-    return ids, Mesh(mesh.V[ids], faces.reshape(-1, 3))
-
-
-def _outwards(patch: Mesh, V: np.ndarray) -> np.ndarray:
-    """Return the mean normal of a patch in a pose, not normalised."""
-    a, b, c = (V[patch.F[:, k]] for k in range(3))
-    return np.cross(b - a, c - a).sum(axis=0)
 
 
 def top_of(rows: Sequence[PanelRow]) -> float:

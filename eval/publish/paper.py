@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS, Column
-from eval.publish.markdown import markdown_table
+from eval.publish.columns import COLUMNS, TRANSFER_COLUMNS, Column, markdown_table
 from eval.rows.files import ROWS, RUNS, read_conf
 from eval.rows.frame import CASE, newest, numbers, read_csv, valid
 from sshade.core.errors import InputError

@@ -7,7 +7,6 @@ failures from rows. If the run folders exist, it also has pictures of every case
 from __future__ import annotations
 
 import argparse
-import ast
 import base64
 import html
 import io
@@ -25,7 +24,7 @@ from eval.publish.columns import HEADLINE, TIME, TRUTH, Column, begun
 from eval.publish.comparison import compare, means
 from eval.publish.figures import chart_of
 from eval.publish.notes import definitions, legend
-from eval.publish.panels import Case, error_label, picture_of, rows_of, task_title, top_of, what_to_see
+from eval.publish.panels import Case, error_label, picture_of, row_of, top_of, what_to_see
 from eval.publish.plotting import add_camera, camera, to_svg
 from eval.publish.summary import by_half, make_table
 from eval.publish.tables import TIE, printed
@@ -45,16 +44,6 @@ from sshade.plotting.view import ViewShape, packed_view
 TURNABLE = 3
 #: Pixels on the page of the bounding-box diagonal of a rest shape: all pictures have one scale.
 DIAGONAL = 280
-#: Columns of facts about runs, and their headings.
-FACTS = {
-    "env.machine": "machine",
-    "env.python": "Python",
-    "env.commit": "commit",
-    "env.modified": "with changes to it",
-    "env.numba_threads": "threads of numba",
-    "env.omp_num_threads": "threads of OpenMP",
-    "env.jobs": "runs at once",
-}
 
 
 @dataclass
@@ -69,8 +58,10 @@ class ReportCase:
         The case in words.
     missing : list of str
         Sentences on parts that cannot be shown.
-    pictures : list of lists of dict
-        Rows of pictures: name, caption, width in pixels and image (a data URI).
+    pictures : list of dict
+        Name, caption and image (a data URI) of each picture.
+    width : int
+        Width of the pictures in pixels.
     look, label : str
         What to look at, and the name of the error that the colours show.
     top : float
@@ -84,7 +75,8 @@ class ReportCase:
     rows: list[Row]
     title: str = ""
     missing: list[str] = field(default_factory=list)
-    pictures: list[list[dict[str, Any]]] = field(default_factory=list)
+    pictures: list[dict[str, str]] = field(default_factory=list)
+    width: int = 0
     look: str = ""
     label: str = ""
     top: float = 1.0
@@ -132,25 +124,24 @@ def show_case(
     except (InputError, OSError, ImportError) as error:
         shown.missing.append(f"No pictures: {error}.")
         return shown
-    panel_rows = rows_of(Case(task, found, {row["method.name"]: row for row in rows}), towards=towards, up=up)
-    shown.title, shown.look, shown.label = task_title(task), what_to_see(task), error_label(task)
-    shown.top = top_of(panel_rows)
+    row = row_of(Case(task, found, {row["method.name"]: row for row in rows}), towards=towards, up=up)
+    shown.title, shown.look, shown.label, shown.top = (
+        row.title,
+        what_to_see(task),
+        error_label(task),
+        top_of([row]),
+    )
     handles = getattr(task, "handles", None)
     shown.handles = handles is not None
+    shown.width = round(DIAGONAL * row.width)
     try:
-        for row in panel_rows:
-            width = round(DIAGONAL * row.width)
-            shown.pictures.append(
-                [
-                    {"name": panel.name, "caption": panel.caption, "width": width}
-                    | {"image": image_uri(picture_of(panel, row.mesh, width=2 * width, top=shown.top))}
-                    for panel in row.panels
-                ]
-            )
+        for panel in row.panels:
+            image = image_uri(picture_of(panel, row.mesh, width=2 * shown.width, top=shown.top))
+            shown.pictures.append({"name": panel.name, "caption": panel.caption, "image": image})
     except InputError as error:  # the system cannot draw
         shown.missing.append(f"No pictures: {error}.")
     if turnable:
-        shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in panel_rows[0].panels]
+        shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in row.panels]
         view = packed_view(task.mesh, shapes, handles=handles, top=shown.top, label=shown.label)
         shown.view = {**view, "name": shown.name}
     return shown
@@ -313,59 +304,20 @@ def _section(
 
 
 def configuration(rows: pd.DataFrame, method: str) -> str:
-    """Return the settings of a method as YAML, nested as in its configuration.
-
-    A setting that the method resolves by the case, such as a default for regions, has all of its values.
-    """
-    import yaml
-
+    """Return the settings of a method, one a line, with all values of a setting that differs by the case."""
     own = rows[rows["method.name"] == method]
-    row = records(own)[0]
-    found = {name: list(own[name].dropna().unique()) for name in own if name.startswith("method.")}
-    # A setting without a value belongs to another method.
-    names = {name for name, values in found.items() if values}
-    names -= {f"method.{fact}" for fact in ("name", "hash", "note", "version")}
-    settings: dict[str, Any] = {}
-    for name in sorted(names, key=_function_first):
-        _, *parents, last = name.split(".")
-        place = settings
-        for parent in parents:
-            place = place.setdefault(parent, {})
-        value = found[name][0]
-        if len(found[name]) > 1:
-            value = f"{' or '.join(map(str, found[name]))}, by the case"
-        elif isinstance(value, str) and value.startswith("["):  # rows hold lists as text
-            value = ast.literal_eval(value)
-        place["_target_" if last == "target" else last] = value
-    text = yaml.safe_dump(settings, sort_keys=False, default_flow_style=False)
-    return f"# version {row['method.version']}, hash {row['method.hash']}\n{text}"
-
-
-def _function_first(name: str) -> list[str]:
-    return ["" if part == "target" else part for part in name.split(".")]
+    names = [name for name in own if name.startswith("method.") and own[name].notna().any()]
+    facts = [f"method.{fact}" for fact in ("name", "note")]
+    found = {name: own[name].dropna().unique() for name in names if name not in facts}
+    return "\n".join(f"{name} = {' or '.join(map(str, values))}" for name, values in found.items())
 
 
 def facts(rows: pd.DataFrame) -> list[tuple[str, str]]:
     """Return when and where the rows were made; several values are listed."""
-    found = []
-    for column, heading in FACTS.items():
-        values = distinct(rows, column)
-        if len(values) > 4 and all(isinstance(value, (int, float)) for value in values):
-            found.append((heading, f"{values[0]:g} to {values[-1]:g}"))
-        elif values:
-            found.append((heading, ", ".join(map(_word, values))))
-    for column in sorted(name for name in rows if name.startswith("env.version.")):
-        found.append((column.removeprefix("env.version."), ", ".join(distinct(rows, column))))
+    names = [name for name in rows if name.startswith("env.") and name != "env.cores_used"]
+    found = [(name.removeprefix("env."), ", ".join(map(str, distinct(rows, name)))) for name in names]
     days = sorted({date[:10] for date in distinct(rows, "date")})
-    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *found]
-
-
-def _word(value: Any) -> str:
-    """Return a fact as text: a bool as a word, the beginning of a commit."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    text = str(value)
-    return text[:12] if re.fullmatch("[0-9a-f]{40}", text) else text
+    return [("dates", " to ".join(dict.fromkeys(days[:1] + days[-1:]))), *(fact for fact in found if fact[1])]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from sshade.core.atomic import replacing
 from sshade.core.errors import InputError, reason
 

@@ -19,7 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from eval.installation import CONFIGURATION, PACKAGES
+from eval import CONFIGURATION, PACKAGES
 from eval.metrics import METRICS
 from eval.run.config import RunConfig, one_sentence, read_config, unreadable_override
 from eval.run.run import Outcome, run

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import psutil
 
-from eval.installation import EXTRAS
+from eval import EXTRAS
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.environment import process_memory, task_checksum

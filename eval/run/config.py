@@ -18,7 +18,7 @@ from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.environment import task_checksum

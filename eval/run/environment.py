@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-from eval.installation import PACKAGES
+from eval import PACKAGES
 from eval.run.targets import flat, settings
 from sshade.core.errors import InputError
 from sshade.core.threads import available_cpus

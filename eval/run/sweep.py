@@ -14,7 +14,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.run.config import CASE, check_root, composed, keys_of, nearest, unreadable_override
 from eval.run.targets import locate
 from sshade.core.errors import InputError

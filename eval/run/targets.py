@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from eval.installation import PACKAGES
+from eval import PACKAGES
 from sshade.core.errors import InputError
 from sshade.problem.options import checked, meant
 

@@ -7,7 +7,7 @@ import yaml
 from defaust import edits
 from defaust.edits import Fin, Horns, Inflate, Stretch
 from defaust.sources.synthetic import SyntheticBodies
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from sshade import InputError, Mesh
 from tests.shapes import beside, bumpy, icosphere, shifted, strip
 

@@ -6,7 +6,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 
 
 def composed(*overrides: str) -> DictConfig:

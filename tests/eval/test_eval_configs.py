@@ -9,7 +9,7 @@ from compositions import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.run.config import ABOUT_DATASET
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.core.errors import InputError

@@ -7,7 +7,7 @@ from compositions import composed
 from eval_program import run_eval
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.rows.splits import BOTH, split_of
 from eval.rows.store import run_folders
 

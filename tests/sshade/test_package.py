@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import sshade
-from eval.installation import EXTRAS
+from eval import EXTRAS
 
 HEAVY = ["pymeshlab", "pandas", "hydra", "omegaconf", "torch", "pyvista", "matplotlib", "trimesh", "rich"]
 MODULES = ["sshade", *(info.name for info in pkgutil.walk_packages(sshade.__path__, "sshade."))]

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from eval_rows import row as row_of_a_run
 
-from eval.bench.table import notes, time_lines, write_tables
+from eval.bench.bench import notes, time_lines, write_tables
 from eval.rows.frame import read_csv, to_frame
 
 RESULTS = Path(__file__).parents[3] / "results"

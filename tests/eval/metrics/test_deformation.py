@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from eval.metrics import Deformed, measure
-from eval.metrics.creases import detail
-from eval.metrics.deformation import collapsed, distortion, distortion_max
+from eval.metrics.deformation import collapsed, detail, distortion, distortion_max
 from eval.metrics.shape import MeasuredShape, ShapeTopology, weighted_percentile
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh

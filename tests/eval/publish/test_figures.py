@@ -1,16 +1,17 @@
-"""The comparison picture shows stored runs of the chosen cases and methods; it runs no method."""
+"""The comparison picture shows stored runs of the chosen cases and methods; the chart, time against truth."""
 
 import re
 
 import numpy as np
 import pytest
 import yaml
+from eval_rows import frame, lost, row
 from PIL import Image
 
-from eval.installation import CONFIGURATION
+from eval import CONFIGURATION
 from eval.main import call
 from eval.publish import figures, panels
-from eval.publish.figures import read_cases, read_picture
+from eval.publish.figures import chart_of, read_cases, read_picture, time_and_truth, unbeaten
 from eval.publish.plotting import new_figure, save, style
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
@@ -28,13 +29,6 @@ def test_cases_come_from_the_run_folders(tiny_runs):
     only = read_cases(tiny_runs, names=["bumpy_40"], methods=["stretching"])
     assert shown(only) == [("bumpy_40", ["stretching"])]
     assert only[0].results["stretching"] == pytest.approx(1.5 * only[0].task.mesh.V, rel=1e-6)
-
-
-def test_the_case_where_a_metric_is_largest(tiny_runs):
-    (case,) = read_cases(tiny_runs, names=[], methods=["stretching"], worst="handle")
-    assert case.task.name == "bumpy_40"
-    named = read_cases(tiny_runs, names=["bumpy_10"], methods=[], worst="handle")
-    assert [case.task.name for case in named] == ["bumpy_10"]
 
 
 def test_a_method_without_a_result_has_its_reason_in_its_place(tiny_runs):
@@ -56,7 +50,7 @@ def test_what_the_configuration_says_of_pictures_names_published_runs():
         if path.is_file():
             rows = read_csv(path)
             assert set(picture["tasks"]) <= set(rows["task.name"])
-            assert set(picture["methods"]) <= set(rows["method.name"])
+            assert set(picture.get("methods", [])) <= set(rows["method.name"])
     assert read_picture("nothing") == {}
 
 
@@ -67,13 +61,13 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
     monkeypatch.setattr(panels, "draw", lambda rows, **options: drawn.update(rows=rows, **options))
     monkeypatch.setattr(figures, "save", lambda *args, **options: None)
     assert call("figures", [str(tiny_runs), "-o", str(tmp_path / "a.png")]) == 0
-    (row,) = drawn["rows"]
-    assert [panel.name for panel in row.panels] == ["rest", "failing", "stretching"]
+    (shown_row,) = drawn["rows"]
+    assert [panel.name for panel in shown_row.panels] == ["rest", "failing", "stretching"]
     assert drawn["title"].startswith("T\nThe lighter, the less edges") and "change of edge" in drawn["label"]
-    assert row.panels[0].view.axes[1].argmax() == 2
+    assert shown_row.panels[0].view.axes[1].argmax() == 2
     assert call("figures", [str(tiny_runs), "--cases", "bumpy_10", "--up", "0", "1", "0"]) == 0
-    (row,) = drawn["rows"]
-    assert row.name == "bumpy_10" and row.panels[0].view.axes[1].argmax() == 1
+    (shown_row,) = drawn["rows"]
+    assert shown_row.name == "bumpy_10" and shown_row.panels[0].view.axes[1].argmax() == 1
 
 
 def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
@@ -101,9 +95,53 @@ def test_pictures_have_few_colours_and_keep_the_rare_ones(tmp_path):
         ({"names": ["bumpy_99"]}, "no case 'bumpy_99'; there are bumpy_10, bumpy_40"),
         ({"methods": ["failing"]}, "case 'bumpy_10' has no result of failing"),
         ({"methods": ["arap", "nobody"]}, "no run of 'nobody'"),
-        ({"worst": "beauty"}, "no case has the metric 'beauty'"),
     ],
 )
 def test_what_was_not_run_is_a_clear_error(tiny_runs, options, message):
     with pytest.raises(InputError, match=message):
         read_cases(tiny_runs, **{"names": [], "methods": [], **options})
+
+
+def timed(method, task, seconds, truth, **changes):
+    return row(method, task, seconds__total=seconds, metric__truth_distance=truth, **changes)
+
+
+def test_means_are_over_the_cases_that_all_have_and_seeds_count_once():
+    rows = [timed("a", "t1", 1.0, 2.0), timed("a", "t2", 3.0, 4.0), timed("a", "t3", 99.0, 99.0)]
+    rows += [timed("b", "t1", 5.0, 1.0), timed("b", "t2", 7.0, 3.0), lost("b", "t3")]
+    rows += [timed("b", "t1", 7.0, 3.0, seed=1), timed("nothing", "t1", 0.0, 9.0)]
+    rows[-1]["method.target"] = "baselines.identity.identity"
+    assert time_and_truth(frame(*rows)) == {"a": (2.0, 3.0), "b": (6.5, 2.5)}
+
+
+def test_times_of_a_benchmark_replace_those_of_the_runs():
+    rows = frame(*(timed(name, "t1", 1.0, 2.0) for name in "ab"))
+    times = [
+        row("a", seconds__total=s, kept=k) for s, k in ((4.0, True), (5.0, True), (6.0, True), (99.0, False))
+    ]
+    assert time_and_truth(rows, frame(*times)) == {"a": (5.0, 2.0)}
+    with pytest.raises(InputError, match="no method was timed"):
+        time_and_truth(rows, frame(row("c", kept=True)))
+    with pytest.raises(InputError, match="the times differ in env.machine"):
+        time_and_truth(rows, frame(*times, row("a", env__machine="other", kept=True)))
+
+
+def test_a_chart_needs_two_methods_with_a_truth():
+    one = frame(timed("a", "t1", 1.0, 2.0), row("b"))
+    assert chart_of(one) is None
+    figure = chart_of(frame(timed("a", "t1", 1.0, 2.0), timed("b", "t1", 9.0, 1.0)))
+    (axes,) = figure.axes
+    assert axes.get_xscale() == "log" and "box" in axes.get_xlabel()
+    assert [text.get_text() for text in figure.legends[0].texts] == ["a", "b"]
+    assert {line.get_label(): line.get_xydata()[0].tolist() for line in axes.lines[:2]} == {
+        "a": [1.0, 2.0],
+        "b": [9.0, 1.0],
+    }
+
+
+def test_unbeaten_points_are_smaller_in_one_measure():
+    assert unbeaten([(3.0, 1.0), (1.0, 2.0), (2.0, 2.0), (4.0, 0.5), (5.0, 9.0)]) == [
+        (1, 2),
+        (3, 1),
+        (4, 0.5),
+    ]

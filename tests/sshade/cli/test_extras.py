@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
-from eval.installation import EXTRAS as OF_EVAL
+from eval import EXTRAS as OF_EVAL
 from sshade.core.console import EXTRAS, run_command, version_of
 
 #: A Python in which no library of an extra can be imported.
