@@ -114,7 +114,7 @@ scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
 robustness: export COVERAGE_FILE := $(CURDIR)/.coverage
 robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
-	  -e '.[bench,torch,neo-hookean,hubs]'
+	  -e '.[bench,torch,neo-hookean]'
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
 	$(BIN)/coverage combine -q
@@ -181,7 +181,6 @@ release: docs
 	! grep compiling out/fresh/said
 	$(BIN)/sshade blender -o dist/$$(basename dist/*.whl .whl)-blender.zip
 	$(BIN)/defaust verify $(QUICK)
-	cp $(QUICK)/croissant.json dist
 	$(BIN)/python -m zipfile -c dist/$(notdir $(QUICK)).zip $(QUICK)
 	$(BIN)/python -m zipfile -c dist/site.zip out/site
 	@echo "the files are in dist; nothing was uploaded"

@@ -22,7 +22,6 @@ from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
 from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
-from defaust.folder.croissant import croissant
 from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
 from defaust.sources.source import Source, SourcePose
 from sshade import InputError
@@ -212,7 +211,7 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     ]
     if others and not started.is_file() and not finished.is_file():
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    last = (layout.CARD, layout.CROISSANT)  # files that a build writes at its end
+    last = (layout.CARD,)
     strange = [path.name for path in others if not SUBJECT.fullmatch(path.name) and path.name not in last]
     if strange and not finished.is_file():
         raise InputError(f"{out} holds {strange[0]}, which no build has written; give another out")
@@ -287,7 +286,7 @@ def _finish(
     records: list[dict[str, Any]],
     unusable: dict[int, UnusableError],
 ) -> dict[str, Any]:
-    """Write the card, croissant.json and dataset.json, and remove the records for resuming."""
+    """Write the card and dataset.json, and remove the records for resuming."""
     files = {name: entry for record in records for name, entry in record["files"].items()}
     subjects = [{key: value for key, value in record.items() if key != "files"} for record in records]
     left_out = [{"subject": s, "reason": str(unusable[s])} for s in sorted(unusable)]
@@ -296,8 +295,6 @@ def _finish(
     path = out / layout.CARD
     document["files"] = files | {layout.CARD: {"sha256": layout.sha256(path), "bytes": path.stat().st_size}}
     document["checksum"] = layout.checksum(document)
-    text = layout.dump(document)
-    layout.write_text(out / layout.CROISSANT, layout.dump(croissant(document, text=text)))
-    layout.write_text(out / layout.DATASET, text)
+    layout.write_text(out / layout.DATASET, layout.dump(document))
     shutil.rmtree(out / layout.WORK)
     return document

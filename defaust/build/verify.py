@@ -10,8 +10,7 @@ import numpy as np
 
 from defaust.build.handles import UNUSED, displacement
 from defaust.folder import layout
-from defaust.folder.croissant import croissant
-from defaust.folder.record import POSE, read_dataset, read_json, read_record
+from defaust.folder.record import POSE, read_dataset, read_record
 from sshade import InputError, Mesh
 from sshade.core.progress import Progress, silent
 from sshade.files.meshes import read_mesh
@@ -32,7 +31,7 @@ class Fault(NamedTuple):
 def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list[Fault]:
     """Check a DeFAUST folder.
 
-    - Every file and dataset.json match their checksums, and croissant.json matches dataset.json.
+    - Every file and dataset.json match their checksums.
     - Every mesh matches its listed counts and topology.
     - Handles are vertices of the registered rest mesh, and their targets the same vertices of the pose. No
       vertex is a handle twice. Displacement and kind are recomputed.
@@ -60,11 +59,6 @@ def verify(root: str | os.PathLike[str], *, progress: Progress = silent) -> list
         elif layout.sha256(path) != entry["sha256"]:
             faults.append(Fault(name, "its sha256 differs from the listed one"))
         progress("checksums", number, len(document["files"]))
-    hub = root / layout.CROISSANT  # not in the list: it follows from the record, and older builds lack it
-    if hub.exists() and read_json(hub) != croissant(
-        document, text=(root / layout.DATASET).read_text(encoding="utf-8")
-    ):
-        faults.append(Fault(layout.CROISSANT, f"it does not match {layout.DATASET}"))
     if layout.CARD not in document["files"]:
         faults.append(Fault(layout.DATASET, f"lists no {layout.CARD}"))
     for number, subject in enumerate(document["subjects"], start=1):

@@ -16,8 +16,6 @@ FORMAT = 1
 WORK = ".build"
 DATASET = "dataset.json"
 CARD = "README.md"
-#: Metadata for dataset hubs; see :mod:`defaust.folder.croissant`.
-CROISSANT = "croissant.json"
 #: Rest mesh at high resolution, and the registered rest mesh.
 REST, REST_LOW = "rest.ply", "rest_low.ply"
 

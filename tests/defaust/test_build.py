@@ -25,10 +25,10 @@ from tests.files import contents
 def test_folder(finished):
     names = {"rest.ply", "rest_low.ply", "pose_1.json", "pose_1_low.ply", "pose_2.json", "pose_2_low.ply"}
     expected = {f"subject_0{s}/{name}" for s in range(3) for name in names}
-    expected |= {"dataset.json", "README.md", "croissant.json"}
+    expected |= {"dataset.json", "README.md"}
     assert set(contents(finished)) == expected
     document = read_dataset(finished)
-    assert set(document["files"]) == expected - {"dataset.json", "croissant.json"}
+    assert set(document["files"]) == expected - {"dataset.json"}
     assert document["checksum"] == checksum(document)
     assert document["landmarks"] == ["top", "bottom", "front"]
     assert [s["subject"] for s in document["subjects"]] == [0, 1, 2]

@@ -118,7 +118,7 @@ def test_folder(built, capsys):
     names = {"rest.ply", "rest_low.ply", "pose_1.json"}
     expected = {f"subject_0{s}/{name}" for s in range(4) for name in names}
     expected |= {f"subject_0{s}/pose_1_low.ply" for s in (CYLINDER, BAR)}
-    assert set(contents(built)) == expected | {"dataset.json", "README.md", "croissant.json"}
+    assert set(contents(built)) == expected | {"dataset.json", "README.md"}
     assert verify(built) == []
     assert main(["info", str(built)]) == 0
     assert "Subjects: 0 plane, 1 cylinder, 2 bar, 3 cactus." in capsys.readouterr().out

@@ -55,14 +55,13 @@ class Balls(Source):
 
 
 def change(root: Path, edit: Callable[[dict[str, Any]], Any], *, sign: bool = True) -> None:
-    """Edit dataset.json; `sign` updates its checksum. Removes croissant.json, which described it."""
+    """Edit dataset.json; `sign` updates its checksum."""
     path = root / "dataset.json"
     document = json.loads(path.read_text())
     edit(document)
     if sign:
         document["checksum"] = checksum(document)
     path.write_text(dump(document))
-    (root / "croissant.json").unlink(missing_ok=True)
 
 
 def relist(root: Path, name: str) -> None:
