@@ -1,12 +1,10 @@
-"""Check plain values, as JSON and YAML give them, against a schema.
+"""Check plain values of a configuration, as YAML gives them, against a schema.
 
 A schema is
 
 - ``int``, ``float`` (any finite number), ``str``, ``bool`` or ``None``;
 - ``[item]``, a list of any length, or ``[a, b, ...]``, a list of exactly these items;
-- ``{"key": schema, "optional?": schema}``, an object. A key that ends in ``?`` may be missing. Keys that
-  the schema does not name are not checked;
-- ``{str: schema}``, an object with any keys;
+- ``{"key": schema}``, an object with some of these keys, or ``{str: schema}``, an object with any keys;
 - a tuple of alternatives.
 """
 
@@ -58,14 +56,10 @@ def mismatch(value: Any, schema: Any, place: str = "") -> str:
         items = schema if len(schema) > 1 else repeat(schema[0])
         inside = [(v, s, f"{place}[{i}]") for i, (v, s) in enumerate(zip(value, items, strict=False))]
     elif kind is dict:
-        keys = dict.fromkeys(value, schema[str]) if str in schema else schema
-        for key, entry in keys.items():
-            name = key if key in value else key.removesuffix("?")
-            at = f"{place}.{name}" if place else name
-            if name in value:
-                inside.append((value[name], entry, at))
-            elif name == key:
-                return f"it has no {at}"
+        inside = [
+            (v, schema[str if str in schema else key], f"{place}.{key}" if place else key)
+            for key, v in value.items()
+        ]
     return next(filter(None, (mismatch(*each) for each in inside)), "")
 
 

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from defaust.build.lock import LOCK, sole_builder
+from defaust.build.lock import sole_builder
 from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError
 from defaust.build.workers import build_subjects
 from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
-from defaust.folder.record import FINISHED, read_dataset, read_json, read_record
+from defaust.folder.record import read_dataset, read_json
 from defaust.sources.source import Source, SourcePose
 from sshade import InputError
 from sshade.core.progress import Progress, silent
@@ -205,14 +205,11 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     """Check that the folder was built by the same recipe, and begin or resume the build."""
     started, finished = out / layout.WORK / RECIPE, out / layout.DATASET
     others = [
-        path
-        for path in out.iterdir()
-        if path.name not in (LOCK, layout.WORK) and not LEFTOVER.fullmatch(path.name)
+        path for path in out.iterdir() if path.name != layout.WORK and not LEFTOVER.fullmatch(path.name)
     ]
     if others and not started.is_file() and not finished.is_file():
         raise InputError(f"{out} is not empty and holds no DeFAUST build; give another out")
-    last = (layout.CARD,)
-    strange = [path.name for path in others if not SUBJECT.fullmatch(path.name) and path.name not in last]
+    strange = [path.name for path in others if not SUBJECT.fullmatch(path.name) and path.name != layout.CARD]
     if strange and not finished.is_file():
         raise InputError(f"{out} holds {strange[0]}, which no build has written; give another out")
     # A recipe may be replaced where it has built nothing.
@@ -220,8 +217,6 @@ def _prepare(out: Path, recipe: dict[str, Any]) -> None:
     for path in (started, finished) if begun else (finished,):
         if path.is_file():
             before = read_json(path)
-            if not isinstance(before, dict):
-                raise InputError(f"{path}: not a record of a build; delete the folder")
             difference = _difference({key: before.get(key) for key in recipe}, recipe)
             if difference:
                 raise InputError(
@@ -257,19 +252,15 @@ def _finished(out: Path, subjects: Sequence[int]) -> dict[int, dict[str, Any]]:
     """Records of the subjects whose files are complete and intact."""
     records: dict[int, dict[str, Any]] = {}
     if (out / layout.DATASET).is_file():  # a finished dataset, perhaps with damaged files
-        document = read_dataset(out, intact=False)
+        document = read_dataset(out)
         for record in document["subjects"]:
             inside = f"{layout.subject_folder(record['subject'])}/"
             files = {name: e for name, e in document["files"].items() if name.startswith(inside)}
             records[record["subject"]] = record | {"files": files}
     for subject in subjects:
         path = _record_path(out, subject)
-        try:
-            if path.is_file():
-                records[subject] = read_record(path, FINISHED)
-        except InputError as error:
-            log.warning("%s: subject %d is built again", error, subject)
-            records.pop(subject, None)
+        if path.is_file():
+            records[subject] = read_json(path)
     for subject, record in list(records.items()):
         for name, entry in record["files"].items():
             if not (out / name).is_file() or layout.sha256(out / name) != entry["sha256"]:

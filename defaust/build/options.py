@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from defaust.folder.record import BUILD
 from sshade import InputError
 
 #: Schema of the options in a configuration; see :mod:`defaust.schema`.
-OPTIONS = BUILD | {"subjects": ([int], None)}
+OPTIONS = {
+    "subjects": ([int], None),
+    **dict.fromkeys(("seed", "remesh_iterations", "handles_per_landmark", "neighbourhood"), int),
+    **dict.fromkeys(("target_vertices", "ls3_steps"), (int, None)),
+    "window": [float, float],
+    "static_below": float,
+}
 
 
 @dataclass(frozen=True)

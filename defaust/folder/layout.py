@@ -69,4 +69,4 @@ def write_text(path: Path, text: str) -> None:
 def checksum(document: dict[str, Any]) -> str:
     """sha256 of a dataset's record, without its ``checksum`` entry."""
     rest = {key: value for key, value in document.items() if key != "checksum"}
-    return hashlib.sha256(dump(rest).encode("utf-8", "surrogatepass")).hexdigest()
+    return hashlib.sha256(dump(rest).encode("utf-8")).hexdigest()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,6 @@ from zipfile import ZipFile, is_zipfile
 import numpy as np
 
 from defaust.sources.choices import shortened
-from defaust.sources.matlab import read_surface
 from sshade import InputError
 from sshade.core.atomic import read_npz
 from sshade.files.meshes import read_arrays
@@ -90,11 +89,6 @@ def _numbers(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
     """Find the meshes in a folder by name without suffix; earlier `suffixes` take precedence."""
     paths = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
-    for path in paths:
-        try:
-            path.name.encode()
-        except UnicodeEncodeError as error:
-            raise InputError(f"{ascii(path.name)}: its name is not UTF-8; rename the file") from error
     paths.sort(key=lambda path: suffixes.index(path.suffix.lower()), reverse=True)
     return {path.stem: path for path in paths if path.is_file()}
 
@@ -182,8 +176,14 @@ def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_mat(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    V, F = _reading(path, lambda: read_surface(path))
-    return V, _from_one(F, path=path)
+    """Read a struct with X, Y, Z and TRIV, such as TOSCA's ``surface``; the triangles count from 1."""
+    from scipy.io import loadmat
+
+    for value in _reading(path, lambda: loadmat(path, simplify_cells=True)).values():
+        if isinstance(value, Mapping) and {"X", "Y", "Z", "TRIV"} <= set(value):
+            V = np.stack([np.ravel(value[axis]).astype(np.float64) for axis in "XYZ"], axis=1)
+            return V, _from_one(np.atleast_2d(value["TRIV"]).astype(np.int64), path=path)
+    raise InputError(f"{path}: it holds no struct with X, Y, Z and TRIV")
 
 
 def _reading(path: Path, read: Callable[[], Any]) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 
 from defaust.edits import EDITS, Edit
 from defaust.folder.layout import REST, REST_LOW, pose_file, pose_mesh, sha256, subject_folder
-from defaust.folder.record import POSE, read_dataset, read_record
+from defaust.folder.record import read_dataset, read_json
 from defaust.sources.generated.shapes import ideal_pose
 from defaust.tasks.full_size import Registered, find_skin, true_pose
 from defaust.tasks.handle_kinds import Kind, of_kind
@@ -187,7 +187,7 @@ def _case(root: Path, *, subject: int, pose: int, resolution: str, source: str |
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
     pose_name = f"{folder}/{pose_file(pose)}"
     mesh = read_mesh(_checked(root, mesh_name, document=document))
-    content = read_record(_checked(root, pose_name, document=document), POSE)
+    content = read_json(_checked(root, pose_name, document=document))
     sums = [document["files"][file]["sha256"][:16] for file in (mesh_name, pose_name)]
     facts = {"note": built_from["note"]} if built_from.get("note") else {}
     facts |= {

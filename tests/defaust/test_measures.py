@@ -1,17 +1,13 @@
-"""Measures of the handles of a case, and cases without motion."""
-
-import logging
+"""Measures of the handles of a case."""
 
 import numpy as np
 import pytest
 
-from defaust.build.dataset import build
 from defaust.build.handles import handle_records
 from defaust.build.measures import case_facts
 from defaust.build.options import BuildOptions
 from defaust.sources.source import SourcePose
-from sshade import InputError, Mesh
-from tests.defaust.toy import OPTIONS, Balls
+from sshade import Mesh
 from tests.shapes import strip
 
 
@@ -64,23 +60,3 @@ def test_landmarks_that_disagree_are_listed():
     assert facts["contradictions"] == [pytest.approx(pair)]
     _, far = facts_of(lambda V: V + [0, 0, 4] * (V[:, :1] > 4.5), chosen={"a": near(3), "b": near(15)})
     assert far["contradictions"] == []
-
-
-class Still(Balls):
-    """Balls whose second pose is the rest pose."""
-
-    def posed(self, subject, pose):
-        return self.rest(subject) if pose.name == "turn" else super().posed(subject, pose)
-
-
-def test_a_pose_in_which_nothing_moves_is_left_out(tmp_path, caplog):
-    with caplog.at_level(logging.WARNING):
-        document = build(Still(), tmp_path / "still", options=OPTIONS, workers=1, strict=False)
-    reason = "nothing moves: each landmark moves less than 1 % of the diagonal"
-    for subject in document["subjects"]:
-        assert [pose["pose"] for pose in subject["poses"]] == [1]
-        assert subject["left_out"][0]["reason"].startswith(reason)
-    assert f"left out: subject 0, pose 2: {reason}" in caplog.text
-    assert reason in (tmp_path / "still/README.md").read_text()
-    with pytest.raises(InputError, match=reason):
-        build(Still(), tmp_path / "strict", options=OPTIONS, workers=1)

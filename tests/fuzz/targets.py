@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from defaust.folder.record import POSE, read_dataset, read_record
+from defaust.folder.record import read_dataset, read_json
 from defaust.sources.files import SourceShape, find_shapes
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row
@@ -122,7 +122,7 @@ def _read_manifest(data: bytes, folder: Path) -> None:
         _put(folder, "dataset.json", content)
         read_dataset(folder, intact=False)
     elif kind == 1:
-        read_record(_put(folder, "pose.json", content), POSE)
+        read_json(_put(folder, "pose.json", content))
     elif kind == 2:
         _put(folder, "row.json", content)
         read_row(folder)

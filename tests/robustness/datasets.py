@@ -56,10 +56,6 @@ FILES = {
     "a missing file": (_damaged(REST, _removed), "is missing; run the same defaust build again"),
     "a cut file": (_damaged(REST, _half), "not the file that the dataset lists"),
     "a cut file that is listed so": (_damaged(REST, _half, listed=True), "not a readable PLY"),
-    "a pose without handles": (
-        _damaged(POSE, lambda path: text(path, "{}"), listed=True),
-        "it has no source_pose",
-    ),
 }
 #: Damage that `defaust verify` finds; it ends with exit code 1.
 FOUND = {
@@ -127,23 +123,6 @@ def _no_faults() -> None:
     assert run("defaust verify 体")[0] == 0
 
 
-def _matlab() -> None:
-    """Write two meshes in TOSCA's format.
-
-    The second file declares its struct as a sparse matrix, which ends the process that reads it with SciPy.
-    """
-    from scipy.io import savemat
-
-    Path("meshes").mkdir()
-    columns = {axis: BODY.V[:, c : c + 1] for c, axis in enumerate("XYZ")}
-    for name in ("a", "b"):
-        savemat(f"meshes/{name}.mat", {"surface": {**columns, "TRIV": BODY.F + 1}})
-    content = bytearray(Path("meshes/b.mat").read_bytes())
-    assert content[144] == 2
-    content[144] = 5
-    Path("meshes/b.mat").write_bytes(content)
-
-
 def _unreadable(name: str, given: Given, words: str) -> Case:
     """Return a case in which a file cannot be read. Nothing is written."""
 
@@ -166,7 +145,6 @@ CASES = [
     *(Case(f"build of two: {o}", f"{SMALL} {o}", TWO, says=says) for o, says in OPTIONS_OF_TWO.items()),
     *refused(SMALL, SOURCES, prefix="build: "),
     _unreadable("a cut mesh", both(TWO, cut("meshes/b.ply", 0.5)), "b.ply"),
-    _unreadable("a MATLAB file that ends its reader", _matlab, "b.mat: not readable as .mat"),
     Case("build: a full disk", _full_disk, shapes("a0", "a1", "b0", "b1"), leaves=("out",)),
     Case(
         "build: names in other scripts",
