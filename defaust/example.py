@@ -8,7 +8,7 @@ from defaust.build.handles import choose_handles, handle_records
 from defaust.build.options import BuildOptions
 from defaust.folder.layout import REST, dump, make_folder, pose_file, write_text
 from defaust.sources.skinning import apply_motions
-from defaust.sources.synthetic import SyntheticBodies, load_bodies
+from defaust.sources.synthetic import SyntheticBodies
 from defaust.tasks.loop import loop_matrix, split
 from sshade import Mesh
 from sshade.files.meshes import write_mesh
@@ -38,7 +38,7 @@ def write_example(folder: Path, *, subdivisions: int = 2) -> Mesh:
     InputError
         When the files cannot be written.
     """
-    bodies, source, options = load_bodies(), SyntheticBodies(), BuildOptions()
+    source, options = SyntheticBodies(), BuildOptions()
     low = fine = source.rest(SUBJECT)
     for _ in range(subdivisions):
         fine = split(fine)
@@ -49,8 +49,8 @@ def write_example(folder: Path, *, subdivisions: int = 2) -> Mesh:
     make_folder(folder)
     write_mesh(folder / REST, rest.V, rest.F)
     for number in POSES:
-        pose, shift = source.poses(SUBJECT)[number - 1], bodies.shifts[SUBJECT, number - 1]
-        motions = bodies.motions(SUBJECT, rotations=bodies.rotations[SUBJECT, number - 1])
+        pose = source.poses(SUBJECT)[number - 1]
+        motions, shift = source.motions(SUBJECT, pose.name)
         truth = Mesh(apply_motions(loop @ motions, rest.V) + shift, rest.F)
         records = handle_records(rest, truth, pose, regions=(), chosen=chosen, options=options)
         text = dump({"source_pose": pose.name, "handles": records}, indent=None)

@@ -12,9 +12,8 @@ from functools import cache
 
 import numpy as np
 
-from defaust.sources.source import Source, SourcePose, provenance_texts, read_asset
-from defaust.sources.synthetic import Bodies
-from sshade import Mesh
+from defaust.sources.bodies import Bodies, SkinnedSource
+from defaust.sources.source import SourcePose, provenance_texts, read_asset
 
 #: Species, in the order of the subjects.
 SPECIES = ("cat", "horse", "elephant", "lizard")
@@ -77,7 +76,7 @@ def load_animal(species: str) -> Bodies:
 
 
 @dataclass(frozen=True)
-class Animals(Source):
+class Animals(SkinnedSource):
     """Source of the four animals; it has no parameters."""
 
     name = "animals"
@@ -102,14 +101,6 @@ class Animals(Source):
         landmarks = load_animal(SPECIES[subject]).landmarks
         return {name: landmarks[name] for name in self.landmark_names}
 
-    def rest(self, subject: int) -> Mesh:
-        """Rest mesh."""
-        animal = load_animal(SPECIES[subject])
-        return Mesh(animal.rest[0], animal.faces)
-
-    def posed(self, subject: int, pose: SourcePose) -> Mesh:
-        """Posed mesh, by dual quaternion skinning."""
-        animal = load_animal(SPECIES[subject])
-        k = animal.pose_names.index(pose.name)
-        V = animal.pose(0, rotations=animal.rotations[0, k], shift=animal.shifts[0, k])
-        return Mesh(V, animal.faces)
+    def body(self, subject: int) -> tuple[Bodies, int]:
+        """A species, which has one row."""
+        return load_animal(SPECIES[subject]), 0

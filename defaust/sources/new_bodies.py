@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
+from defaust.sources.bodies import Bodies, SkinnedSource
 from defaust.sources.choices import OneTemplate
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
-from defaust.sources.synthetic import QUANTUM, Bodies, SyntheticBodies, load_bodies
-from sshade import Mesh
+from defaust.sources.synthetic import QUANTUM, SyntheticBodies, load_bodies
 
 #: Checksum of the asset; a new bake changes it.
 SHA256 = "03672091240f4a4a68b7ff07992a5c036676ab93250496ebe15e9f2a44c83856"
@@ -40,7 +40,7 @@ def load_new_bodies() -> Bodies:
 
 
 @dataclass(frozen=True)
-class NewBodies(OneTemplate):
+class NewBodies(OneTemplate, SkinnedSource):
     """Source of the five new synthetic adults."""
 
     name = "new_bodies"
@@ -62,14 +62,6 @@ class NewBodies(OneTemplate):
         """The six target poses."""
         return self._poses((name, name not in UNALIGNED) for name in load_new_bodies().pose_names)
 
-    def rest(self, subject: int) -> Mesh:
-        """Rest mesh."""
-        bodies = load_new_bodies()
-        return Mesh(bodies.rest[subject - SUBJECTS[0]], bodies.faces)
-
-    def posed(self, subject: int, pose: SourcePose) -> Mesh:
-        """Posed mesh, by dual quaternion skinning."""
-        bodies = load_new_bodies()
-        s, k = subject - SUBJECTS[0], bodies.pose_names.index(pose.name)
-        V = bodies.pose(s, rotations=bodies.rotations[s, k], shift=bodies.shifts[s, k])
-        return Mesh(V, bodies.faces)
+    def body(self, subject: int) -> tuple[Bodies, int]:
+        """The five bodies, and a subject's row there."""
+        return load_new_bodies(), subject - SUBJECTS[0]

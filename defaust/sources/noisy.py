@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from defaust.schema import mismatch
+from defaust.sources.bodies import Bodies, SkinnedSource
 from defaust.sources.choices import OneTemplate
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
@@ -38,12 +39,6 @@ def _poses() -> dict[str, np.ndarray]:
 def pose_names(subject: int) -> list[str]:
     """Names of the poses of a subject, in order."""
     return _poses()["names"][subject].tolist()
-
-
-def bone_rotations(subject: int, pose: str) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vectors (b, 3) of a subject's bones in a pose, in radians, and shift (3,) in metres."""
-    k = pose_names(subject).index(pose)
-    return ANGLE * _poses()["rotations"][subject, k], LENGTH * _poses()["shifts"][subject, k]
 
 
 def correlated_noise(points: np.ndarray, *, rms: float, seed: list[int]) -> np.ndarray:
@@ -71,7 +66,7 @@ def correlated_noise(points: np.ndarray, *, rms: float, seed: list[int]) -> np.n
 
 
 @dataclass(frozen=True)
-class NoisyBodies(OneTemplate):
+class NoisyBodies(OneTemplate, SkinnedSource):
     """Source of the ten synthetic adults as registrations.
 
     Every pose has noise: its registered mesh, and with it the targets of the handles, are displaced. The rest
@@ -138,16 +133,20 @@ class NoisyBodies(OneTemplate):
         """The five target poses of the subject."""
         return self._poses((name, True) for name in pose_names(subject))
 
-    def rest(self, subject: int) -> Mesh:
-        """Rest mesh, without noise."""
-        return SyntheticBodies().rest(subject)
+    def body(self, subject: int) -> tuple[Bodies, int]:
+        """The ten bodies, and a subject's row there."""
+        return load_bodies(), subject
+
+    def stance(self, subject: int, pose: str) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation vectors (b, 3) of a subject's bones in a pose, in radians, and shift (3,) in metres."""
+        k = pose_names(subject).index(pose)
+        return ANGLE * _poses()["rotations"][subject, k], LENGTH * _poses()["shifts"][subject, k]
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         """Posed mesh with noise."""
-        bodies = load_bodies()
-        rotations, shift = bone_rotations(subject, pose.name)
-        V = bodies.pose(subject, rotations=rotations, shift=shift)
-        if self.noise > 0:
-            seed = [self.seed, subject, pose_names(subject).index(pose.name)]
-            V = V + correlated_noise(bodies.rest[subject], rms=self.noise / 1000, seed=seed)
-        return Mesh(V, bodies.faces)
+        mesh = super().posed(subject, pose)
+        if self.noise == 0:
+            return mesh
+        seed = [self.seed, subject, pose_names(subject).index(pose.name)]
+        rest = load_bodies().rest[subject]
+        return Mesh(mesh.V + correlated_noise(rest, rms=self.noise / 1000, seed=seed), mesh.F)

@@ -13,10 +13,9 @@ from functools import cache
 
 import numpy as np
 
+from defaust.sources.bodies import Bodies, SkinnedSource
 from defaust.sources.choices import OneTemplate, require_choice
-from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
-from sshade import Mesh
 
 #: Unit of the stored integer coordinates, in metres.
 QUANTUM = 2e-5
@@ -27,81 +26,20 @@ SHA256 = "b85c3dfd44ed40ddfbdba348a8f7275fa96dc03c34a3c0f00612eb84b75db1e9"
 UNALIGNED = ("bend_twist",)
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """The decoded asset of s subjects, n vertices, b bones and p poses.
-
-    Attributes
-    ----------
-    rest : (s, n, 3) float64
-        Rest positions in metres.
-    faces : (m, 3) int64
-    joints : (s, b, 3) float64
-        Joint that each bone turns about, in metres.
-    parents : (b,) int64
-        Parent of each bone, -1 at the root.
-    bone, weight : (n, 4)
-        Bones of each vertex, and their weights.
-    rotations : (s, p, b, 3) float64
-        Rotation vectors about world axes, in radians.
-    shifts : (s, p, 3) float64
-        Translations of the whole body, in metres.
-    pose_names : tuple of str
-    landmarks : mapping
-        Vertex of each landmark.
-    """
-
-    rest: np.ndarray
-    faces: np.ndarray
-    joints: np.ndarray
-    parents: np.ndarray
-    bone: np.ndarray
-    weight: np.ndarray
-    rotations: np.ndarray
-    shifts: np.ndarray
-    pose_names: tuple[str, ...]
-    landmarks: Mapping[str, int]
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Bodies:
-        """Decode the arrays of the asset."""
-        rest = QUANTUM * (arrays["mean"].astype(np.int64) + arrays["offset"])
-        return cls.rigged(rest, arrays["faces"].astype(np.int64), arrays)
-
-    @classmethod
-    def rigged(cls, rest: np.ndarray, faces: np.ndarray, arrays: Mapping[str, np.ndarray]) -> Bodies:
-        """Decode the arrays of the rig, the poses and the landmarks of some shapes (s, n, 3)."""
-        return cls(
-            rest=rest,
-            faces=faces,
-            joints=arrays["joints"].astype(np.float64),
-            parents=arrays["parents"].astype(np.int64),
-            bone=arrays["bone"].astype(np.int64),
-            weight=arrays["weight"] / 255.0,
-            rotations=arrays["rotations"].astype(np.float64),
-            shifts=arrays["shifts"].astype(np.float64),
-            pose_names=tuple(arrays["pose_names"].tolist()),
-            landmarks=dict(zip(arrays["landmark_names"].tolist(), arrays["landmarks"].tolist(), strict=True)),
-        )
-
-    def pose(self, subject: int, *, rotations: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Vertices (n, 3) of a subject posed by bone rotations (b, 3) and a shift (3,)."""
-        return apply_motions(self.motions(subject, rotations=rotations), self.rest[subject]) + shift
-
-    def motions(self, subject: int, *, rotations: np.ndarray) -> np.ndarray:
-        """Dual quaternion (n, 8) of each vertex of a subject posed by bone rotations (b, 3)."""
-        motions = bone_motions(self.joints[subject], self.parents, rotations=rotations)
-        return blend_motions(motions, bone=self.bone, weight=self.weight)
-
-
 @cache
 def load_bodies() -> Bodies:
     """Read and decode the asset of the installed package; raise InputError when it is damaged."""
-    return Bodies.from_arrays(read_asset("bodies", sha256=SHA256))
+    return decode(read_asset("bodies", sha256=SHA256))
+
+
+def decode(arrays: Mapping[str, np.ndarray]) -> Bodies:
+    """Decode the arrays of the asset."""
+    rest = QUANTUM * (arrays["mean"].astype(np.int64) + arrays["offset"])
+    return Bodies.rigged(rest, arrays["faces"].astype(np.int64), arrays)
 
 
 @dataclass(frozen=True)
-class SyntheticBodies(OneTemplate):
+class SyntheticBodies(OneTemplate, SkinnedSource):
     """Source of the ten synthetic adults.
 
     Parameters
@@ -141,14 +79,6 @@ class SyntheticBodies(OneTemplate):
         """The chosen target poses."""
         return self._poses((name, name not in UNALIGNED) for name in self.poses_used)
 
-    def rest(self, subject: int) -> Mesh:
-        """Rest mesh."""
-        bodies = load_bodies()
-        return Mesh(bodies.rest[subject], bodies.faces)
-
-    def posed(self, subject: int, pose: SourcePose) -> Mesh:
-        """Posed mesh, by dual quaternion skinning."""
-        bodies = load_bodies()
-        k = bodies.pose_names.index(pose.name)
-        V = bodies.pose(subject, rotations=bodies.rotations[subject, k], shift=bodies.shifts[subject, k])
-        return Mesh(V, bodies.faces)
+    def body(self, subject: int) -> tuple[Bodies, int]:
+        """The ten bodies, and a subject's row there."""
+        return load_bodies(), subject

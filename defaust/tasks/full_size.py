@@ -16,14 +16,22 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from defaust.build.upsample import subdivide
-from defaust.sources import animals, new_bodies, synthetic
-from defaust.sources.noisy import POSES_SHA256, bone_rotations, pose_names
+from defaust.sources import animals, new_bodies, noisy, synthetic
+from defaust.sources.bodies import SkinnedSource
 from defaust.sources.skinning import apply_motions
 from defaust.tasks.loop import loop_matrix
 from sshade import InputError, Mesh
 
 #: Maximum distance of a remeshed surface from the subdivided one, as a fraction of the diagonal.
 ON_SURFACE = 1e-6
+
+#: Sources of skinned bodies, by the checksums of the assets of their bodies and of their poses.
+SKINNED: dict[tuple[str, str | None], type[SkinnedSource]] = {
+    (synthetic.SHA256, None): synthetic.SyntheticBodies,
+    (synthetic.SHA256, noisy.POSES_SHA256): noisy.NoisyBodies,
+    (new_bodies.SHA256, None): new_bodies.NewBodies,
+    (animals.SHA256, None): animals.Animals,
+}
 
 #: Poses vertex positions (n, 3).
 Skin = Callable[[np.ndarray], np.ndarray]
@@ -103,56 +111,23 @@ def find_skin(meshes: Registered, source: Mapping[str, Any], *, subject: int, po
     Raises
     ------
     InputError
-        When the package has no such body or pose, or the rest mesh does not lie on the subdivided registered
+        When the package has no such bodies, or the rest mesh does not lie on the subdivided registered
         mesh.
     """
-    asset = source.get("asset_sha256")
+    asset, poses = source.get("asset_sha256"), source.get("poses_sha256")
     if asset is None:
         return None
-    bodies, body = _skinned(asset, subject)
-    found = _bone_rotations(bodies, source, body, pose) if 0 <= body < len(bodies.rest) else None
-    if found is None or not np.array_equal(meshes.low.F, bodies.faces):
-        raise InputError(f"the package has no body {subject} with these faces in the pose {pose!r}")
-    rotations, shift = found
-    motions = bodies.motions(body, rotations=rotations)
+    if (asset, poses) not in SKINNED:
+        raise InputError(
+            f"the dataset was made from bodies or poses of another version (asset {asset[:12]}); "
+            "build it again"
+        )
+    motions, shift = SKINNED[asset, poses]().motions(subject, pose)
     if meshes.rest is not meshes.low:
         # Blending is linear, so subdividing the motions is the same as subdividing the weights.
         fine, interpolate = _on_subdivided(meshes)
         motions = interpolate @ (loop_matrix(meshes.low, fine, steps=meshes.steps) @ motions)
     return lambda V: apply_motions(motions, V) + shift
-
-
-def _bone_rotations(
-    bodies: synthetic.Bodies, source: Mapping[str, Any], subject: int, pose: str
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Rotations (b, 3) of the bones and shift (3,) of a body in a pose; None if the pose is unknown."""
-    asset = source.get("poses_sha256")
-    if asset is None:
-        if pose not in bodies.pose_names:
-            return None
-        k = bodies.pose_names.index(pose)
-        return bodies.rotations[subject, k], bodies.shifts[subject, k]
-    if asset != POSES_SHA256:
-        raise InputError(
-            f"the dataset was made from other poses (asset {asset[:12]}) than the poses of this version "
-            f"({POSES_SHA256[:12]}); build it again"
-        )
-    return bone_rotations(subject, pose) if pose in pose_names(subject) else None
-
-
-def _skinned(asset: str, subject: int) -> tuple[synthetic.Bodies, int]:
-    """Bodies that contain a subject of the asset with this checksum, and the number of its body there."""
-    if asset == animals.SHA256 and 0 <= subject < len(animals.SPECIES):
-        return animals.load_animal(animals.SPECIES[subject]), 0
-    if asset == new_bodies.SHA256:
-        return new_bodies.load_new_bodies(), subject - new_bodies.SUBJECTS[0]
-    known = (synthetic.SHA256, new_bodies.SHA256, animals.SHA256)
-    if asset not in known:
-        raise InputError(
-            f"the dataset was made from other bodies (asset {asset[:12]}) than the bodies and animals of "
-            f"this version ({', '.join(sha[:12] for sha in known)}); build it again"
-        )
-    return synthetic.load_bodies(), subject
 
 
 def _on_subdivided(meshes: Registered) -> tuple[Mesh, csr_array]:

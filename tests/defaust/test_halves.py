@@ -2,7 +2,6 @@
 
 from itertools import product
 
-import igl
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -41,14 +40,13 @@ def same_template(cases, names=("synthetic", "new_bodies", "noisy_2mm")):
 
 
 def test_held_out_bodies_are_other_bodies_than_those_of_tuning_cases(cases):
-    tuning, held_out = cases.values()
-    assert tuning and held_out
-    for (a, s), (b, t) in product(held_out, tuning):
-        ours, theirs = a.rest(s), b.rest(t)
-        if np.array_equal(ours.F, theirs.F):
-            R, shift = rigid_motion(ours.V, theirs.V)
-            apart = np.linalg.norm(ours.V @ R.T + shift - theirs.V, axis=1).mean() / ours.diagonal
-            assert apart > SAME_BODY, (a.name, s, b.name, t)
+    tuning, held_out = ([(s, source.rest(s)) for source, s in half] for half in cases.values())
+    pairs = [(s, t, a, b) for (s, a), (t, b) in product(held_out, tuning) if np.array_equal(a.F, b.F)]
+    assert len(pairs) > 20
+    for s, t, ours, theirs in pairs:
+        R, shift = rigid_motion(ours.V, theirs.V)
+        apart = np.linalg.norm(ours.V @ R.T + shift - theirs.V, axis=1).mean() / ours.diagonal
+        assert apart > SAME_BODY, (s, t)
 
 
 def test_no_held_out_pose_of_a_body_has_the_name_of_a_tuning_pose(cases):
@@ -69,14 +67,13 @@ def test_no_held_out_pose_turns_the_surface_as_a_tuning_pose_does(cases):
 
 
 def normals(source, subject, pose):
-    """Normals (m, 3) of the faces of a posed body."""
-    mesh = source.posed(subject, pose)
-    return igl.per_face_normals(mesh.V, mesh.F, np.zeros(3))
+    """Normals of every fourth face of a posed body."""
+    return source.posed(subject, pose).face_normals[::4]
 
 
 def turned(a, b):
     """Angle in degrees by which a tenth of the surface is turned otherwise, after a rotation of the whole."""
-    share = SyntheticBodies().rest(0).face_areas
+    share = SyntheticBodies().rest(0).face_areas[::4]
     aligned = Rotation.align_vectors(a, b, share)[0].apply(b)
     angle = np.arccos(np.clip((a * aligned).sum(axis=1), -1, 1))
     order = np.argsort(-angle)

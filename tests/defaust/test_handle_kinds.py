@@ -12,7 +12,6 @@ from sshade import Handles, InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
 from tests.shapes import end_handles, icosphere
 
-KINDS = ("points", "landmarks", "regions")
 TURN = Rotation.from_euler("xyz", [20, -70, 35], degrees=True).as_matrix()
 
 
@@ -36,32 +35,23 @@ def distances(mesh, vertex):
     return dijkstra(edge_graph(mesh).matrix, directed=False, indices=vertex)
 
 
-def test_a_point_of_each_group_is_its_middle_and_goes_where_it_went(ball, handles):
-    points = of_kind(ball, handles, "points")
+def test_points_are_the_middles_of_the_groups_and_regions_are_rigid_discs_about_them(ball, handles):
+    points, regions = (of_kind(ball, handles, kind) for kind in ("points", "regions"))
     assert points.group.tolist() == [0, 1] and points.dynamic.tolist() == [False, True]
-    for index, target, group in zip(points.index, points.target, points.group, strict=True):
+    for middle, target, group in zip(points.index, points.target, points.group, strict=True):
         own = handles.group == group
         off = np.linalg.norm(ball.V[handles.index[own]] - ball.V[handles.index[own]].mean(axis=0), axis=1)
-        assert index == handles.index[own][off.argmin()]
+        assert middle == handles.index[own][off.argmin()]
         np.testing.assert_array_equal(target, handles.target[own][off.argmin()])
-
-
-def test_regions_are_rigid_discs_about_the_middles(ball, handles):
-    points, regions = (of_kind(ball, handles, kind) for kind in ("points", "regions"))
-    for middle, group in zip(points.index, points.group, strict=True):
-        own = regions.group == group
         inside = np.flatnonzero(distances(ball, middle) <= REACH * ball.diagonal)
-        assert sorted(regions.index[own]) == inside.tolist() and own.sum() > 30
-        assert len(set(regions.dynamic[own])) == 1
-    fixed = ~regions.dynamic
-    np.testing.assert_array_equal(regions.target[fixed], ball.V[regions.index[fixed]])
-    moved = regions.index[regions.dynamic]
-    expected = ball.V[moved] @ TURN.T + [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(regions.target[regions.dynamic], expected, atol=1e-12)
+        assert sorted(regions.index[regions.group == group]) == inside.tolist() and len(inside) > 30
+    np.testing.assert_array_equal(regions.dynamic, regions.group == 1)
+    rest = ball.V[regions.index]
+    expected = np.where(regions.dynamic[:, None], rest @ TURN.T + [1.0, 2.0, 3.0], rest)
+    np.testing.assert_allclose(regions.target, expected, atol=1e-12)
 
 
-def test_landmarks_of_regions_are_few_and_spread(ball, handles):
-    assert of_kind(ball, handles, "landmarks") is handles
+def test_landmarks_of_regions_are_few_and_spread_from_the_tips(ball, handles):
     few = of_kind(ball, handles, "landmarks", are_regions=True)
     assert np.bincount(few.group).tolist() == [FEW, FEW]
     places = {int(vertex): k for k, vertex in enumerate(handles.index)}
@@ -69,17 +59,14 @@ def test_landmarks_of_regions_are_few_and_spread(ball, handles):
     np.testing.assert_array_equal(few.target, handles.target[where])
     np.testing.assert_array_equal(few.dynamic, handles.dynamic[where])
     tips = of_kind(ball, handles, "points", are_regions=True).index
-    assert np.isin(tips, few.index).all()
     out = np.linalg.norm(ball.V - ball.V.mean(axis=0), axis=1)
     for group, tip in zip((0, 1), tips, strict=True):
-        assert out[tip] == out[handles.index[handles.group == group]].max()
-    # Farthest point sampling: no two samples are nearer than any other vertex is to its nearest sample.
-    for group in (0, 1):
         own, chosen = handles.index[handles.group == group], few.index[few.group == group]
+        assert tip in chosen and out[tip] == out[own].max()
+        # Farthest point sampling: no two samples are nearer than any other vertex is to its nearest sample.
         apart = np.array([distances(ball, vertex) for vertex in chosen])
-        rest = np.setdiff1d(own, chosen)
         pairs = apart[:, chosen] + np.where(np.eye(FEW), np.inf, 0)
-        assert pairs.min() >= apart[:, rest].min(axis=0).max()
+        assert pairs.min() >= apart[:, np.setdiff1d(own, chosen)].min(axis=0).max()
 
 
 def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
@@ -90,27 +77,23 @@ def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
     regions = of_kind(ball, pair, "regions")
     nearer = np.argmin([distances(ball, top), distances(ball, beside)], axis=0)[regions.index]
     np.testing.assert_array_equal(regions.group, nearer)
-    assert 0 < nearer.sum() < len(nearer)
     np.testing.assert_allclose((regions.target - ball.V[regions.index])[:, 0], 1.0 + nearer, atol=1e-12)
 
 
-def test_stored_handles_are_these(ball, handles):
-    assert of_kind(ball, handles, "stored") is handles
-    assert of_kind(ball, handles, "regions", are_regions=True) is handles
+def test_stored_handles_are_kept(ball, handles):
+    for kind, are_regions in (("stored", False), ("landmarks", False), ("regions", True)):
+        assert of_kind(ball, handles, kind, are_regions=are_regions) is handles
     with pytest.raises(InputError, match="handles=groups is unknown; use one of stored, points, landmarks"):
         of_kind(ball, handles, "groups")
 
 
-def test_tasks_of_all_kinds(finished):
+def test_a_task_takes_any_kind_and_is_named_by_it(finished):
     stored = load_task(finished, subject=1, pose=2)
-    tasks = {kind: load_task(finished, subject=1, pose=2, handles=kind) for kind in KINDS}
-    for kind, task in tasks.items():
+    for kind in ("points", "landmarks", "regions"):
+        task = load_task(finished, subject=1, pose=2, handles=kind)
         assert task.name == f"{stored.name}/{kind}" and task.meta["handles"] == kind
-        assert task.meta["n_static"] + task.meta["n_dynamic"] == len(task.handles)
-    assert len(tasks["points"].handles) == 3
-    np.testing.assert_array_equal(tasks["landmarks"].handles.target, stored.handles.target)
+        # The pose turns the whole body, so all handles agree with the ground truth.
+        truth = stored.truth[task.handles.index]
+        np.testing.assert_allclose(task.handles.target, truth, atol=2e-2 * stored.mesh.diagonal)
     with pytest.raises(InputError, match="a pose transfer has no handles; leave handles=points out"):
         load_task(finished, subject=1, pose=2, handles="points", edit=Unedited())
-    # The pose turns the whole body, so every region agrees with the ground truth.
-    regions = tasks["regions"].handles
-    np.testing.assert_allclose(regions.target, stored.truth[regions.index], atol=2e-2 * stored.mesh.diagonal)

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from defaust.build.upsample import self_intersecting
+from defaust.sources.bodies import Bodies
 from defaust.sources.source import read_asset
-from defaust.sources.synthetic import SHA256, Bodies
+from defaust.sources.synthetic import SHA256, decode
 from defaust.tasks.full_size import interpolation
 from sshade import InputError, Mesh
 from tools.bake import bake_command, write_asset
@@ -107,7 +108,7 @@ def add_poses(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     InputError
         When a subject intersects itself in a pose at half of its angles.
     """
-    bodies = Bodies.from_arrays(arrays)
+    bodies = decode(arrays)
     added = [name for name in POSES if name not in bodies.pose_names]
     rotations = np.zeros((len(bodies.rest), len(added), len(BONES), 3), dtype=np.float32)
     shifts = np.zeros((len(bodies.rest), len(added), 3), dtype=np.float32)

@@ -18,9 +18,10 @@ import numpy as np
 import yaml
 
 from defaust.build.upsample import self_intersecting
+from defaust.sources.bodies import Bodies
 from defaust.sources.new_bodies import SUBJECTS
 from defaust.sources.noisy import ANGLE, LENGTH
-from defaust.sources.synthetic import QUANTUM, Bodies, load_bodies
+from defaust.sources.synthetic import QUANTUM, load_bodies
 from defaust.tasks.full_size import interpolation
 from sshade import Mesh
 from tools.bake import bake_command, write_asset

@@ -19,9 +19,10 @@ import numpy as np
 import yaml
 from scipy.optimize import least_squares
 
+from defaust.sources.bodies import Bodies
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.skinning import apply_motions, bone_motions
-from defaust.sources.synthetic import Bodies, load_bodies
+from defaust.sources.synthetic import load_bodies
 from tools.bake import bake_command, write_asset
 from tools.bake.morphs import BONES
 from tools.bake.poses import JITTER, _both_sides
