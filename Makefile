@@ -1,18 +1,16 @@
 # make tables       build a small DeFAUST dataset, run the main methods, write tables and pictures to out/
 # make test         lint, architecture rules, types, tests, and methods compared with their golden values
 # make bench        times at full size, of drags and handle regions, up to 11 million vertices (an hour)
-# make scaling      the cost model of docs/times.md (a quarter of an hour)
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
-# make cover        the picture of the README, by methods at full size (ten minutes)
+# make gallery      the pictures of the README and of docs/gallery.md (ten minutes)
 # make verify       the paper's numbers beside yours, on your copies: FAUST=DIR TOSCA=DIR (15 hours for FAUST; go on
 #                   with the same command)
 # make docs         the documentation as a site, out/site; all its examples run (five minutes)
 # make release      wheel, source archive, site, Blender extension and dataset with its card in dist; nothing is
 #                   uploaded (ten minutes)
-# The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench and scaling need a quiet
-# machine.
+# The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench needs a quiet machine.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -22,11 +20,11 @@ QUICK  := data/defaust_20k
 VERIFY := data
 
 FULL   := data/defaust_170k
-SIZES  := 10000 15625 19532
+SIZES  := 15625 19532
 BASES  := $(SIZES:%=data/bench/%)
 BODY   := "defaust root=$(FULL) subject=0 pose=1"
-# The body of the picture of the README, on which Elastic and `fast` need many iterations.
-HARD   := "defaust root=data/cover subject=11 pose=6"
+# A lunge, on which Elastic and `fast` need many iterations.
+HARD   := "defaust root=data/hard subject=11 pose=6"
 REGIONS := "defaust root=$(FULL) subject=0 pose=1 handles=regions"
 ONE    := "paper-1=paper samplings=1"
 BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast vertices=6000"
@@ -59,7 +57,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test ci-benchmark bench scaling robustness ablations transfers cover verify docs release clean
+.PHONY: tables test ci-benchmark bench robustness ablations transfers gallery verify docs release clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -88,7 +86,7 @@ ci-benchmark: $(READY)
 	$(BIN)/sshade-eval check
 
 # Needs a quiet machine: `sshade-eval bench` ends without a result if other programs run.
-bench: $(READY) $(FULL)/dataset.json data/cover/dataset.json $(BASES:%=%/dataset.json)
+bench: $(READY) $(FULL)/dataset.json data/hard/dataset.json $(BASES:%=%/dataset.json)
 	$(BIN)/sshade-eval bench speed --cases $(BODY) --extrapolate arap elastic --methods arap elastic \
 	  accelerated_arap accelerated_elastic deformation_graph paper $(ONE) fast fine
 	$(BIN)/sshade-eval bench speed --name speed_hard --cases $(HARD) --extrapolate elastic --methods elastic \
@@ -104,10 +102,6 @@ bench: $(READY) $(FULL)/dataset.json data/cover/dataset.json $(BASES:%=%/dataset
 	  --cases $(BODY) "defaust root=data/bench/19532 subject=0 pose=1" --methods fast fine
 	$(BIN)/sshade-eval bench whole --name startup --methods paper fast
 	$(BIN)/sshade-eval bench whole --sizes 683000 11000000 --cases $(BODY) --methods fast
-
-# LARGEST=--largest adds a mesh of 44 million vertices, which needs 16 GiB.
-scaling: $(READY) $(FULL)/dataset.json data/bench/10000/dataset.json
-	$(BIN)/python -m docs.scaling --measure $(LARGEST)
 
 # COVERAGE_FILE collects the coverage of all processes in this folder.
 # The extras are needed for the coverage of baselines.
@@ -135,11 +129,9 @@ transfers: $(READY) $(FULL)/dataset.json
 	$(BIN)/sshade-eval figures isometric
 	$(BIN)/sshade-eval figures pose_transfer
 
-cover: $(READY) data/cover/dataset.json
-	$(BIN)/sshade-eval run -m dataset.root=data/cover subject=11 pose=6 method=elastic,fast,fine \
-	  run.experiment=cover run.split=held_out
-	$(BIN)/sshade-eval collect cover
-	$(BIN)/python -m docs.cover
+gallery: $(READY)
+	$(BIN)/python -m docs.drag
+	$(BIN)/python -m docs.gallery
 
 # BUILD and RUN have further settings, such as BUILD=subjects=[0,1] and RUN="subject=0 pose=1" for a first look.
 verify: $(READY)
@@ -191,9 +183,8 @@ $(FULL)/dataset.json: $(READY)
 data/bench/%/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=data/bench/$* subjects=[0] target_vertices=$*
 
-data/cover/dataset.json: $(READY)
-	$(BIN)/defaust build source=new_bodies out=data/cover subjects=[11]
-
+data/hard/dataset.json: $(READY)
+	$(BIN)/defaust build source=new_bodies out=data/hard subjects=[11]
 
 $(QUICK)/dataset.json: $(READY)
 	$(BIN)/defaust build source=synthetic out=$(QUICK) subjects=[0,1] target_vertices=20000

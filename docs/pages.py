@@ -17,19 +17,19 @@ a test compares the blocks with the results and the code:
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
 - ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.problem.options`.
+
+:func:`fill` writes other blocks.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
 
-from docs.blocks import markdown
-from eval.publish.columns import TRUTH
+from eval.publish.columns import TRUTH, markdown_table
 from eval.publish.comparison import poses_of
 from eval.publish.paper import beside
 from eval.publish.summary import by_half
@@ -152,7 +152,7 @@ def by_pose(path: Path, methods: list[str], rivals: list[str], *, link: str) -> 
     body = [line(pose, own.index) for pose, own in truth.groupby("pose")]
     head = ["pose", *methods, f"{first} nearer than {' / '.join(others)}"]
     text = "mean distance to the true pose (% of the diagonal), and cases in which {} is nearer"
-    table = markdown(head, [*body, line("all", truth.index)])
+    table = markdown_table(head, [*body, line("all", truth.index)], left=head[:1])
     return f"[{path.stem}]({link}/rows/{path.name}): {text.format(first)}.\n\n{table}\n"
 
 
@@ -178,7 +178,7 @@ def columns_of(grid: list[list[str]], headings: list[str], *, path: Path, chosen
             raise ValueError(f"{path} has no method {', '.join(sorted(missing))}")
         plain = [[re.sub(r"\*\*|</?u>", "", cell) for cell in line] for line in cells]
         cells = [line for name in chosen for line in plain if line[0] == name]
-    return markdown(["method", *headings], cells)
+    return markdown_table(["method", *headings], cells, left=["method"])
 
 
 def caption_notes(text: str) -> list[str]:
@@ -216,12 +216,15 @@ def rows_text(path: Path) -> str:
     return f"{runs} runs, {of_cases}" + (f": {time}" if hours else "")
 
 
-def main() -> int:
-    """Rewrite the pages."""
-    for page in PAGES:
-        page.write_text(filled_page(page), encoding="utf-8")
-    return 0
+def fill(page: Path, name: str, content: str) -> None:
+    """Replace what is between ``<!-- NAME -->`` and ``<!-- end -->`` on a page."""
+    before, start, rest = page.read_text(encoding="utf-8").partition(f"<!-- {name} -->\n")
+    _, end, after = rest.partition("\n<!-- end -->")
+    if not end:
+        raise ValueError(f"{page} has no block {name!r}")
+    page.write_text(f"{before}{start}{content}{end}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    for chosen in PAGES:
+        chosen.write_text(filled_page(chosen), encoding="utf-8")

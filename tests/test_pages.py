@@ -1,21 +1,15 @@
 """Tables of pages agree with the committed results, links work, and each picture is shown once."""
 
 import re
-from dataclasses import replace
-from types import SimpleNamespace
 
-import numpy as np
-import pandas as pd
 import pytest
 
-from docs import artefacts, beyond, blender, blocks, cover, measures, scaling
+from docs import gallery, pictures
 from docs.pages import PAGES, ROOT, by_pose, filled, filled_page, reference
 from eval.metrics import METRICS
-from eval.publish.figures import Case
 from eval.rows.frame import to_frame, write_csv
 from eval.rows.store import IDENTITY
 from sshade.problem.options import GROUPS, described
-from tests.shapes import bumpy, held_ends, icosphere
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -37,23 +31,6 @@ def test_the_reference_has_a_line_for_each_option():
     for name in (name for names in GROUPS.values() for name in names):
         start = f"| `{name}` | {described()[name].effect}"
         assert sum(line.startswith(start) for line in lines) == 1, name
-
-
-@pytest.mark.parametrize("script", [blender, scaling], ids=lambda script: script.__name__)
-def test_tables_that_a_script_writes_are_those_of_its_rows(script):
-    tables = script.tables(pd.read_csv(script.ROWS))
-    page = script.PAGE.read_text(encoding="utf-8")
-    assert blocks.filled(page, tables) == page, f"run: python -m {script.__name__}"
-    with pytest.raises(ValueError, match="0 blocks 'absent'"):
-        blocks.filled(page, {"absent": ""})
-
-
-def test_a_run_of_the_cost_model_goes_through_all_stages(monkeypatch):
-    monkeypatch.setattr(scaling, "load_task", lambda *_, **__: SimpleNamespace(mesh=icosphere(3)))
-    monkeypatch.setattr(scaling.os, "sched_setaffinity", lambda *_: None)  # other tests use all cores
-    row = scaling.measured(scaling.Run(1, samples=300, handles=60, threads=1), repeats=1)
-    assert (row["vertices"], row["samples"], row["handles"], row["threads"]) == (2562, 300, 60, 1)
-    assert all(row[stage] > 0 for stage in scaling.STAGES)
 
 
 def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
@@ -119,18 +96,6 @@ def test_links_lead_to_files_and_headings(page):
     assert broken == []
 
 
-def test_the_picture_of_the_readme_has_values_of_rows_below_shapes_of_one_scale():
-    task = held_ends(bumpy(2))
-    task = replace(task, truth=1.1 * task.mesh.V)
-    row = {"seconds.total": 1.0, "metric.volume": 7.04, "metric.truth_distance": 0.2}
-    rest, a, truth, _ = cover.draw(Case(task, {"fast": 2 * task.mesh.V}, {"fast": row})).axes
-    assert [axes.get_title() for axes in (rest, a, truth)] == ["Rest shape", "sshade fast", "True pose"]
-    assert a.texts[0].get_text() == "1.0 s\nvolume changed by 7.0 %\n0.2 % from the true pose"
-    assert "162 vertices" in rest.texts[0].get_text()
-    heights, widths = zip(*(axes.images[0].get_array().shape[:2] for axes in (rest, a, truth)), strict=True)
-    assert np.ptp(heights) <= 2 and widths[1] == pytest.approx(2 * widths[0], rel=0.05)
-
-
 def test_every_measure_is_explained():
     page = (ROOT / "docs" / "measures.md").read_text(encoding="utf-8")
     assert [name for name in METRICS if f"`{name}`" not in page] == []
@@ -150,33 +115,22 @@ def test_names_on_the_code_page_are_in_their_files():
     assert missing == []
 
 
-@pytest.mark.parametrize(
-    ("names", "pages"),
-    [
-        (
-            [f"{script.__name__[5:]}_{name}" for script in (beyond, artefacts) for name in script.EXAMPLES],
-            ["limits.md", "beyond.md"],
-        ),
-        ([f"measures_{name}" for name in measures.EXAMPLES], ["measures.md"]),
-        (["blender"], ["blender.md"]),
-    ],
-)
-def test_pages_show_each_picture_of_their_script_once_and_pictures_are_small(names, pages):
-    text = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in pages)
-    assert sorted(re.findall(r"\]\(figures/(.+)\.png\)", text)) == sorted(names)
-    for name in names:
+def test_pages_show_each_picture_of_the_program_once_and_pictures_are_small():
+    text = "".join(
+        (ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("limits.md", "beyond.md", "edit.md")
+    )
+    assert sorted(re.findall(r"\]\(figures/(.+)\.png\)", text)) == sorted(pictures.PICTURES)
+    for name in pictures.PICTURES:
         assert 1000 < (ROOT / "docs" / "figures" / f"{name}.png").stat().st_size < 150_000
 
 
-def test_rows_of_blender_have_each_method_on_its_poses_at_each_size():
-    """A method that failed has the reason in place of measures."""
-    rows = pd.read_csv(blender.ROWS)
-    assert set(rows["method"]) == {*blender.METHODS}
-    assert ((rows["truth"] >= 0) ^ rows["failure"].notna()).all()
-    for _, some in rows.groupby("vertices"):
-        assert some.groupby("method")["pose"].agg(set).map(sorted).map(tuple).nunique() == 1
+def test_the_gallery_has_the_command_and_picture_of_each_example():
+    page = gallery.PAGE.read_text(encoding="utf-8")
+    for name, example in gallery.EXAMPLES.items():
+        assert page.count(f"```\n{example.command}\n```") == 1, name
+        assert page.count(f"](figures/gallery_{name}.png)") == 1, name
 
 
 def test_the_script_on_the_page_is_the_file():
-    block = blender.PAGE.read_text().split("```python\n")[1].split("\n```")[0]
-    assert block.startswith("def main") and block in (blender.ROOT / "docs" / "blender_task.py").read_text()
+    block = (ROOT / "docs" / "blender.md").read_text().split("```python\n")[1].split("\n```")[0]
+    assert block.startswith("def main") and block in (ROOT / "docs" / "blender_task.py").read_text()

@@ -77,9 +77,8 @@ def folder(tmp_path_factory):
         for handles in blocks(page, "json"):
             (path / "handles.json").write_text(handles)
     programs = {"BROWSER": "true", "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    for line in dict.fromkeys(
-        "".join("".join(blocks(page)) for page in PAGES).replace("\\\n", "").splitlines()
-    ):
+    commands = "".join(block for page in PAGES for block in blocks(page) if not block.startswith("git clone"))
+    for line in dict.fromkeys(commands.replace("\\\n", "").splitlines()):
         program, *arguments = shlex.split(line)
         if program == "pip":
             assert set(re.findall(r"[\w-]+", arguments[-1])) <= EXTRAS
@@ -90,6 +89,14 @@ def folder(tmp_path_factory):
         else:
             subprocess.run(line, shell=True, cwd=path, env=os.environ | programs, check=True)
     return path
+
+
+def test_the_readme_installs_into_an_environment_in_a_clone(tmp_path):
+    """Git and the environment are real; the last command only looks where it would install."""
+    (commands,) = (block for block in blocks(README) if block.startswith("git clone"))
+    instead = 'python3() { command python3 "$@" --without-pip; }\n'
+    instead += 'pip() { test "$*" = "install ." && test -f pyproject.toml && test -n "$VIRTUAL_ENV"; }\n'
+    subprocess.run(["bash", "-ec", instead + commands.replace("URL", str(ROOT))], cwd=tmp_path, check=True)
 
 
 def blocks(page: str, language: str = "") -> list[str]:
