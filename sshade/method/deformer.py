@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import replace
 from math import inf
-from time import perf_counter
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,9 +18,8 @@ from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.majority import HandleGroups, MajorityMotion
-from sshade.problem.options import ENERGY, Options, accepted, checked, require_method, resolve
+from sshade.problem.options import Options, accepted, checked, require_method, resolve
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
-from sshade.proxy.binding import Binding
 from sshade.proxy.frames import checked_out
 
 #: Tolerance of :meth:`Deformer.settle`, as a multiple of the method's.
@@ -71,42 +67,13 @@ class Deformer:
     >>> drag = Deformer(mesh, [0, 2], vertices=4, area=0)
     >>> for height in (0.5, 1.0):
     ...     shape = drag(V[[0, 2]] + [0, 0, height], tolerance=1e-4).vertices
-    >>> shape.shape, drag.preview(V[[0, 2]]).vertices.shape
-    ((4, 3), (4, 3))
+    >>> shape.shape
+    (4, 3)
     >>> drag.rebind_handles([0, 1, 2])
-    >>> drag.change_energy(area=1.0)
     >>> raised = drag(V[:3] + [0, 0, 1])
     >>> bool(abs(drag.settle().vertices - V - [0, 0, 1]).max() < 1e-6)
     True
     """
-
-    @overload
-    def __init__(
-        self,
-        mesh: Any,
-        index: np.ndarray,
-        /,
-        *,
-        group: np.ndarray | None = None,
-        weight: np.ndarray | float = inf,
-        method: Literal["fast", "paper"] = "fast",
-        progress: Progress = silent,
-        **options: Any,
-    ) -> None: ...
-    @overload
-    def __init__(
-        self,
-        V: np.ndarray,
-        F: np.ndarray,
-        index: np.ndarray,
-        /,
-        *,
-        group: np.ndarray | None = None,
-        weight: np.ndarray | float = inf,
-        method: Literal["fast", "paper"] = "fast",
-        progress: Progress = silent,
-        **options: Any,
-    ) -> None: ...
 
     def __init__(
         self,
@@ -121,8 +88,7 @@ class Deformer:
     ) -> None:
         require_method(method, ("fast", "paper"))
         names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "accelerate")]
-        self._method, self._values = method, checked(options, names, subject="Deformer")
-        self._values.setdefault("samplings", 1)
+        values = {"samplings": 1, **checked(options, names, subject="Deformer")}
         self._shape: OpenShape | None = None
         if isinstance(shape, Mesh) and len(arrays) == 1:
             mesh, index = shape, arrays[0]
@@ -130,15 +96,16 @@ class Deformer:
             self._shape, (index,) = open_arguments(shape, arrays, ("handles b",))
             mesh = self._shape.mesh
         self.mesh = mesh
-        self._rest = self._at_rest(index, group=group, weight=weight)
+        self._last_handles: Handles | None
         #: The majority motion of the last call, and its targets.
-        self._last_majority: tuple[MajorityMotion, np.ndarray] | None = None
-        self._take_groups(self._rest)
+        self._last_majority: tuple[MajorityMotion, np.ndarray] | None
+        self._inertia = bool(values.get("inertia"))
+        self._take(*self._at_rest(index, group=group, weight=weight))
         # Handles that are bound later leave the options as they are.
-        plain = resolve(method, self._values)
-        self._regional = has_regions(mesh, self.index, plain)
-        self._task, self._options = DeformationTask("drag", mesh, self._rest), self._resolved(self._values)
-        self._last_handles: Handles | None = None
+        plain = resolve(method, values)
+        resolved = resolve(method, values, regions=has_regions(mesh, self.index, plain))
+        self._options = with_goal(mesh, resolved, area="area" in values)
+        self._task = DeformationTask("drag", mesh, self._rest)
         self._proxies = Proxies(mesh, self._rest, self._options, keep=True, progress=progress)
         # Its threads stay: to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(self._proxies.carriers)
@@ -147,11 +114,6 @@ class Deformer:
     def index(self) -> np.ndarray:
         """(k,) int64: the handle vertices of `mesh`."""
         return self._rest.index
-
-    @property
-    def bindings(self) -> list[Binding]:
-        """The bindings of M to its proxies."""
-        return [proxy.binding for proxy in self._proxies.kept]
 
     def rebind_handles(
         self,
@@ -179,30 +141,9 @@ class Deformer:
             of two groups with different targets. The Deformer keeps its handles then. A later call may raise
             the same.
         """
-        rest = self._at_rest(index, group=group, weight=weight)
+        given, rest = self._at_rest(index, group=group, weight=weight)
         self._proxies.rebind(rest)
-        self._rest, self._last_handles = rest, None
-        self._take_groups(rest)
-
-    def change_energy(self, **energy: Any) -> None:
-        """Change constraints, the volume goal or softening from the next call on; the shape stays.
-
-        Parameters
-        ----------
-        **energy
-            ``volume``, ``volume_goal``, ``area``, ``stiffness``, ``strain`` and ``strain_limit``: the options
-            to change. None stands for the method's own value. See :class:`sshade.problem.options.Options`.
-
-        Raises
-        ------
-        InputError
-            On another option or value; nothing changes then.
-        """
-        values = checked(energy, (*ENERGY, "volume_goal"), subject="change_energy")
-        kept = {name: value for name, value in self._values.items() if name not in energy}
-        changed = {**kept, **values}
-        self._options, self._values = self._resolved(changed), changed
-        self._proxies.change(self._options)
+        self._take(given, rest)
 
     def reset(self) -> None:
         """Forget the last shape: the next call starts as the method does."""
@@ -272,49 +213,6 @@ class Deformer:
         tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
         return self._deformed(handles, self._stopping(tolerance, None, out), out, settle=True)
 
-    def preview(
-        self,
-        targets: np.ndarray,
-        *,
-        rotations: np.ndarray | None = None,
-        tolerance: float | None = None,
-        max_iterations: int | None = None,
-    ) -> DeformationResult:
-        """Deform the first proxy alone, for displays.
-
-        ``bindings[0].proxy`` has its triangles, ``bindings[0].sampling.samples`` its vertices on M. A later
-        call continues from here.
-
-        Parameters
-        ----------
-        targets, rotations, tolerance, max_iterations
-            As for a call.
-
-        Returns
-        -------
-        DeformationResult
-            ``vertices`` (k, 3), ``seconds`` with ``solve``.
-
-        Raises
-        ------
-        InputError
-            As for a call, and where all vertices are handles.
-        """
-        begin = perf_counter()
-        handles, stopping = self._at(targets, rotations), self._stopping(tolerance, max_iterations)
-        if self._proxies.covered:
-            raise InputError("all vertices are handles: there is no proxy")
-        self._last_handles = handles
-        stop = stopping.subset(("tolerance", "max_iterations"))
-        solved = self._proxies.kept[0].solve(handles, **stop)
-        # A copy, because the caller may change the arrays, and a later call may start there.
-        return replace(deepcopy(solved), seconds={"solve": perf_counter() - begin})
-
-    def _resolved(self, values: Mapping[str, Any]) -> Options:
-        """Return the method's options with the values of the user."""
-        options = resolve(self._method, values, regions=self._regional)
-        return with_goal(self.mesh, options, area="area" in values)
-
     def _stopping(
         self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None
     ) -> Options:
@@ -343,30 +241,35 @@ class Deformer:
             result = replace(result, vertices=out)
         return result.of(task) if whole else result
 
-    def _at_rest(self, index: np.ndarray, **binding: Any) -> Handles:
-        """Return the handles at rest. Copies of a vertex along a seam are one handle."""
+    def _at_rest(self, index: np.ndarray, **binding: Any) -> tuple[np.ndarray, Handles]:
+        """Return the vertices of `mesh` for the given ids (h,), and the handles there, at rest.
+
+        Copies of a vertex along a seam are one handle.
+        """
         if self._shape is None:
             require_mesh(self.mesh, "Deformer")
-            self._given = checked_index(ids_of(index, self.mesh.n), once=True)
+            given = checked_index(ids_of(index, self.mesh.n), once=True)
         else:
             ids = checked_index(ids_of(index, len(self._shape.V)), once=True)
-            self._given = self._shape.surface.places(ids)
-        self.mesh.require_handles(self._given)
-        handles = Handles(self._given, self.mesh.V[self._given], **binding)
-        return DeformationTask("drag", self.mesh, handles).handles
+            given = self._shape.surface.places(ids)
+        self.mesh.require_handles(given)
+        handles = Handles(given, self.mesh.V[given], **binding)
+        return given, DeformationTask("drag", self.mesh, handles).handles
 
-    def _take_groups(self, rest: Handles) -> None:
-        """Take the groups that have a majority motion, if inertia needs it."""
-        inertia = self._values.get("inertia", 0.0)
-        self._groups = HandleGroups(self.mesh, rest.index, rest.group) if inertia else None
+    def _take(self, given: np.ndarray, rest: Handles) -> None:
+        """Take handles, and their groups if inertia needs a majority motion."""
+        self._given, self._rest = given, rest
+        #: The first of the given handles at each handle vertex.
+        self._first = np.sort(np.unique(given, return_index=True)[1])
+        self._groups = HandleGroups(self.mesh, rest.index, rest.group) if self._inertia else None
+        self._last_handles = None
         self._last_majority = None
 
     def _at(self, targets: np.ndarray, rotations: np.ndarray | None) -> Handles:
         """Return the handles at targets (h, 3), in the order in which their vertices were given."""
         if len(self._given) > len(self._rest):
-            rows = np.sort(np.unique(self._given, return_index=True)[1])
-            targets = checked_target(targets, self._given)[rows]
-            rotations = None if rotations is None else np.asarray(rotations)[rows]
+            targets = checked_target(targets, self._given)[self._first]
+            rotations = None if rotations is None else np.asarray(rotations)[self._first]
         handles = self._rest.at(targets, rotations)
         if self._groups is None:
             return handles

@@ -24,8 +24,8 @@ from sshade.solver.run import initial_guess
 class FollowingSolver:
     """Solve a proxy from where its last solve ended, with one factorisation for all targets.
 
-    The first solve starts as the method does. After a change of the energy or of the handles, the next solve
-    starts from the last shape.
+    The first solve starts as the method does. After a change of the handles, the next solve starts from the
+    last shape.
 
     Parameters
     ----------
@@ -67,10 +67,6 @@ class FollowingSolver:
         """Start the next solve at positions V (k, 3) of the proxy's vertices."""
         self._following = None
         self._last = V, np.tile(np.eye(3), (len(V), 1, 1))
-
-    def change(self, options: Options) -> None:
-        """Solve with another energy from now on, from the present shape."""
-        self._options, self._following = options, None
 
     def with_handles(self, handles: Handles) -> FollowingSolver:
         """Return a solver for other handles on N, which starts at the present shape."""

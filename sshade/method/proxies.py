@@ -175,13 +175,6 @@ class Proxies:
             proxy.use(place, solver)
         self._shared.set_handles(handles, self._options)
 
-    def change(self, options: Options) -> None:
-        """Let kept proxies solve with another energy from now on, from the present shape."""
-        self._options = options
-        self._shared.regions.volume_goal = options.volume_goal
-        for proxy in self.kept:
-            proxy.change(options)
-
 
 def threads_of(options: Options) -> int:
     """Return the number of threads that work on samplings: by default two for each CPU."""

@@ -193,58 +193,12 @@ def test_there_is_nothing_to_settle_before_a_call_or_after_other_handles(drag, m
         drag.settle()
 
 
-def test_a_preview_is_the_proxy_that_carries_the_mesh(mesh, held):
-    one, other = (Deformer(mesh, held, vertices=150) for _ in range(2))
-    for height in (0.2, 0.25):
-        seen = one.preview(lifted(mesh, held, height), tolerance=1e-4)
-        shape = other(lifted(mesh, held, height), tolerance=1e-4)
-        assert seen.vertices.shape == one.bindings[0].proxy.V.shape and "carry" not in seen.seconds
-        samples = one.bindings[0].sampling.samples
-        # The samples of the mesh lie on the vertices of the proxy.
-        assert np.abs(seen.vertices - shape.vertices[samples]).max() < 1e-12 * mesh.diagonal
-        assert seen.iterations == shape.iterations
-        seen.vertices[:] = 0.0  # the caller's own
-    for drag in (one, other):
-        drag.change_energy(area=0.5)
-    np.testing.assert_array_equal(one.settle().vertices, other.settle().vertices)
-    with pytest.raises(InputError, match="there is no proxy"):
-        Deformer(mesh, np.arange(mesh.n)).preview(mesh.V)
-
-
-def test_constraints_are_switched_as_if_bound_with_them(drag, mesh, held):
-    targets = lifted(mesh, held, 0.8)
-    volume = {}
-    drag(targets)
-    for name, energy in (("held", {}), ("free", {"volume": 0.0, "area": 0.0}), ("again", {"volume": None})):
-        drag.change_energy(**energy)
-        drag(targets)
-        shape = drag.settle().vertices
-        proxy = drag.bindings[0].proxy
-        volume[name] = Mesh(drag.preview(targets).vertices, proxy.F).volume / proxy.volume
-        options = {"area": 0.0} if name == "again" else energy
-        anew = Deformer(mesh, held, vertices=150, **options)
-        anew(targets)
-        assert np.linalg.norm(shape - anew.settle().vertices, axis=1).max() < 3e-4 * mesh.diagonal
-    assert abs(volume["held"] - 1) < 1e-5 and abs(volume["again"] - 1) < 1e-5
-    assert abs(volume["free"] - 1) > 1e-3
-
-
-def test_an_energy_that_is_none_is_refused_and_changes_nothing(drag, mesh, held):
-    before = drag(lifted(mesh, held, 0.3)).vertices
-    with pytest.raises(InputError, match="volume must be a number from 0 to inf"):
-        drag.change_energy(volume=-1.0)
-    with pytest.raises(InputError, match="no use for the option 'attachment'"):
-        drag.change_energy(attachment=0.0)
-    drag.reset()
-    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
-
-
 def test_a_single_handle_that_is_no_sample_is_met():
     """The surface turns sharply, so a target at the nearest sample alone would not bring the handle there."""
     mesh = tube(40, 120, length=7.0)
     order = np.argsort(mesh.V[:, 2])
     drag = Deformer(mesh, order[:20], vertices=600)
-    samples = drag.bindings[0].sampling.samples
+    samples = drag._proxies.kept[0].sampling.samples
     top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
     new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
     own = moved_parts(mesh.V, (order[:20], 0), ([new], [2.0, 0.0, -1.5]))
@@ -315,18 +269,6 @@ def test_the_inside_of_regions_cannot_be_rebound():
     drag = Deformer(mesh, regions.index, group=regions.group, vertices=150)
     with pytest.raises(InputError, match="the proxy has no vertices near some of these handles, as inside"):
         drag.rebind_handles(regions.index, group=regions.group)
-
-
-def test_a_value_that_is_set_again_changes_nothing_else_after_regions_are_bound(mesh, held):
-    regions, shapes = end_handles(mesh.V, count=100, shift=[0.15, 0, 0.3]), []
-    for change in (False, True):
-        drag = Deformer(mesh, held, vertices=150)
-        drag.rebind_handles(regions.index)
-        if change:
-            drag.change_energy(volume=np.inf)
-        drag.reset()
-        shapes.append(drag(regions.target).vertices)
-    np.testing.assert_array_equal(*shapes)
 
 
 def test_iterations_are_counted_over_all_solves_where_handles_are_regions():

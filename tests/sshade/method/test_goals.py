@@ -72,7 +72,7 @@ def test_each_component_has_the_ratio_and_one_without_handles_keeps_its_volume()
 
 
 @pytest.mark.parametrize("name", ["closed", "regions"])
-def test_a_drag_keeps_a_goal_which_may_change(name):
+def test_a_drag_keeps_a_goal(name):
     mesh = MESHES[name]
     task = task_of(mesh, count=150 if name == "regions" else 12)
     drag = Deformer(mesh, task.handles.index, volume_goal=1.1)
@@ -81,11 +81,6 @@ def test_a_drag_keeps_a_goal_which_may_change(name):
         drag(rest + step * (target - rest), tolerance=1e-4)
     drag.settle()
     assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.1, rel=WHOLE)
-    drag.change_energy(volume_goal=1.15)
-    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.15, rel=WHOLE)
-    with pytest.raises(InputError, match="needs a weight"):
-        drag.change_energy(volume=0)
-    assert ratio(mesh, drag.settle().vertices) == pytest.approx(1.15, rel=WHOLE)
 
 
 BAD = {
@@ -110,10 +105,5 @@ def test_bad_goals_are_refused_in_one_sentence(name):
 
 @pytest.mark.parametrize("mesh", [tube(16, 40), Mesh(BODY.V * [0, 1, 1], BODY.F)])
 def test_a_drag_of_a_mesh_without_a_volume_takes_no_goal(mesh):
-    drag = Deformer(mesh, task_of(mesh).handles.index)
-    for bind in (
-        lambda: Deformer(mesh, drag.index, volume_goal=1.1),
-        lambda: drag.change_energy(volume_goal=1.1),
-    ):
-        with pytest.raises(InputError, match="volume_goal needs a "):
-            bind()
+    with pytest.raises(InputError, match="volume_goal needs a "):
+        Deformer(mesh, task_of(mesh).handles.index, volume_goal=1.1)
