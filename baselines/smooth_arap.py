@@ -40,8 +40,8 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorised
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.run import Stop, initial_guess, run
 from sshade.solver.terms.arap import Triangles
 
@@ -136,7 +136,7 @@ def mixed_voronoi_areas(mesh: Mesh, h: np.ndarray) -> np.ndarray:
     ----------
     mesh : Mesh
     h : (m, 3) float64
-        From :func:`sshade.solver.cotangents.half_cotangents`.
+        From :func:`sshade.solver.laplacian.half_cotangents`.
 
     References
     ----------

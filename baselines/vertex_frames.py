@@ -23,8 +23,8 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.blended import nearest_rotations
-from sshade.proxy.neighbours import fill_from_neighbours
 from sshade.proxy.triangle import FLAT
+from sshade.proxy.vertex_maps import fill_from_neighbours
 
 log = logging.getLogger(__name__)
 

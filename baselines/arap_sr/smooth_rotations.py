@@ -17,7 +17,7 @@ from baselines.local_step import spokes
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rotations import fit_rotations
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 
 
 def vertex_colours(mesh: Mesh) -> np.ndarray:

@@ -36,8 +36,8 @@ from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
 from sshade.proxy.sample import proxy_vertices
-from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorised
+from sshade.solver.laplacian import laplacian_matrix
 from sshade.solver.run import Stop, initial_guess, run
 
 

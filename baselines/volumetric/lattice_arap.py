@@ -34,8 +34,8 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.cotangents import laplacian_matrix
 from sshade.solver.factorisation import Factorisation
+from sshade.solver.laplacian import laplacian_matrix
 from sshade.solver.run import Stop, run
 
 Carry = Literal["trilinear", "motions"]

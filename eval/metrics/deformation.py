@@ -70,7 +70,7 @@ def angle_relative(deformed: Deformed) -> float:
 def zero_area_faces(deformed: Deformed) -> float:
     """Return the number of rest faces that :func:`angle_relative` excludes: their area is exactly zero.
 
-    Methods also leave out needles; see :data:`sshade.mesh.areas.NO_AREA`.
+    Methods also leave out needles; see :data:`sshade.mesh.faces.NO_AREA`.
     """
     return float((deformed.rest.face_areas == 0).sum())
 

@@ -18,7 +18,7 @@ from sshade.files.by_library import EXTRA
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.surface import Surface, as_single
-from sshade.method.dense_handles import are_dense
+from sshade.method.regions import are_dense
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import SPARE

@@ -11,8 +11,7 @@ import numpy as np
 from sshade.core.errors import InputError, counted
 from sshade.core.kernels import kernel
 from sshade.core.shown import Shown
-from sshade.mesh.areas import face_areas, vertex_areas
-from sshade.mesh.connectivity import Connectivity, connectivity
+from sshade.mesh.faces import Connectivity, connectivity, face_areas, vertex_areas
 from sshade.mesh.sides import EdgeSides, flagged, sides_by_edge
 
 #: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
@@ -153,7 +152,7 @@ class Mesh(Shown):
 
     @property
     def without_area(self) -> np.ndarray:
-        """(m,) bool: needles and collapsed faces; see :data:`sshade.mesh.areas.NO_AREA`."""
+        """(m,) bool: needles and collapsed faces; see :data:`sshade.mesh.faces.NO_AREA`."""
         return self._areas[1]
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -20,6 +21,8 @@ WIDEST = 4.0
 CROWD = 64
 #: Cosine above which two faces at one edge lie upon each other, and do not continue each other.
 UPON = 0.999
+#: Largest distance of touching vertices from their place, as a fraction of the bounding-box diagonal.
+TOUCHING = 1e-6
 
 
 def same_rows(rows: np.ndarray) -> np.ndarray:
@@ -246,6 +249,18 @@ def touching(mesh: Mesh, distance: float) -> np.ndarray:
     at, other = _neighbours(mesh, vertices)
     joined = flagged(at[other == first[at]], len(vertices))
     return np.stack([vertices, first])[:, ~joined]
+
+
+#: Vertices of one component that touch in each mesh, for further poses of the mesh.
+_TOUCHING: WeakKeyDictionary[Mesh, np.ndarray] = WeakKeyDictionary()
+
+
+def opening_within(mesh: Mesh, V: np.ndarray) -> float:
+    """Return the largest distance, at positions V (n, 3), of vertices of one component that touch at rest."""
+    if mesh not in _TOUCHING:
+        _TOUCHING[mesh] = touching(mesh, TOUCHING * mesh.diagonal)
+    one, other = _TOUCHING[mesh]
+    return float(np.linalg.norm(V[one] - V[other], axis=1).max(initial=0.0))
 
 
 def first_at_label(labels: np.ndarray) -> np.ndarray:

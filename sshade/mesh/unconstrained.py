@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import logging
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from sshade.core.errors import counted
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.mesh.seams import same_places, touching
+from sshade.mesh.seams import TOUCHING, same_places
 from sshade.mesh.sides import members
 
 log = logging.getLogger(__name__)
 
 #: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
 NEAREST = 8
-#: Largest distance of touching vertices from their place, as a fraction of the bounding-box diagonal.
-TOUCHING = 1e-6
 #: What can be done about components without handles.
 HOW_TO_CONSTRAIN = (
     "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=False): they then "
@@ -79,18 +76,6 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray) -> Contacts:
     size = np.diff(start, append=mesh.n)
     vertex, first = vertex[np.repeat(touching, size)], np.repeat(vertex[start[touching]], size[touching])
     return Contacts(len(np.unique(mesh.component[vertex[free[vertex]]])), vertex, first)
-
-
-#: Vertices of one component that touch in each mesh, for further poses of the mesh.
-_TOUCHING: WeakKeyDictionary[Mesh, np.ndarray] = WeakKeyDictionary()
-
-
-def opening_within(mesh: Mesh, V: np.ndarray) -> float:
-    """Return the largest distance, at positions V (n, 3), of vertices of one component that touch at rest."""
-    if mesh not in _TOUCHING:
-        _TOUCHING[mesh] = touching(mesh, TOUCHING * mesh.diagonal)
-    one, other = _TOUCHING[mesh]
-    return float(np.linalg.norm(V[one] - V[other], axis=1).max(initial=0.0))
 
 
 def move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from sshade.method.deform import deform_task
 from sshade.problem.handle_checks import ids_of
 from sshade.problem.options import accepted, require_method, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
-from sshade.proxy.kinds import vertex_values
+from sshade.proxy.binding import vertex_values
 
 ShapeT = TypeVar("ShapeT")
 
@@ -29,27 +29,9 @@ def deform(
 ) -> DeformationResult: ...
 @overload
 def deform(
-    V: np.ndarray,
-    F: np.ndarray,
-    b: np.ndarray,
-    bc: np.ndarray,
+    shape: ShapeT,
     /,
-    *,
-    method: str | Callable[..., DeformationResult] = "fast",
-    weight: np.ndarray | float | None = None,
-    rotations: np.ndarray | None = None,
-    refuse_unconstrained: bool = False,
-    weld: float | None = None,
-    repair: bool = False,
-    **options: Any,
-) -> np.ndarray: ...
-@overload
-def deform(
-    mesh: ShapeT,
-    b: np.ndarray,
-    bc: np.ndarray,
-    /,
-    *,
+    *arrays: np.ndarray,
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,

@@ -18,7 +18,7 @@ from sshade.method.junctions import deform_joined
 from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationTask, Handles
-from sshade.proxy.kinds import vertex_values
+from sshade.proxy.binding import vertex_values
 from sshade.proxy.sample import least_vertices, proxy_vertices, shared_vertices
 
 

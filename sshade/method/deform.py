@@ -30,7 +30,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
-from sshade.mesh.unconstrained import opening_within
+from sshade.mesh.seams import opening_within
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.pieces import Piece, Pieces, both
 from sshade.method.polish import Polish

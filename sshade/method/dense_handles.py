@@ -17,7 +17,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.unconstrained import contacts, move_rigidly
 from sshade.method.interpolation import fit_splines, interpolate, neighbours
-from sshade.method.regions import edge_vertices
+from sshade.method.regions import distance_to_handles, hard_positions_alone
 from sshade.problem.facts import Facts
 from sshade.problem.task import DeformationResult, DeformationTask
 
@@ -29,10 +29,6 @@ SAME_PLACE, THINNED = 1 / 64, 0.5
 TOGETHER = 32
 #: Largest number of splines.
 SPLINES = 2000
-#: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
-PROBES, NEARLY_ALL = 20_000, 0.95
-#: Distance to the nearest handle up to which handles are dense, as a fraction of the square root of the area.
-DENSE = 0.05
 
 
 def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -> DeformationResult:
@@ -59,13 +55,13 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     """
     begin = perf_counter()
     handles, mesh = task.handles, task.mesh
-    if not _hard_positions_alone(task):
+    if not hard_positions_alone(task):
         raise InputError("the method 'interpolate' takes hard handles; leave out weights and rotations")
     x, y = _different(mesh.V[handles.index] - mesh.origin, handles.target)
     if len(x) < 4:
         raise InputError(f"the method 'interpolate' needs handles at four places; there are {len(x)}")
     progress("interpolate", 0, 1)
-    spacing = _distance_to_handles(task)
+    spacing = distance_to_handles(task)
     places = _apart(x, SAME_PLACE * spacing)
     thinned = places[_apart(x[places], THINNED * spacing)]
     centres = thinned[np.linspace(0, len(thinned) - 1, min(SPLINES, len(thinned))).astype(np.int64)]
@@ -83,24 +79,6 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     return DeformationResult(V, 0, True, {"interpolate": perf_counter() - begin}, facts=facts)
 
 
-def are_dense(task: DeformationTask) -> bool:
-    """Whether nearly all of the surface is near handles of a kind that can be interpolated.
-
-    Regions, whose handles are mostly inside of the region, are not dense handles.
-    """
-    handles, mesh = task.handles, task.mesh
-    if not mesh.area or not _hard_positions_alone(task):
-        return False
-    if 2 * len(edge_vertices(mesh, handles.index)) < len(handles):
-        return False
-    return _distance_to_handles(task) <= DENSE * float(np.sqrt(mesh.area))
-
-
-def _hard_positions_alone(task: DeformationTask) -> bool:
-    handles = task.handles
-    return handles.prescribed_rotations is None and bool(handles.hard.all())
-
-
 def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places (k, 3) of handles, each once, and the mean targets there."""
     places, which, count = np.unique(x, axis=0, return_inverse=True, return_counts=True)
@@ -109,16 +87,6 @@ def _different(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = np.zeros_like(places)
     np.add.at(mean, which.ravel(), y)
     return places, mean / count[:, None]
-
-
-def _distance_to_handles(task: DeformationTask) -> float:
-    """Return the distance to the nearest handle that nearly all of the surface has at most."""
-    mesh = task.mesh
-    probes = np.linspace(0, mesh.n - 1, min(PROBES, mesh.n)).astype(np.int64)
-    distance, _ = cKDTree(mesh.V[task.handles.index]).query(mesh.V[probes])
-    order, area = np.argsort(distance), mesh.vertex_areas[probes]
-    below = np.cumsum(area[order]) / area.sum()
-    return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
 def _apart(x: np.ndarray, radius: float) -> np.ndarray:

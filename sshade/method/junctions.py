@@ -22,9 +22,8 @@ from sshade.method.start import OnceSolver
 from sshade.problem.options import Options
 from sshade.problem.task import Handles
 from sshade.proxy.bind import sample_components
-from sshade.proxy.binding import bind_proxy
+from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.fronts import thinned
-from sshade.proxy.kinds import frame_maker
 from sshade.proxy.sample import Sampling
 
 log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from sshade.mesh.sides import numbered
 from sshade.method.regions import Placement
 from sshade.problem.handles import Handles
 from sshade.problem.snapping import snap_to_vertices
-from sshade.proxy.neighbours import sums_by_index
+from sshade.proxy.vertex_maps import sums_by_index
 
 
 class NearestPlacement(Placement):

@@ -23,8 +23,7 @@ from sshade.method.start import OnceSolver, ProxySolver
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, Handles
-from sshade.proxy.binding import Binding, bind_proxy
-from sshade.proxy.kinds import frame_maker
+from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 
@@ -149,7 +148,7 @@ class Proxy:
         self.sampling_seconds = perf_counter() - begin
         self.mesh = proxy_mesh(shared.mesh, self.sampling)
         self._binding: Binding | None = None
-        self._goal = self._first_goal = options.volume_goal or 1.0
+        self._goal = options.volume_goal or 1.0
         self._solver: ProxySolver
         self._following: FollowingSolver | None = None  # of a proxy that is kept
         # Another solver of N goes here. A method of the user, options.coarse, is called by OnceSolver.
@@ -189,7 +188,7 @@ class Proxy:
         """Forget the last shape and all corrections; start at a shape (n, 3) of M, or as the method does."""
         assert self._following is not None
         self._following.reset()
-        self._goal = self._first_goal
+        self._goal = self._options.volume_goal or 1.0
         self._place.forget()
         if guess is not None:
             self._following.start_at(guess[self.sampling.samples])
@@ -203,13 +202,6 @@ class Proxy:
     def use(self, place: NearestPlacement, solver: FollowingSolver) -> None:
         """Go on with a placement and a solver of :meth:`rebound`."""
         self._place, self._solver, self._following = place, solver, solver
-
-    def change(self, options: Options) -> None:
-        """Solve with another energy from now on, from the present shape."""
-        self._options = options
-        assert self._following is not None
-        self._following.change(options)
-        self._goal = self._first_goal = options.volume_goal or 1.0
 
     def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
         """Solve N for handles of M at their targets.

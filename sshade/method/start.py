@@ -30,8 +30,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.method.regions import HandleRegions, sample_with_handles
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
-from sshade.proxy.binding import bind_proxy
-from sshade.proxy.kinds import frame_maker
+from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.solver.local_global import prepare, solve_task
 from sshade.solver.run import initial_guess

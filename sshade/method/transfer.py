@@ -21,8 +21,8 @@ from sshade.problem.facts import Facts
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask
 from sshade.proxy.bind import bind
+from sshade.proxy.binding import frame_maker
 from sshade.proxy.frames import FrameMaker
-from sshade.proxy.kinds import frame_maker
 from sshade.proxy.sample import proxy_vertices
 
 

@@ -2,6 +2,6 @@
 
 Sampling, in this order: `sample` (all steps), `fronts` (farthest point sampling and cells) with its kernels
 in `advance`, `coarse` (the same result type for large meshes, faster), and `closed_ball`. Prolonging:
-`projection`, `frames` (the interface), `triangle` (the paper's frames), `blended`, `affine` (an ablation),
-`kinds` (frames by name), `binding` and `binding_file`. `vertex_maps` and `neighbours` are shared.
+`projection`, `frames` (the interface), `triangle` (the paper's frames), `blended`, `binding` and
+`binding_file`. `vertex_maps` is shared.
 """

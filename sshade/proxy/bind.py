@@ -11,9 +11,8 @@ from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.sides import members
 from sshade.problem.options import Options, checked
-from sshade.proxy.binding import Binding, bind_proxy
+from sshade.proxy.binding import Binding, FrameKind, bind_proxy, frame_maker
 from sshade.proxy.frames import FrameMaker
-from sshade.proxy.kinds import FrameKind, frame_maker
 from sshade.proxy.sample import SPARE, Sampling, proxy_vertices, sample_proxy, shared_vertices
 
 
@@ -46,7 +45,7 @@ def bind(
     Raises
     ------
     InputError
-        See :func:`sshade.proxy.sample.sample_proxy`, :func:`sshade.proxy.kinds.frame_maker` and
+        See :func:`sshade.proxy.sample.sample_proxy`, :func:`sshade.proxy.binding.frame_maker` and
         :func:`sshade.proxy.triangle.frame_values`.
     """
     require_mesh(mesh, "bind")

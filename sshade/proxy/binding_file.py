@@ -11,8 +11,7 @@ import numpy as np
 from sshade.core.atomic import INCOMPLETE, expecting, naming, read_npz, replacing
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.proxy.binding import Binding
-from sshade.proxy.kinds import FrameKind, frame_maker
+from sshade.proxy.binding import Binding, FrameKind, frame_maker
 from sshade.proxy.projection import Projection
 from sshade.proxy.sample import Sampling, proxy_mesh
 from sshade.proxy.triangle import TriangleFrames

@@ -14,7 +14,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.proxy.projection import Projection
 
 #: Largest doubled area, over the squared longest edge, of a triangle that has no normal. Far smaller than
-#: :data:`sshade.mesh.areas.NO_AREA`: a needle without usable cotangents may still have a normal.
+#: :data:`sshade.mesh.faces.NO_AREA`: a needle without usable cotangents may still have a normal.
 ZERO_AREA = 1e-12
 
 #: Writes the positions of the points ``first`` to ``end``: ``place(first, end, local, on, V)``.
@@ -84,7 +84,7 @@ class Frames(ABC):
         V : (n, 3) float64
         degenerate : int
             Number of frames that N or N' leaves undefined, for example at zero-area triangles. The mean of
-            neighbouring frames replaces them (:func:`sshade.proxy.neighbours.fill_from_neighbours`).
+            neighbouring frames replaces them (:func:`sshade.proxy.vertex_maps.fill_from_neighbours`).
         """
         V, team = np.empty((len(local), 3)) if out is None else out, team or ThreadTeam(1)
         place, degenerate = self.posed(NV, rotations, team)

@@ -1,4 +1,6 @@
-"""The paper's local reference frames: a rigid frame on each triangle of the proxy.
+"""Frames on the triangles of the proxy: the paper's rigid frames, and affine ones as an ablation.
+
+The rigid frame of a triangle is its local reference frame:
 
     v_t = L_t^-1 (v - b_t)          coordinates on N at rest
     v'  = L_t' v_t + b_t'           position on N'
@@ -7,6 +9,15 @@ The origin b_t is the barycentre of triangle t. The columns of L_t = (g_t, w_t, 
 the gradient of a scalar function f on the triangle, the unit normal n_t, and w_t = g_t x n_t. The gradient is
 normalised; with its length in L, a stretch of the triangle along g would be inverted. L_t is orthogonal
 with determinant -1, which cancels between the frames at rest and deformed.
+
+Affine frames stretch with the triangle, where rigid frames only turn. A triangle with first corner a, edges
+e1, e2 and unit normal n, deformed to a', e1', e2', n', defines an affine map with the linear part
+A = [e1' e2' n'] [e1 e2 n]^-1:
+
+    x' = a' + A (x - a) .
+
+In the plane of the triangle the map interpolates the corners linearly, so that neighbouring triangles agree
+along their edge. Off the plane their normals differ, and x' jumps.
 
 Source: SShaDe, after S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
 gradient-based local reference frame for 3D shape matching", 2019.
@@ -24,8 +35,8 @@ from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.frames import Frames, Placer, edges_and_normals, on_triangles, place_on_triangles
-from sshade.proxy.neighbours import adjacent_triangles, fill_from_neighbours
 from sshade.proxy.projection import Projection
+from sshade.proxy.vertex_maps import adjacent_triangles, fill_from_neighbours
 
 #: Length of the tangential gradient below which another function replaces f on a triangle. A coordinate has a
 #: gradient of length up to 1.
@@ -160,3 +171,60 @@ def _frames(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarra
     L = np.stack([g, np.cross(g, n), n], axis=2)
     L[~known] = np.eye(3)
     return L, (V[F[:, 0]] + V[F[:, 1]] + V[F[:, 2]]) / 3.0, ~known
+
+
+@dataclass(frozen=True, eq=False)
+class AffineFrames(Frames):
+    """Frames that follow the affine maps of a proxy's triangles.
+
+    A triangle without area gets the mean A of its edge neighbours.
+
+    Parameters
+    ----------
+    proxy : Mesh
+        N at rest.
+    """
+
+    name: ClassVar[str] = "affine"  # type: ignore[misc]
+
+    proxy: Mesh
+
+    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
+        """Return the offsets x - a from the first corners; see :class:`sshade.proxy.frames.Frames`."""
+        return V - self.proxy.V[self.proxy.F[on.face, 0]]
+
+    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
+        """Place points at a' + A (x - a); see :class:`sshade.proxy.frames.Frames`."""
+        F = self.proxy.F
+        A, known = affine_maps(self.proxy.V, NV, F=F)
+        if not known.all():
+            A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
+        return on_triangles(A, NV[F[:, 0]]), int((~known).sum())
+
+
+def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear part A of the affine map of each triangle.
+
+    Parameters
+    ----------
+    rest, deformed : (k, 3) float64
+        Vertices of N and N'.
+    F : (l, 3) int
+        Triangles.
+
+    Returns
+    -------
+    A : (l, 3, 3) float64
+        Zero where undefined.
+    known : (l,) bool
+        False for triangles without area in N or N'.
+    """
+    e1, e2, n, doubled = edges_and_normals(rest, F)
+    d1, d2, m, deformed_doubled = edges_and_normals(deformed, F)
+    known = (doubled > 0) & (deformed_doubled > 0)
+    doubled = np.where(known, doubled, 1.0)
+    # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the doubled area, and n.
+    rows = (np.cross(e2, n) / doubled[:, None], np.cross(n, e1) / doubled[:, None], n)
+    A = sum(d[:, :, None] * row[:, None] for d, row in zip((d1, d2, m), rows, strict=True))
+    A[~known] = 0.0
+    return A, known

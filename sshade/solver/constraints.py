@@ -31,7 +31,7 @@ from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
 from sshade.core.threads import ROWS, ThreadTeam, in_ranges
 from sshade.mesh.mesh import Mesh
-from sshade.solver.order import faces_in_order, vertex_ranges
+from sshade.solver.laplacian import faces_in_order, vertex_ranges
 
 log = logging.getLogger(__name__)
 
@@ -91,13 +91,13 @@ class ConstrainedSurface:
     place : (n,) int32
         Place of each vertex in the solver's order.
     faces : (m, 3) uint32, optional
-        The faces in the order of :func:`sshade.solver.order.faces_in_order`, if the solver has them.
+        The faces in the order of :func:`sshade.solver.laplacian.faces_in_order`, if the solver has them.
 
     Attributes
     ----------
     F : (m, 3) uint32
     ranges : list of (slice, int, int)
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     slender : (m,) float32
         Least slenderness of each face that does not count as collapsed; see :data:`SLENDER`.
     rest : (2,) float64

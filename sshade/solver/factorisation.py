@@ -14,7 +14,7 @@ The forces B at positions u are minus half of the energy's gradient, divided by 
 element. The global step is ``u + M B``. M is a symmetric positive definite matrix here, not the mesh. A
 factorisation has ``M = L^-1`` for the Laplacian L of the rest shape, and the step ends in the minimum for the
 present rotations. It may instead have the Laplacian with the strain weights at the start of a solve, and then
-descends in its metric. A V-cycle (:mod:`sshade.solver.cycles`) approximates the inverse, and descends in
+descends in its metric. A V-cycle (:mod:`sshade.solver.multigrid`) approximates the inverse, and descends in
 its metric, too. The directions of constraints are M times their gradients. The whole step, constraints
 included, is therefore M times a vector, as quasi-Newton steps require.
 

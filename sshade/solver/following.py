@@ -19,8 +19,7 @@ import numpy as np
 from sshade.core.threads import ThreadTeam
 from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, complete
-from sshade.solver.descent import Descent
-from sshade.solver.energy import Prescribed
+from sshade.solver.descent import Descent, Prescribed
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Solution, Stop, run
 

@@ -24,8 +24,7 @@ from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
-from sshade.solver.descent import Descent
-from sshade.solver.energy import Prescribed
+from sshade.solver.descent import Descent, Prescribed
 from sshade.solver.run import Run, Solution, Stop, initial_guess, run
 from sshade.solver.system import System
 

@@ -25,17 +25,19 @@ from sshade.mesh.sides import flagged
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import Energy
 from sshade.solver.constraints import ConstrainedSurface
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix, rest_energies
-from sshade.solver.cycles import ConjugateGradients, VCycle
 from sshade.solver.factorisation import Factorised, Linear, not_positive_definite
-from sshade.solver.multigrid import SMOOTHER, Multigrid
-from sshade.solver.order import (
+from sshade.solver.laplacian import (
     band_order,
+    edge_weights,
     faces_in_order,
+    half_cotangents,
+    laplacian_matrix,
     pattern_in_order,
+    rest_energies,
     vertex_ranges,
     weighted_laplacian,
 )
+from sshade.solver.multigrid import SMOOTHER, ConjugateGradients, Multigrid, VCycle
 from sshade.solver.terms import Springs
 from sshade.solver.terms.arap import Edges, Elements, Triangles
 from sshade.solver.terms.bending import Plate, bending_matrix, bending_stiffness
@@ -58,7 +60,7 @@ class System:
     ----------
     mesh : Mesh
         Rest shape. May have a boundary, and triangles of zero area: see
-        :func:`sshade.solver.cotangents.half_cotangents`.
+        :func:`sshade.solver.laplacian.half_cotangents`.
     index : (k,) int
         Handle vertices, each once. Every component needs one.
     energy : {"spokes", "spokes_and_rims"}
@@ -107,7 +109,7 @@ class System:
     elements : Edges or Triangles
         In the order of their lowest vertices.
     ranges : list of (slice, int, int)
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     rest : (m,) float64
         Energy of each element shrunk to a point: 6 A for a triangle, positive.
     plate : Plate or None

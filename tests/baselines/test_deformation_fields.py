@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from baselines.deformation_fields import deformation_field
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from tests.shapes import bumpy, held_ends
 
 

@@ -11,7 +11,7 @@ from baselines.accelerated import local_global
 from baselines.smooth_arap import mixed_voronoi_areas, smooth_arap
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, Handles
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from tests.shapes import bumpy, held_ends, jittered, strip
 
 ORACLES = sorted(Path(__file__).parent.glob("oracles/smooth_arap_*.npz"))

@@ -29,8 +29,7 @@ from sshade.proxy.coarse import sample_coarsely
 from sshade.proxy.projection import _closest_in_triangle
 from sshade.proxy.sample import sample_proxy
 from sshade.solver import factorisation
-from sshade.solver.cycles import ConjugateGradients
-from sshade.solver.multigrid import Multigrid
+from sshade.solver.multigrid import ConjugateGradients, Multigrid
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin

@@ -5,7 +5,7 @@ import pytest
 
 from sshade.core.threads import in_ranges
 from sshade.mesh.adjacency import vertex_graph
-from sshade.mesh.connectivity import connectivity
+from sshade.mesh.faces import connectivity
 from sshade.mesh.mesh import Mesh
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.blended import BlendedFrames
@@ -24,8 +24,8 @@ def many(monkeypatch):
 
     def split() -> None:
         monkeypatch.setattr("sshade.core.threads.CHUNK", 7)
-        monkeypatch.setattr("sshade.mesh.connectivity.FACES", 5)
-        for module in ("sshade.core.threads", "sshade.mesh.connectivity"):
+        monkeypatch.setattr("sshade.mesh.faces.FACES", 5)
+        for module in ("sshade.core.threads", "sshade.mesh.faces"):
             monkeypatch.setattr(f"{module}.available_cpus", lambda: 3)
 
     return split

@@ -12,16 +12,16 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from sshade.core.kernels import kernel
-from sshade.solver.order import Ranges
+from sshade.solver.laplacian import Ranges
 
 
 class Term(Protocol):
     """A term of the energy of one solve, for one range of vertices at a time.
 
-    The parameter `number` is the position of a range in :func:`sshade.solver.order.vertex_ranges`. Threads
-    work on several ranges at once. All ranges finish a method before the next method begins. P and B are
-    (n, 3), R and S (n, 9) float64, in the solver's order of vertices. The first term of an energy overwrites
-    S and B, and further terms add to them.
+    The parameter `number` is the position of a range in :func:`sshade.solver.laplacian.vertex_ranges`.
+    Threads work on several ranges at once. All ranges finish a method before the next method begins. P and B
+    are (n, 3), R and S (n, 9) float64, in the solver's order of vertices. The first term of an energy
+    overwrites S and B, and further terms add to them.
     """
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
@@ -73,7 +73,7 @@ class Pulls(Term):
     ----------
     springs : Springs
     ranges : Ranges
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     corners : int
         Number of times that the energy counts each edge.
     """

@@ -43,7 +43,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel, subroutine
 from sshade.problem.options import Options
-from sshade.solver.order import Ranges
+from sshade.solver.laplacian import Ranges
 from sshade.solver.terms import Term
 
 #: Triangles that are worked on together; their intermediate values stay in the first-level cache.
@@ -149,7 +149,7 @@ class Arap(Term):
     elements : Edges or Triangles
         In the order of their lowest vertices.
     ranges : Ranges
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     rest : (m,) float64
         6 A of each triangle.
     options : Options

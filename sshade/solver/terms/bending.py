@@ -29,8 +29,8 @@ from scipy.sparse import csr_array, diags_array
 
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
+from sshade.solver.laplacian import Ranges
 from sshade.solver.multigrid import compressed_rows
-from sshade.solver.order import Ranges
 from sshade.solver.terms import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
@@ -109,7 +109,7 @@ class Bending(Term):
     ----------
     plate : Plate
     ranges : Ranges
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     """
 
     def __init__(self, plate: Plate, ranges: Ranges) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from sshade.core.kernels import kernel
 from sshade.problem.majority import MajorityMotion
-from sshade.solver.order import Ranges
+from sshade.solver.laplacian import Ranges
 from sshade.solver.terms import Term
 
 
@@ -39,7 +39,7 @@ class Inertia(Term):
     area : float
         Of the mesh, which may be a piece of the whole.
     ranges : Ranges
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     corners : int
         Number of times that the energy counts each edge.
     """

@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 
 from sshade.core.threads import available_cpus
 from sshade.mesh.mesh import Mesh, unit_rows
-from sshade.solver.order import Ranges
+from sshade.solver.laplacian import Ranges
 from sshade.solver.terms import Term
 
 #: Largest number of balls at a vertex; about 10 are usual.
@@ -159,7 +159,7 @@ class Strutting(Term):
     ----------
     struts : Struts
     ranges : Ranges
-        See :func:`sshade.solver.order.vertex_ranges`.
+        See :func:`sshade.solver.laplacian.vertex_ranges`.
     """
 
     def __init__(self, struts: Struts, ranges: Ranges) -> None:

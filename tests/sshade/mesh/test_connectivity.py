@@ -7,9 +7,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade import InputError, Mesh
-from sshade.mesh import connectivity as module
+from sshade.mesh import faces as module
 from sshade.mesh.adjacency import vertex_graph
-from sshade.mesh.connectivity import connectivity
+from sshade.mesh.faces import connectivity
 from sshade.mesh.sides import group_rows, sides_by_edge, sort_by_id
 from tests.shapes import beside, block, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 

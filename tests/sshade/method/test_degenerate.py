@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
-from sshade.solver.cotangents import SLACK, half_cotangents
+from sshade.solver.laplacian import SLACK, half_cotangents
 from tests.shapes import QUARTER, bumpy, end_handles, rotation
 from tests.sshade.method.calls import fast, fine, paper
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh, bind, load_binding, save_binding
+from sshade.proxy.binding import FrameKind
 from sshade.proxy.frames import Frames
-from sshade.proxy.kinds import FrameKind
 from sshade.proxy.triangle import TriangleFrames
 from tests.shapes import bent, family, rotation
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import InputError, Mesh, bind
-from sshade.proxy.affine import AffineFrames, affine_maps
 from sshade.proxy.blended import BlendedFrames, nearest_rotations
 from sshade.proxy.projection import Projection
+from sshade.proxy.triangle import AffineFrames, affine_maps
 from sshade.proxy.vertex_maps import VertexMaps
 from tests.shapes import bent, bumpy, family, rotation
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sshade.proxy.neighbours import fill_from_neighbours
+from sshade.proxy.vertex_maps import fill_from_neighbours
 
 #: A path 0 - 1 - 2 - 3 - 4, and a separate pair 5 - 6.
 PAIRS = np.array([[0, 1], [2, 1], [2, 3], [3, 4], [5, 6]])

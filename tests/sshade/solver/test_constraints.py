@@ -105,7 +105,7 @@ def test_gradients_are_the_differences_also_by_ranges(name, monkeypatch):
             areas = [Mesh(X, mesh.F).face_areas for X in ends]
             difference[AREA] = (counts * (areas[0] - areas[1])).sum() / (2 * step)
         assert np.einsum("qic,ic->q", whole, Z) == pytest.approx(difference, rel=1e-6, abs=1e-6)
-    monkeypatch.setattr("sshade.solver.order.CHUNK", 50)
+    monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 50)
     assert len(surface_of(mesh).ranges) > 3
     np.testing.assert_array_equal(gradients_of(mesh, V), whole)
 

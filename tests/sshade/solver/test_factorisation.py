@@ -4,8 +4,8 @@ import scipy.sparse as sp
 
 from sshade.core.threads import ThreadTeam
 from sshade.solver import factorisation
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.factorisation import Factorisation
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from tests.shapes import bumpy, jittered, strip
 
 

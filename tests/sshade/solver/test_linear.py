@@ -6,9 +6,8 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
 from sshade.core.threads import ThreadTeam
-from sshade.solver.cycles import ConjugateGradients, VCycle
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.multigrid import Multigrid
+from sshade.solver.multigrid import ConjugateGradients, Multigrid, VCycle
 from sshade.solver.run import Solution
 from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
@@ -135,7 +134,7 @@ def test_large_meshes_are_not_factorised_by_default(monkeypatch):
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch):
-    for place in ("core.threads.ROWS", "solver.order.CHUNK", "solver.multigrid.PRODUCTS"):
+    for place in ("core.threads.ROWS", "solver.laplacian.CHUNK", "solver.multigrid.PRODUCTS"):
         monkeypatch.setattr(f"sshade.{place}", 300)
     options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 12, "multigrid": True}
     one, two, three = (solve(BALL, workers=workers, **options) for workers in (1, 2, 3))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.mesh.rotations import fit_rotations
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import initial_guess, largest_move
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tetrahedron, tube
@@ -280,7 +280,7 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
         options = {name: value for name, value in options.items() if name != "stiffness"}
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
     whole = solver_of(task, energy).solve(task.handles.target, **options)
-    monkeypatch.setattr("sshade.solver.order.CHUNK", 30)
+    monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 30)
     solver = solver_of(task, energy)
     parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:

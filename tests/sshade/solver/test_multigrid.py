@@ -5,7 +5,7 @@ from scipy.sparse import csr_array, diags_array
 
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
-from sshade.solver.cotangents import edge_weights, half_cotangents, laplacian_matrix
+from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.multigrid import Multigrid
 from tests.shapes import bumpy, double_torus, jittered, strip, tube
 

@@ -3,7 +3,7 @@ import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, InputError, Mesh
-from sshade.solver.cotangents import half_cotangents
+from sshade.solver.laplacian import half_cotangents
 from sshade.solver.local_global import LocalGlobal
 from tests.sshade.naive import TASKS
 
