@@ -126,7 +126,7 @@ def read_rig(obj: bpy.types.Object) -> Rig:
     names = [handle.name for handle in handles]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"vertex group {name!r} is a handle twice; remove one of the two handles")
+            raise InputError(f"group {name!r} is in the list twice; remove one of the two")
     weights = group_weights(obj, names)
     moves = (handle.kind != "FIXED" for handle in handles)
     groups = [RigGroup(*group) for group in zip(names, weights, moves, strict=True)]
@@ -139,7 +139,7 @@ def read_motions(obj: bpy.types.Object) -> list[Motion]:
     Raises
     ------
     InputError
-        When the object has unequal scales, a handle has no empty, or its motion is not rigid.
+        When the object has unequal scales, a moved group has no empty, or its motion is not rigid.
     """
     scale = [abs(factor) for factor in obj.matrix_world.to_scale()]  # all negative if the object is mirrored
     if max(scale) == 0 or max(scale) - min(scale) > RIGID * max(scale):
@@ -153,9 +153,7 @@ def _motion(obj: bpy.types.Object, handle: Any) -> Motion:
     if handle.kind == "FIXED":
         return STILL
     if handle.empty is None or not handle.empty.users_scene:  # a deleted one stays in the file
-        raise InputError(
-            f"handle {handle.name!r} follows an empty, but has none in a scene; choose or add one"
-        )
+        raise InputError(f"group {handle.name!r} is moved, but has no empty in a scene; choose or add one")
     motion = rigid(np.array(relative(obj, handle.empty) @ handle.rest))
     if motion is None:
         raise InputError(

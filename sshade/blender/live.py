@@ -85,7 +85,7 @@ class Live:
         if edited(obj):  # the mesh has its new positions when the mode ends
             return False
         if not self._same_handles(obj):
-            raise InputError("the live mode ended, because the list of handles changed; start it again")
+            raise InputError("the live mode ended, because the list of groups changed; start it again")
         try:
             motions = read_motions(obj)
         except InputError as error:
@@ -134,17 +134,12 @@ class Live:
     def require_unchanged(self, obj: bpy.types.Object) -> None:
         """Raise InputError if the mesh is not the one that was bound."""
         mesh = obj.data
-        if len(mesh.vertices) != len(self.rig.V):
-            found = f"it has {len(mesh.vertices)} vertices, not {len(self.rig.V)}"
-        elif not np.array_equal(corners(mesh), self._corners):
-            found = "it has other faces"
-        elif not np.array_equal(rest_positions(mesh), self.rig.V):
-            found = "its vertices moved"
-        else:
+        same = len(mesh.vertices) == len(self.rig.V) and np.array_equal(corners(mesh), self._corners)
+        if same and np.array_equal(rest_positions(mesh), self.rig.V):
             return
         raise InputError(
-            f"the live mode ended, because mesh {mesh.name!r} was edited: {found}; its shape key stays, and "
-            "the live mode can start again"
+            f"the live mode ended, because mesh {mesh.name!r} was edited; its shape key stays, and the live "
+            "mode can start again"
         )
 
     def _same_handles(self, obj: bpy.types.Object) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT OR GPL-3.0-or-later
-"""Operators: deform once, the live mode, and the list of handles."""
+"""Operators: deform once, the live mode, and the list of groups."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class _OfMesh:
 
 
 class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
-    """Deform the mesh so that its handles are where their empties say"""
+    """Deform the mesh so that its groups are where their empties say"""
 
     bl_idname, bl_label = "sshade.deform", "Deform"
 
@@ -105,24 +105,24 @@ class SSHADE_OT_live_cancel(_OfMesh, bpy.types.Operator):
 
 
 class SSHADE_OT_handle_add(_OfMesh, bpy.types.Operator):
-    """Make the active vertex group a handle"""
+    """Add the active vertex group to the list"""
 
-    bl_idname, bl_label = "sshade.handle_add", "Add Handle"
+    bl_idname, bl_label = "sshade.handle_add", "Add Group"
 
     def run(self, obj: bpy.types.Object) -> None:
         group = obj.vertex_groups.active
         if group is None:
             raise InputError("the object has no vertex group; assign some vertices to one first")
         if group.name in obj.sshade.handles:
-            raise InputError(f"vertex group {group.name!r} is a handle already")
+            raise InputError(f"group {group.name!r} is in the list already")
         obj.sshade.handles.add().name = group.name
         obj.sshade.active = len(obj.sshade.handles) - 1
 
 
 class SSHADE_OT_handle_remove(_OfMesh, bpy.types.Operator):
-    """Remove the handle from the list; its vertex group stays"""
+    """Remove the group from the list; its vertex group stays"""
 
-    bl_idname, bl_label = "sshade.handle_remove", "Remove Handle"
+    bl_idname, bl_label = "sshade.handle_remove", "Remove Group"
 
     def run(self, obj: bpy.types.Object) -> None:
         obj.sshade.handles.remove(_active(obj))
@@ -130,14 +130,14 @@ class SSHADE_OT_handle_remove(_OfMesh, bpy.types.Operator):
 
 
 class SSHADE_OT_empty_add(_OfMesh, bpy.types.Operator):
-    """Add an empty at the centre of the group, which moves the handle. It is a child of the object"""
+    """Add an empty at the centre of the group, which moves it. It is a child of the object"""
 
     bl_idname, bl_label = "sshade.empty_add", "Add Empty"
 
     def run(self, obj: bpy.types.Object) -> None:
         number = _active(obj)
         handle = obj.sshade.handles[number]
-        kind, handle.kind = handle.kind, "EMPTY"
+        kind, handle.kind = handle.kind, "MOVED"
         try:
             rig = read_rig(obj)
         except InputError:
@@ -152,9 +152,9 @@ class SSHADE_OT_empty_add(_OfMesh, bpy.types.Operator):
 
 
 def _active(obj: bpy.types.Object) -> int:
-    """Return the number of the active handle."""
+    """Return the number of the active group."""
     if not 0 <= obj.sshade.active < len(obj.sshade.handles):
-        raise InputError("no handle is selected in the list")
+        raise InputError("no group is selected in the list")
     return obj.sshade.active
 
 

@@ -7,16 +7,16 @@ from . import live
 
 
 class SSHADE_UL_handles(bpy.types.UIList):
-    """The handles of an object."""
+    """The groups of an object."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index) -> None:
         icon = "LOCKED" if item.kind == "FIXED" else "EMPTY_AXIS"
-        layout.label(text=item.name or "(no group)", icon=icon)
+        layout.label(text=item.name or "(no vertex group)", icon=icon)
         layout.prop(item, "kind", text="", emboss=False)
 
 
 class SSHADE_PT_panel(bpy.types.Panel):
-    """Handles and operators."""
+    """Groups and operators."""
 
     bl_idname, bl_label = "SSHADE_PT_panel", "SShaDe"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "SShaDe"
@@ -53,8 +53,8 @@ class SSHADE_PT_panel(bpy.types.Panel):
 
     @staticmethod
     def _draw_handle(box, obj, handle) -> None:
-        """Draw a handle."""
-        box.prop_search(handle, "name", obj, "vertex_groups", text="Group")
+        """Draw a group."""
+        box.prop_search(handle, "name", obj, "vertex_groups", text="Vertex group")
         if handle.kind != "FIXED":
             box.prop(handle, "empty")
             box.operator("sshade.empty_add", icon="EMPTY_AXIS")

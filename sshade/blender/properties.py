@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT OR GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Properties of objects: the list of handles and the method."""
+"""Properties of objects: the list of groups and the method."""
 
 import bpy
 from bpy.props import (
@@ -25,14 +25,14 @@ def _choose_empty(handle: "SSHADE_PG_handle", context: bpy.types.Context) -> Non
 
 
 class SSHADE_PG_handle(bpy.types.PropertyGroup):
-    """A vertex group that is a handle. Its name is the name of the vertex group."""
+    """A group of handles. Its name is the name of its vertex group."""
 
     kind: EnumProperty(
         name="Kind",
         description="How the vertices of the group move",
         items=(
             ("FIXED", "Fixed", "The vertices stay at rest"),
-            ("EMPTY", "Empty", "The vertices move and turn with an empty"),
+            ("MOVED", "Moved", "The vertices move and turn with an empty"),
         ),
     )
     empty: PointerProperty(
@@ -48,13 +48,13 @@ class SSHADE_PG_object(bpy.types.PropertyGroup):
     """Settings of an object."""
 
     handles: CollectionProperty(type=SSHADE_PG_handle)
-    active: IntProperty(name="Active handle")
+    active: IntProperty(name="Active group")
     method: EnumProperty(
         name="Method",
         description="Method of the converged shape",
         items=(
             ("fast", "Fast", "Solve a small proxy of the mesh"),
-            ("fine", "Fine", "Polish the result at full resolution, in ten times the time"),
+            ("fine", "Fine", "Polish the result at full resolution, in five to twenty times the time"),
         ),
     )
     message: StringProperty(options={"SKIP_SAVE"})

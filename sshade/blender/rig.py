@@ -94,9 +94,9 @@ class Rig:
 
     def __init__(self, V: np.ndarray, F: np.ndarray, groups: Sequence[RigGroup]) -> None:
         if not groups:
-            raise InputError("there are no handles; add vertex groups as handles in the panel SShaDe")
+            raise InputError("there are no groups; add vertex groups in the panel SShaDe")
         if not any(group.moves for group in groups):
-            raise InputError("all handles are fixed; let one follow an empty")
+            raise InputError("all groups are fixed; set one to Moved")
         if len(F) == 0:
             raise InputError("the mesh has no faces")
         self.V, self._shape = V, open_shape(V, F)
@@ -133,12 +133,10 @@ class Rig:
         for number, vertices in enumerate(members):
             shared = owner[vertices]
             if (shared >= 0).any():
-                other = int(shared[shared >= 0][0])
-                count = int((shared == other).sum())
-                names = f"{self.groups[other].name!r} and {self.groups[number].name!r}"
-                vertices_are = "vertex" if count == 1 else "vertices"
+                other = self.groups[shared.max()].name
                 raise InputError(
-                    f"vertex groups {names} share {count} {vertices_are}; remove them from one of the groups"
+                    f"groups {other!r} and {self.groups[number].name!r} share {(shared >= 0).sum()} of their "
+                    "vertices; remove these from one of the groups"
                 )
             owner[vertices] = number
 

@@ -1,8 +1,8 @@
 """Build an extension for Blender: vertex groups become handles, and the mesh follows empties.
 
-The .zip is for the platform and the Python of this command. It contains this package and the wheels of numba,
-llvmlite and SciPy, which pip fetches from the network in the versions that are installed here. In Blender,
-choose Edit, Preferences, Get Extensions, Install from Disk.
+The .zip is for the platform and the Python of this command. It contains this package with its kernels, and
+the wheels of numba, llvmlite and SciPy. Pip fetches them from the network in the versions that are installed
+here. In Blender, choose Edit, Preferences, Get Extensions, Install from Disk.
 
 Blender 5.0 runs Python 3.11, Blender 5.1 and newer run Python 3.13.
 
@@ -21,7 +21,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Sequence
-from importlib.metadata import Distribution, distribution, version
+from importlib.metadata import distribution, version
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
@@ -40,8 +40,6 @@ BUNDLED = ("numba", "llvmlite", "scipy")
 #: Blender's name of a system, and of a kind of processor.
 SYSTEMS = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "arm64": "arm64", "aarch64": "arm64"}
-#: Files of an installation that are no part of its wheel.
-LOCAL = ("RECORD", "INSTALLER", "REQUESTED", "direct_url.json")
 #: Seconds that pip waits for the network, and how often it tries again.
 NETWORK = ("--timeout", "15", "--retries", "1")
 #: Date of all files in archives, so that two builds are equal.
@@ -78,7 +76,6 @@ def command(options: argparse.Namespace) -> int:
     blender_versions()
     platform_name()
     with tempfile.TemporaryDirectory() as folder, progress_bar() as progress:
-        # The network first: to build the own wheel in vain takes ten seconds.
         wheels = [*fetched_wheels(Path(folder), progress), own_wheel(Path(folder))]
         with replacing(options.output) as temporary:
             write_extension(temporary, wheels)
@@ -145,51 +142,26 @@ def manifest(wheels: Sequence[str]) -> str:
 
 
 def own_wheel(folder: Path) -> Path:
-    """Make a wheel of this package in a folder: of a clone by building it, else of the installed files.
-
-    Raises
-    ------
-    InputError
-        When the wheel cannot be built.
-    """
-    clone = Path(__file__).parents[2]
-    if not (clone / "pyproject.toml").is_file():
-        return repacked(distribution("sshade"), folder)
-    say("building the wheel of sshade, for up to a minute ...")
-    isolation = ["--no-build-isolation"] if _has_setuptools() else []
-    _pip("wheel", "--no-deps", *isolation, "--wheel-dir", str(folder), str(clone), what="sshade")
-    (wheel,) = folder.glob("sshade-*.whl")
-    return wheel
-
-
-def _has_setuptools() -> bool:
-    """Whether the installed setuptools can build this package, without another fetch."""
-    try:
-        return int(version("setuptools").partition(".")[0]) >= 77
-    except ModuleNotFoundError:
-        return False
-
-
-def repacked(package: Distribution, folder: Path) -> Path:
-    """Write the wheel that an installed package came from, and return its path.
-
-    Scripts and the compiled files of Python are no part of a wheel.
-    """
-    lines = (package.read_text("WHEEL") or "").splitlines()
-    tag = next(line.removeprefix("Tag: ") for line in lines if line.startswith("Tag: "))
-    path = folder / f"{package.name}-{package.version}-{tag}.whl"
+    """Write a wheel of the files of this package into a folder, and return its path."""
+    package, root = distribution("sshade"), Path(__file__).parents[1]
+    info = f"sshade-{package.version}.dist-info"
+    files = {
+        path.relative_to(root.parent).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    for file in package.files or ():
+        if file.parts[0] == info and file.name in ("METADATA", "LICENSE", "NOTICE"):
+            files[file.as_posix()] = file.read_binary()
+    files[f"{info}/WHEEL"] = b"Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     record = []
+    path = folder / f"sshade-{package.version}-py3-none-any.whl"
     with ZipFile(path, "w") as archive:
-        for file in sorted(package.files or ()):
-            is_local = file.name in LOCAL and file.parent.name.endswith(".dist-info")
-            if is_local or ".." in file.parts or "__pycache__" in file.parts:
-                continue
-            content = file.read_binary()
+        for name, content in files.items():
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
-            record.append(f"{file.as_posix()},sha256={digest},{len(content)}")
-            _add(archive, file.as_posix(), content)
-        info = f"{package.name}-{package.version}.dist-info/RECORD"
-        _add(archive, info, "\n".join([*record, f"{info},,", ""]).encode())
+            record.append(f"{name},sha256={digest},{len(content)}\n")
+            _add(archive, name, content)
+        _add(archive, f"{info}/RECORD", f"{''.join(record)}{info}/RECORD,,\n".encode())
     return path
 
 
@@ -208,27 +180,24 @@ def fetched_wheels(folder: Path, progress: Progress) -> list[Path]:
         requirement = f"{name}=={version(name)}"
         progress("fetching wheels", number, len(BUNDLED), requirement)
         place = folder / name
-        options = ("--only-binary=:all:", "--no-deps", *NETWORK, "--dest", str(place))
-        _pip("download", *options, requirement, what=requirement)
+        _download(place, requirement)
         wheels += place.glob("*.whl")
     progress("fetching wheels", len(BUNDLED), len(BUNDLED))
     return wheels
 
 
-def _pip(command: str, *arguments: str, what: str) -> None:
-    """Run pip, and raise InputError with its last error if it fails."""
-    call = [sys.executable, "-m", "pip", command, "--disable-pip-version-check", "-q", *arguments]
-    run = subprocess.run(call, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+def _download(place: Path, requirement: str) -> None:
+    """Have pip fetch a wheel into a folder, and raise InputError with its last error if it fails."""
+    pip = [sys.executable, "-m", "pip", "download", "--disable-pip-version-check", "-q"]
+    options = ["--only-binary=:all:", "--no-deps", *NETWORK, "--dest", str(place), requirement]
+    run = subprocess.run([*pip, *options], capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if run.returncode == 0:
         return
-    lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
-    if any("No module named pip" in line for line in lines):
-        raise InputError("pip is missing, which makes and fetches wheels; run `python -m ensurepip`")
-    found = next((line for line in reversed(lines) if line.startswith("ERROR: ")), "ERROR: unknown")
-    message = found.removeprefix("ERROR: ").rstrip(".")
-    if command == "download":
-        message += "; check the network, or let PIP_FIND_LINKS name a folder that has the wheel"
-    raise InputError(f"pip could not {'fetch' if command == 'download' else 'build'} {what}: {message}")
+    lines = [line.strip() for line in run.stderr.splitlines()]
+    found = next((line for line in reversed(lines) if line.startswith("ERROR: ")), "ERROR: pip is missing")
+    why = found.removeprefix("ERROR: ").rstrip(".")
+    advice = "check the network, or let PIP_FIND_LINKS name a folder that has the wheel"
+    raise InputError(f"pip could not fetch {requirement}: {why}; {advice}")
 
 
 def _add(archive: ZipFile, name: str, content: bytes, compression: int = ZIP_DEFLATED) -> None:

@@ -97,9 +97,9 @@ def test_undo_and_redo(report):
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        ("moved", "mesh 'Body' was edited: its vertices moved"),
-        ("more", "mesh 'Body' was edited: it has 643 vertices, not 642"),
-        ("group", "the list of handles changed"),
+        ("moved", "mesh 'Body' was edited"),
+        ("more", "mesh 'Body' was edited"),
+        ("group", "the list of groups changed"),
         ("key", "its shape key 'SShaDe' is gone"),
     ],
 )
@@ -112,7 +112,7 @@ def test_an_edit_ends_the_live_mode_and_nothing_is_lost(report, edit, said):
 def test_weights_and_edits_in_the_live_mode(report):
     facts = report["changes_in_live_mode"]
     assert facts["weights"] and facts["edit mode"] == [False, 1]
-    assert "was edited: it has 2562 vertices, not 642" in facts["redo"]
+    assert "was edited" in facts["redo"]
 
 
 def test_the_end_of_a_live_mode_after_an_edit_is_refused(report):
@@ -132,10 +132,10 @@ def test_a_scaled_empty_pauses_the_live_mode(report):
         "scaled": SCALED,
         "unequal": "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
         "no group": "object 'Body' has no vertex group 'moving'",
-        "no empty": "handle 'moving' follows an empty, but has none in a scene; choose or add one",
-        "deleted": "handle 'moving' follows an empty, but has none in a scene; choose or add one",
-        "no handles": "there are no handles; add vertex groups as handles in the panel SShaDe",
-        "twice": "vertex group 'moving' is a handle twice; remove one of the two handles",
+        "no empty": "group 'moving' is moved, but has no empty in a scene; choose or add one",
+        "deleted": "group 'moving' is moved, but has no empty in a scene; choose or add one",
+        "no handles": "there are no groups; add vertex groups in the panel SShaDe",
+        "twice": "group 'moving' is in the list twice; remove one of the two",
     }.items(),
 )
 def test_a_mistake_is_one_sentence_and_changes_nothing(report, mistake, said):
@@ -152,7 +152,7 @@ def test_an_applied_scale_is_refused_until_the_empty_is_chosen_again(report):
 
 def test_mistakes_in_the_list_of_handles(report):
     assert "has no vertex group" in report["refusals"]["no vertex group"][0]
-    assert "is a handle already" in report["refusals"]["added twice"][0]
+    assert "is in the list already" in report["refusals"]["added twice"][0]
 
 
 def test_the_script_of_the_page_bends_the_tube(report):

@@ -89,10 +89,10 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
 @pytest.mark.parametrize(
     ("groups", "said"),
     [
-        ([], "there are no handles"),
-        ([(range(5), False)], "all handles are fixed"),
-        ([(range(5), False), (range(4, 9), True)], "'group 0' and 'group 1' share 1 vertex;"),
-        ([(range(5), False), (range(2, 9), True)], "'group 0' and 'group 1' share 3 vertices;"),
+        ([], "there are no groups"),
+        ([(range(5), False)], "all groups are fixed"),
+        ([(range(5), False), (range(4, 9), True)], "'group 0' and 'group 1' share 1 of their"),
+        ([(range(5), False), (range(2, 9), True)], "'group 0' and 'group 1' share 3 of their"),
         ([(range(5), False), ((), True)], "'group 1' has no vertex"),
         ([(range(5), False), ((162,), True)], "'group 1' has no vertex of a face"),
     ],

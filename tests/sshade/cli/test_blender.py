@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import PathDistribution, version
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from zipfile import ZipFile
@@ -70,20 +70,14 @@ def test_a_python_that_no_blender_runs_is_refused(monkeypatch, capsys, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_installed_package_is_packed_into_its_wheel_again(tmp_path):
-    """The package has scripts and data."""
-    wheel, place, about = small_wheel(tmp_path), tmp_path / "installed", "sshade_probe-1.0.dist-info"
-    with ZipFile(wheel, "a") as archive:
-        archive.writestr(f"{about}/entry_points.txt", "[console_scripts]\nprobe = os:getcwd\n")
-    subprocess.run([*PIP, "--target", place, wheel], check=True)
-    (tmp_path / "again").mkdir()
-    again = blender.repacked(PathDistribution(place / about), tmp_path / "again")
-    assert again.name == wheel.name
-    with ZipFile(wheel) as one, ZipFile(again) as other:
-        assert set(one.namelist()) == set(other.namelist())
-        for name in one.namelist():
-            assert name.endswith("/RECORD") or one.read(name) == other.read(name)
-    subprocess.run([*PIP, "--target", tmp_path / "third", again], check=True)  # pip checks the RECORD
+def test_the_own_wheel_installs_the_package_alone(tmp_path):
+    """pip checks the RECORD."""
+    wheel = blender.own_wheel(tmp_path)
+    subprocess.run([*PIP, "--target", tmp_path / "site", wheel], check=True)
+    installed = {path.name for path in (tmp_path / "site").iterdir()}
+    assert installed == {"sshade", f"sshade-{version('sshade')}.dist-info"}
+    assert (tmp_path / "site/sshade/plotting/viewer.js").is_file()
+    assert list((tmp_path / "site").rglob("LICENSE"))
 
 
 def test_without_network_the_command_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):
