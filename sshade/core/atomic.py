@@ -28,8 +28,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     processes of this machine left for `path` are removed as well.
 
     A symbolic link is followed: the file that it names is replaced in its own folder, and the link stays.
-    The new file has the permissions of the old one, and its owner and group where the system permits this.
-    A hard link to the old file keeps the old contents.
+    The new file has the permissions of the old one. A hard link to the old file
+    keeps the old contents.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         yield temporary
         if old is not None:
-            _restore_permissions(temporary, old)
+            temporary.chmod(stat.S_IMODE(old.st_mode))
         os.replace(temporary, path)
     except BaseException as error:
         if temporary is not None:
@@ -76,17 +76,6 @@ def _target(path: Path) -> tuple[Path, os.stat_result | None]:
     if not stat.S_ISREG(old.st_mode) and not stat.S_ISDIR(old.st_mode):
         raise InputError(f"{path}: is a device or a pipe, which cannot be written; give the name of a file")
     return Path(os.path.realpath(path)), old
-
-
-def _restore_permissions(path: Path, old: os.stat_result) -> None:
-    """Give a file the owner and the group of an old file, where permitted, and its mode."""
-    new = path.stat()
-    if hasattr(os, "chown"):
-        for owner, group in ((old.st_uid, -1), (-1, old.st_gid)):
-            if owner not in (-1, new.st_uid) or group not in (-1, new.st_gid):
-                with suppress(PermissionError):
-                    os.chown(path, owner, group)
-    path.chmod(stat.S_IMODE(old.st_mode))
 
 
 def _temporary_affixes(path: Path, suffix: str) -> tuple[str, str]:
@@ -167,9 +156,8 @@ def _not_expected(what: str, path: str | os.PathLike[str], error: Exception) -> 
     if isinstance(error, KeyError) and " " not in why:
         why = f"it has no {why}"
     elif isinstance(error, AttributeError | TypeError | IndexError):  # their texts are about the code
-        why = (
-            "one of its entries is missing" if isinstance(error, IndexError) else "an entry has a wrong type"
-        )
+        missing = isinstance(error, IndexError)
+        why = "one of its entries is missing" if missing else "an entry has a wrong type"
     return InputError(f"{path}: not {what} ({why})")
 
 
@@ -199,34 +187,26 @@ def check_output(
         if given is not None and not overwrite and is_same_file(path, given):
             advice = "" if overwrite is None else ", or pass --overwrite to replace the input"
             raise InputError(f"{path}: is the input {given}; give another name{advice}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
     try:
         target, _ = _target(path)
     except OSError as error:
-        if isinstance(error, NotADirectoryError):
-            raise InputError(f"{path}: the folder {path.parent} does not exist") from error
         raise InputError(f"{path}: cannot be written ({reason(error)})") from error
-    folder = path.parent if target.parent == Path(os.path.realpath(path.parent)) else target.parent
-    if not folder.is_dir():
-        raise InputError(f"{path}: the folder {folder} does not exist")
+    if not target.parent.is_dir():
+        raise InputError(f"{path}: the folder {target.parent} does not exist")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a file")
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{path}: the folder {folder} is not writable")
+    if not os.access(target.parent, os.W_OK):
+        raise InputError(f"{path}: the folder {target.parent} is not writable")
 
 
 def is_same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
     """Whether two paths are one file, also through links and on file systems that ignore case."""
-    found = identity(path)
-    return found is not None and found == identity(other)
-
-
-def identity(path: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """Return the device and the number of a file, which are equal for all its names; None without a file."""
     try:
-        found = os.stat(path)
+        return os.path.samefile(path, other)
     except OSError:
-        return None
-    return found.st_dev, found.st_ino
+        return False
 
 
 def check_suffix(path: Path, suffixes: Collection[str]) -> None:

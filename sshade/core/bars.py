@@ -14,28 +14,18 @@ if TYPE_CHECKING:
 ENDED = 5
 
 
-def stage_bars(*, remaining: str = "", **options: Any) -> Bars:
+def stage_bars(**options: Any) -> Bars:
     """Return progress bars of rich for standard error. They vanish at the end of a ``with`` block.
 
-    Parameters
-    ----------
-    remaining : str
-        Stage whose bar shows the estimated remaining time. Other stages have no estimate, because an
-        iteration may converge at any time.
-    **options
-        Options of ``rich.progress.Progress``.
+    They show no remaining time, because an iteration may converge at any time. `options` are those of
+    ``rich.progress.Progress``.
     """
     from rich import progress as rich
     from rich.console import Console
-    from rich.text import Text
-
-    class Remaining(rich.TimeRemainingColumn):
-        def render(self, task: rich.Task) -> Text:
-            return Text("left ") + super().render(task) if task.description == remaining else Text()
 
     columns = (
         *(rich.TextColumn("{task.description:<26}"), rich.BarColumn(), rich.MofNCompleteColumn()),
-        *(rich.TimeElapsedColumn(), Remaining(), rich.TextColumn("{task.fields[note]}")),
+        *(rich.TimeElapsedColumn(), rich.TextColumn("{task.fields[note]}")),
     )
     # Print above the bars if standard output is the same terminal.
     redirect = sys.stdout.isatty()

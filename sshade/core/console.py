@@ -8,7 +8,6 @@ exit code.
 from __future__ import annotations
 
 import argparse
-import io
 import os
 import re
 import signal
@@ -28,16 +27,11 @@ from sshade.core.progress import Progress, silent
 #: Extra that brings a library of this package, by the module that is imported.
 EXTRAS = dict.fromkeys(("pyvista", "vtkmodules", "PIL"), "figures") | {"igl": "bench", "trimesh": "formats"}
 
-#: Number of characters above which a message names no choices; the help lists them.
-LONGEST_MESSAGE = 300
-
 
 class CommandParser(argparse.ArgumentParser):
     """An argument parser that raises InputError, so that a mistake is reported in one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        if len(message) > LONGEST_MESSAGE:
-            message = message.partition(" (choose from")[0]
         unknown = re.match("unrecognized arguments: .*?(--[^ =]+)", message)
         near = "" if unknown is None else meant(unknown[1], self._option_string_actions)
         raise InputError(f"{message}{near}; see `{self.prog} --help`")
@@ -85,14 +79,14 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(*, remaining: str = "") -> Iterator[Progress]:
+def progress_bar() -> Iterator[Progress]:
     """Draw progress on standard error if it is a terminal; see :func:`sshade.core.bars.stage_bars`."""
     if not sys.stderr.isatty():
         yield silent
         return
     from sshade.core.bars import stage_bars, stage_progress
 
-    with stage_bars(remaining=remaining) as bars:
+    with stage_bars() as bars:
         yield stage_progress(bars)
 
 
@@ -160,11 +154,10 @@ def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = N
     If the reader of standard output has ended, as after ``| head``, the command ends silently. SIGINT and
     SIGTERM end it with exit code 130 and 143, and leave no temporary file.
     """
-    _prepare_output()
     with _ended_by_sigterm():
         try:
             code = main()
-            sys.stdout.flush()
+            sys.stdout.flush()  # here, where a closed pipe is handled
             return code
         except (InputError, FloatingPointError) as error:
             mistake = str(error)
@@ -190,16 +183,6 @@ def run_command(main: Callable[[], int], *, extras: Mapping[str, str] | None = N
             return 130
     say(f"error: {mistake}")
     return 2
-
-
-def _prepare_output() -> None:
-    """Discard output where a stream was closed, and print letters outside of its encoding as escapes."""
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-        elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")
 
 
 def arrived_in(error: BaseException) -> BaseException:

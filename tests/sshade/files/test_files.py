@@ -135,18 +135,6 @@ def test_another_name_of_a_file_keeps_the_old_contents(tmp_path):
 
 
 @posix
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
-def test_owner_and_group_stay(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-    os.chown(path, 1234, 4321)
-    path.chmod(0o640)
-    write(path)
-    found = path.stat()
-    assert (found.st_uid, found.st_gid, found.st_mode & 0o777) == (1234, 4321, 0o640)
-
-
-@posix
 def test_pipes_and_devices_are_never_replaced(tmp_path):
     pipe, device = tmp_path / "a.txt", tmp_path / "null.txt"
     os.mkfifo(pipe)
