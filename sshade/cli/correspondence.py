@@ -13,37 +13,24 @@ from sshade.files.mesh_file import MeshFile
 if TYPE_CHECKING:
     from sshade.files.door import OpenShape
 
-#: Least share of edges that shapes with the same order of vertices have in common, of the shape with fewer;
-#: and about how many vertices it is tried on.
-ALIKE, TRIED = 0.5, 10_000
+#: How much longer the edges of a mesh may be in another shape than the other shape's own edges.
+LONGER = 2.0
 
 
 def require_same_order(shape: MeshFile, path: Path, F: np.ndarray, other: str) -> None:
-    """Raise InputError if a shape has few edges of the faces F (m, 3) of another, as after a new order.
+    """Raise InputError if faces F (m, 3) of another mesh have long edges in a shape, as after a new order.
 
     Shapes with other triangles between the same vertices pass, and shapes that lack faces.
     """
     if np.array_equal(shape.F, F) or not (len(shape.F) and len(F)):
         return
-    mine, theirs = (_some_edges(faces, len(shape.V)) for faces in (shape.F, F))
-    if len(np.intersect1d(mine, theirs)) < ALIKE * min(len(mine), len(theirs)):
+    V = shape.V
+    own, theirs = (np.linalg.norm(V[faces[:, 0]] - V[faces[:, 1]], axis=1) for faces in (shape.F, F))
+    if theirs.mean() > LONGER * own.mean():
         raise InputError(
             f"{path} has other edges than {other}: its vertices seem to be in another order; export it "
             "without merging or sorting vertices"
         )
-
-
-def _some_edges(F: np.ndarray, n: int) -> np.ndarray:
-    """Return numbers of the edges of faces F (m, 3) whose first of n vertices is one of :data:`TRIED`."""
-    tried = np.zeros(n, dtype=bool)
-    tried[:: max(1, n // TRIED)] = True
-    found = []
-    for k in range(3):
-        one, other = F[:, k], F[:, k - 1]
-        first = np.minimum(one, other)
-        here = tried[first]
-        found.append(first[here].astype(np.int64) * n + np.maximum(one[here], other[here]))
-    return np.unique(np.concatenate(found))
 
 
 def corresponding(other: MeshFile, path: Path, shape: OpenShape, mesh: Path) -> np.ndarray:

@@ -54,8 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
     up = "axis of the mesh that points up on the page (default: y)"
     parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
-    recover = "recovery file of this mesh to continue from, as an earlier session left it"
-    parser.add_argument("--recover", type=Path, metavar="FILE", help=recover)
     # --overwrite does not apply to the mesh: the saved handles belong to it.
     # The page switches volume and area.
     parser.set_defaults(inputs=("handles",), volume=None, area=None)
@@ -94,11 +92,9 @@ def _edit(options: argparse.Namespace) -> int:
         session = Session(options.mesh, **files, settings=settings, **further)
     for note in session.document.notes:
         say(f"note: {options.mesh}: {note}")
-    if options.recover is not None:
-        session.recover(options.recover)
     for offer in session.recovery.offers:
         when = strftime("%d %b, %H:%M", localtime(offer.time))
-        say(f"note: {offer.path} has unsaved work of {when}; recover it on the page or with --recover")
+        say(f"note: {offer.path} has unsaved work of {when}; recover it on the page")
     server = Server(session, port=options.port, up=options.up)
     try:
         _serve(server, browser=not options.no_browser)

@@ -106,15 +106,10 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
         Whether the handles are dense, and the method does not interpolate them.
     """
     rest = surface.facts
-    if rest.doubled:
-        shares = counted(rest.doubled, "vertex shares its place", "vertices share their place")
-        yield f"{shares} with another vertex, and {_verb('move', rest.doubled)} with it"
     if rest.near:
-        yield (
-            f"{counted(rest.near, 'vertex lies', 'vertices lie')} near another vertex, and "
-            f"{_verb('move', rest.near)} with it (at most {rest.tolerance:.2g} of the diagonal from their "
-            "common place)"
-        )
+        lie = counted(rest.near, "vertex lies", "vertices lie")
+        within = f"at most {rest.tolerance:.2g} of the diagonal from their common place"
+        yield f"{lie} near another vertex, and {'moves' if rest.near == 1 else 'move'} with it ({within})"
     if snap > 0:
         share = _percent(snap / surface.mesh.diagonal)
         yield f"handles given by position were snapped by at most {snap:.3g}, {share}"
@@ -134,11 +129,6 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
 
 def _on_pieces(facts: Facts) -> Iterator[str]:
     """Yield sentences on the parts of the mesh that were deformed."""
-    if facts.initialisation == "handles":
-        yield (
-            "the two initialisations led to different shapes: the result starts from the rigid motion, whose "
-            "energy is clearly lower, and not from the guide energy"
-        )
     if turned := facts.turned:
         yield f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours"
     if copies := facts.copies:
@@ -152,13 +142,6 @@ def _on_pieces(facts: Facts) -> Iterator[str]:
             f"{counted(one_sided, 'vertex lies', 'vertices lie')} on one-sided surfaces: both sides were "
             f"deformed, and the result is their mean, at most {_percent(facts.side_gap)} from either side"
         )
-    if (bent := facts.components - facts.rigid) > 1:
-        yield f"{bent} components were deformed separately and divide the proxy vertices"
-    if rigid := facts.rigid:
-        yield (
-            f"{counted(rigid, 'component moves', 'components move')} rigidly with the handles, without a "
-            "proxy"
-        )
     if unconstrained := facts.unconstrained:
         follow = counted(
             unconstrained, "component without handles follows", "components without handles follow"
@@ -166,10 +149,6 @@ def _on_pieces(facts: Facts) -> Iterator[str]:
         yield f"{follow} the nearest component rigidly"
     if facts.opening > APART:
         yield f"parts of the mesh that touched came apart by {_percent(facts.opening)}"
-
-
-def _verb(verb: str, count: int) -> str:
-    return f"{verb}s" if count == 1 else verb
 
 
 def _percent(fraction: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -12,25 +12,15 @@ from typing import Any
 import numpy as np
 
 from sshade.cli.arguments import NUMBER, OpenTask, check_outputs, has_number
-from sshade.core.atomic import check_output, identity, naming
+from sshade.core.atomic import check_output
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError, counted
 from sshade.files.by_library import WRITABLE
-from sshade.files.mesh_file import MORPHS, MeshFile
+from sshade.files.mesh_file import MORPHS
 from sshade.problem.options import Options
 
 #: Poses per second.
 FPS = 24.0
-#: ``seen(number, V, stored)`` is told the positions (n, 3) of a pose, and the positions that its file holds.
-Seen = Callable[[int, np.ndarray, np.ndarray], None]
-#: ``solve(number, before)`` returns the positions of a pose in the order of the mesh file. `before` are the
-#: stored positions of the pose before, None where the pose is the first.
-Solve = Callable[[int, "np.ndarray | None"], np.ndarray]
-
-
-def numbered(pattern: Path, number: int) -> Path:
-    """Return the path of a pose, counted from 0; files are numbered from 1."""
-    return pattern.with_name(NUMBER.sub(lambda place: place.group() % (number + 1), pattern.name))
 
 
 def check_sequence(options: argparse.Namespace) -> None:
@@ -48,106 +38,71 @@ def check_sequence(options: argparse.Namespace) -> None:
             f"{output.stem}_%04d{output.suffix}, or write .glb"
         )
     check_outputs(options, output=known)
-    if known is MORPHS:
-        check_output(output, known, inputs=options.handles, overwrite=None)
 
 
-def write_poses(
-    output: Path, file: MeshFile, solve: Solve, times: np.ndarray, inputs: list[Path], seen: Seen
-) -> str:
-    """Solve and write all poses; return the files and the number of poses, for the summary.
+def _numbered(pattern: Path, count: int) -> list[Path]:
+    """Return the paths of the poses, numbered from 1."""
 
-    Parameters
-    ----------
-    output : path
-    file : MeshFile
-        At rest.
-    solve : Solve
-    times : (k,) float64
-        In seconds.
-    inputs : list of path
-        Files that numbered files must not replace.
-    seen : Seen
-        Called for each pose that is written.
-    """
-    from sshade.cli.notes import stored_positions
-    from sshade.files.gltf_morph import write_morphs
-    from sshade.files.meshes import write_file
-    from sshade.mesh.surface import as_single
+    def name(number: int) -> str:
+        return NUMBER.sub(lambda place: place.group() % number, pattern.name)
 
-    count = len(times)
-    with progress_bar(remaining="poses") as progress:
-        if not has_number(output):
-
-            def poses() -> Iterator[np.ndarray]:
-                before = None
-                for number in range(count):
-                    progress("poses", number, count)
-                    before = solve(number, before)
-                    seen(number, before, as_single(before))
-                    yield before
-                progress("poses", count, count)
-
-            write_morphs(output, file, poses(), times)
-            return f"{output}: {_poses(count)}"
-        paths = [numbered(output, number) for number in range(count)]
-        # A comparison of all files with all inputs would take minutes for thousands of poses.
-        taken = {identity(path) for path in inputs} - {None}
-        for path in paths:
-            check_output(path, WRITABLE, inputs=inputs if identity(path) in taken else (), overwrite=None)
-        before = None
-        for number, path in enumerate(paths):
-            progress("poses", number, count)
-            V = solve(number, before)
-            write_file(path, file, V)
-            before = stored_positions(path, file, V)
-            seen(number, V, before)
-        progress("poses", count, count)
-    further = numbered(output, count)
-    stays = f"; {further} is of an earlier, longer sequence, and stays" if further.exists() else ""
-    return f"{paths[0]} to {paths[-1]}: {_poses(count)}{stays}"
-
-
-def _poses(count: int) -> str:
-    return counted(count, "pose", "poses")
+    return [pattern.with_name(name(number)) for number in range(1, count + 1)]
 
 
 def deform_poses(
     options: argparse.Namespace, opened: OpenTask, values: dict[str, Any], resolved: Options
 ) -> None:
     """Deform a mesh for the poses of a sequence, and write the output."""
-    from sshade.cli.notes import announced_warnings, reached, tell
-    from sshade.method.sequence import Sequence
+    from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
+    from sshade.files.gltf_morph import write_morphs
+    from sshade.files.meshes import write_file
+    from sshade.mesh.surface import as_single
+    from sshade.method.sequence import deform_sequence
     from sshade.problem.task import DeformationResult
 
     file, shape, _, poses, task = opened
-    sequence = Sequence(task, method=options.method, **values)
+    output, count = options.output, len(poses)
     results: list[DeformationResult] = []
-
-    def solve(number: int, before: np.ndarray | None) -> np.ndarray:
-        after = None if before is None else (poses[number - 1], shape.surface.picked(before))
-        with naming(options.handles[number]):
-            result = sequence(poses[number], after=after)
-        results.append(replace(result, vertices=np.empty((0, 3))))
-        stays = options.amount == 0 and not resolved.volume_goal
-        return file.V if stays else shape.placed(result.vertices)
-
     errors, moves = [0.0], [0.0]
 
-    def seen(number: int, V: np.ndarray, stored: np.ndarray) -> None:
-        errors.append(reached(stored, shape.surface, poses[number])[1])
+    def solved() -> Iterator[np.ndarray]:
+        """Yield the positions of each pose in the order of the mesh file."""
+        stays = options.amount == 0 and not resolved.volume_goal
+        with progress_bar() as progress:
+            progress("poses", 0, count)
+            for result in deform_sequence(task, poses, method=options.method, **values):
+                results.append(replace(result, vertices=np.empty((0, 3))))
+                progress("poses", len(results), count)
+                yield file.V if stays else shape.placed(result.vertices)
+
+    def measure(V: np.ndarray, stored: np.ndarray) -> None:
+        """Measure where the handles of a pose are in its file, and how far its positions were rounded."""
+        errors.append(reached(stored, shape.surface, poses[len(results) - 1])[1])
         moves.append(float(np.linalg.norm(stored - V, axis=1).max()))
+
+    def measured() -> Iterator[np.ndarray]:
+        for V in solved():
+            measure(V, as_single(V))
+            yield V
 
     begin = perf_counter()
     with announced_warnings():
-        times = np.arange(len(poses)) / options.fps
-        inputs = [options.mesh, *options.handles]
-        written = write_poses(options.output, file, solve, times, inputs, seen)
+        if has_number(output):
+            paths = _numbered(output, count)
+            for path in paths:
+                check_output(path, WRITABLE, inputs=[options.mesh], overwrite=None)
+            for path, V in zip(paths, solved(), strict=True):
+                write_file(path, file, V)
+                measure(V, stored_positions(path, file, V))
+            written = f"{paths[0]} to {paths[-1]}"
+        else:
+            write_morphs(output, file, measured(), np.arange(count) / options.fps)
+            written = str(output)
     seconds = perf_counter() - begin
-    each = f", {seconds / len(results):.2f} s each"
+    each = f", {seconds / count:.2f} s each"
     if poses[0].hard.any():
         each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
-    say(f"{written}, {len(file.V)} vertices{each}, {seconds:.2f} s")
+    say(f"{written}: {_poses(count)}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     found = [result.facts for result in results]
     facts = replace(
         found[0],
@@ -156,9 +111,9 @@ def deform_poses(
         opening=max(one.opening for one in found),
     )
     tell(options, opened, facts, asked=resolved.vertices, error=max(errors), rounding=max(moves))
-    if alone := sum(not one.followed for one in found[1:]):
-        far = "is far from the pose before, and started as a single run does"
-        far = far if alone == 1 else "are far from the poses before, and started as single runs do"
-        say(f"note: {_poses(alone)} {far}")
     if missed := sum(result.converged is False for result in results):
         say(f"note: the iterations of {_poses(missed)} did not converge")
+
+
+def _poses(count: int) -> str:
+    return counted(count, "pose", "poses")

@@ -30,7 +30,7 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
-from sshade.plotting.pictures import COLOUR_LABELS, TOWARDS, UP, draw
+from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, draw
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
@@ -44,13 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help=text)
     text = "colour the shapes after the first by the change of edge length, or by the distance from the first"
     parser.add_argument("--colour", choices=COLOUR_LABELS, help=text)
-    for name, default, text in (
-        ("towards", TOWARDS, "direction to the camera"),
-        ("up", UP, "upward direction"),
-    ):
-        about: dict[str, Any] = {"default": default, "metavar": ("X", "Y", "Z")}
-        about["help"] = f"{text} (default: {' '.join(f'{x:g}' for x in default)})"
-        parser.add_argument(f"--{name}", type=float, nargs=3, **about)
+    parser.add_argument("--up", choices=CAMERAS, default="y", help="axis that points up (default: y)")
     add_flags(parser, {"--overwrite": "allow the output to replace an input"})
     add_repair(parser)
     parser.set_defaults(inputs=("files",))
@@ -74,7 +68,8 @@ def command(options: argparse.Namespace) -> int:
         V = corresponding(read(path), path, shape, options.mesh)
         name = path.stem if path.stem not in poses else str(path)
         poses[name] = shape.mesh.checked(V, f"file {path}")
-    look = {"colour": options.colour, "towards": options.towards, "up": options.up}
+    towards, up = CAMERAS[options.up]
+    look = {"colour": options.colour, "towards": towards, "up": up}
     path = options.output
     if path is not None and path.suffix.lower() in PICTURES:
         _write_picture(path, shape.mesh, handles, poses, look)

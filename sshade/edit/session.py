@@ -92,10 +92,10 @@ class Session(Grouping):
                 self._push(replace(self.state, settings=settings))
                 self._jumped = True
 
-    def recover(self, path: Path | None = None) -> None:
-        """Restore groups, settings and selection from a recovery file, by default from the first offer.
+    def recover(self) -> None:
+        """Restore groups, settings and selection from the first recovery file that is offered.
 
-        An offered file is removed after the recovery file of this session was written.
+        The file is removed after the recovery file of this session was written.
 
         Raises
         ------
@@ -103,7 +103,7 @@ class Session(Grouping):
             When there is no offer, or the file is unreadable or belongs to another mesh.
         """
         with self._lock:
-            path = self._offered() if path is None else path
+            path = self._offered()
             found = self.recovery.read(path, first=self._number)
             self._number += len(found.groups)
             self._push(found)

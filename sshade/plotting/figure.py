@@ -25,15 +25,13 @@ from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, SurfaceFacts, cleaned
 from sshade.plotting import part, ramp, style, threejs
-from sshade.plotting.pictures import COLOUR_LABELS, TOWARDS, UP, colour_range, colour_values
+from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, TOWARDS, UP, colour_range, colour_values
 from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 
 #: Height of a figure in a notebook, in pixels.
 HEIGHT = 520
-#: Direction to the camera and upward direction, by the axis that points up.
-CAMERAS = {"y": (TOWARDS, UP), "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0))}
 #: Arguments of :func:`plot`, for messages.
 TAKEN = "meshes, positions, handles, tasks and results"
 

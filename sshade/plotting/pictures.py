@@ -27,6 +27,8 @@ COLOURS = "magma_r"
 
 #: Default direction from the scene to the camera, and upward direction.
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
+#: Both directions, by the axis that points up.
+CAMERAS = {"y": (TOWARDS, UP), "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0))}
 
 #: Radius of the sphere of a handle, over the bounding-box diagonal.
 SPHERE = 0.0025
@@ -74,11 +76,9 @@ class View:
             When a direction is zero, or the camera looks along the upward direction.
         """
         forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
-        if not (forward.any() and upright.any()):
-            raise InputError("--towards and --up are directions, and one of them is zero")
         right = np.cross(upright, forward)
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
-            raise InputError("the camera looks along the upward direction; choose another --towards or --up")
+            raise InputError("the camera looks along the upward direction; choose other directions")
         forward = forward / np.linalg.norm(forward)
         right = right / np.linalg.norm(right)
         axes = np.stack([right, np.cross(forward, right), forward])

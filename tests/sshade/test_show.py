@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
+from sshade import InputError
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
@@ -80,7 +81,7 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
 def test_show_writes_a_picture_with_targets_and_errors(sound, capsys):
     write_mesh("posed.ply", BODY.V * [1, 1, 1.5], BODY.F)
     write_handles("pose.json", end_handles(BODY.V, count=2, shift=[0, 0, 2.0]))
-    line = "show body.ply pose.json posed.ply -o both.PNG --towards 1 0 0 --up 0 0 1"
+    line = "show body.ply pose.json posed.ply -o both.PNG --up z"
     pictures = []
     for colour in ("", " --colour stretch"):
         assert main((line + colour).split()) == 0 and "both.PNG" in capsys.readouterr().err
@@ -112,9 +113,9 @@ def test_show_opens_a_page_in_the_browser(sound, monkeypatch, capsys, tmp_path):
     assert said.count(str(page)) == 2 and said.count("no browser was found") == 1
 
 
-def test_a_view_along_the_upward_direction_is_refused(sound):
-    line = "show body.ply -o shape.png --towards 0 2 0"
-    assert_refused("sshade", line.split(), "looks along the upward direction")
+def test_a_view_along_the_upward_direction_is_refused():
+    with pytest.raises(InputError, match="looks along the upward direction"):
+        View.of([BODY.V], towards=[0, 2, 0])
 
 
 def test_with_nothing_to_draw_with_the_libraries_are_told(sound, monkeypatch):

@@ -59,16 +59,6 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "not saved" not in err
 
 
-def test_it_ends_by_the_page_s_button_and_says_what_was_not_saved():
-    with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "fixed")
-        get(f"{address}quit", b"")
-        out, err = process.communicate(timeout=20)
-    assert process.returncode == 0 and out == "" and "handles were not saved" in err
-    body, kept, pose = sorted(path.name for path in Path().iterdir())
-    assert (body, pose) == ("body.ply", "pose.json") and kept in err and kept.startswith("body.ply.recovery-")
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
 def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     with running("body.ply", "--no-browser") as (process, address):
@@ -78,24 +68,6 @@ def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     assert process.returncode == 143 and out == "" and "Traceback" not in err
     (kept,) = Path().glob("body.ply.recovery-*.npz")
     assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
-
-
-@pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
-def test_a_killed_editor_is_continued_from_its_recovery_file_until_that_is_saved():
-    with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "moved")
-        (kept,) = Path().glob("body.ply.recovery-*.npz")
-        with running("body.ply", "--no-browser") as (_, other):  # the first editor still runs
-            assert unpacked(get(f"{other}whole"))["recovery"] == []
-        process.kill()
-        process.wait()
-    with running("body.ply", "--no-browser", "--recover", str(kept)) as (process, address):
-        assert [group["vertices"] for group in unpacked(get(f"{address}whole"))["groups"]] == [1]
-        assert kept not in (new := list(Path().glob("*.npz"))) and len(new) == 1
-        get(f"{address}save", b'{"what": "handles", "name": "saved.json"}')
-        get(f"{address}quit", b"")
-        _, err = process.communicate(timeout=20)
-    assert "not saved" not in err and list(Path().glob("*.npz")) == [] and Path("saved.json").exists()
 
 
 def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
@@ -115,8 +87,6 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     ("arguments", "words"),
     [
         (["body.ply", "--port", "70000"], "port"),
-        (["body.ply", "--recover", "pose.json"], "not a recovery file"),
-        (["body.ply", "--recover", "no.npz"], "no such file"),
         (["body.ply", "--port", "{taken}"], "cannot be used"),
     ],
 )
