@@ -18,7 +18,7 @@ import logging
 import numpy as np
 from scipy.sparse import coo_array
 
-from sshade.core.errors import InputError, counted
+from sshade.core.errors import counted
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, TransferTask
@@ -32,88 +32,44 @@ log = logging.getLogger(__name__)
 NO_DIRECTION = 1e-12
 
 
-def transfer(
-    task: TransferTask, *, function: str = "extent", seed: int = 0, progress: Progress = silent
-) -> DeformationResult:
-    """Apply :func:`transfer_pose` to a task; the seed is unused.
-
-    The method reads every vertex of M', so it reproduces a shape that was not edited.
-    """
-    V = transfer_pose(task.rest, task.mesh.V, posed=task.posed, function=function)
-    return DeformationResult(vertices=V, iterations=0, converged=None)
-
-
-def transfer_pose(
-    mesh: Mesh, edited: np.ndarray, *, posed: np.ndarray, function: str | np.ndarray = "extent"
-) -> np.ndarray:
+def transfer(task: TransferTask, *, seed: int = 0, progress: Progress = silent) -> DeformationResult:
     """Transfer an edit of a rest mesh to another pose: ``s'_i = m'_i + F'_i F_i^T (s_i - m_i)``.
 
     Each vertex rotates its displacement independently of its neighbours. Displacements keep their length even
-    if the pose is scaled, because frames only rotate.
+    if the pose is scaled, because frames only rotate. The method reads every vertex of M', so it reproduces a
+    shape that was not edited.
+
+    The function is the rest coordinate of largest extent. Where its tangential gradient in the rest mesh is
+    below :data:`sshade.proxy.triangle.FLAT`, the rest coordinate with the largest gradient replaces it in
+    both poses.
 
     Parameters
     ----------
-    mesh : Mesh
-        M, with positions m_i. It must be oriented; it may have a boundary and several components.
-    edited : (n, 3) float64
-        s_i, the edited rest positions.
-    posed : (n, 3) float64
-        m'_i, the positions of the pose.
-    function : {"extent", "x", "y", "z"} or (n,) float64
-        f: the rest coordinate of largest extent, a named coordinate, or one value for each vertex, which is
-        scaled to the range of the diagonal. Where the tangential gradient of f in the rest mesh is below
-        :data:`sshade.proxy.triangle.FLAT`, the rest coordinate with the largest gradient replaces f in both
-        poses.
+    task : TransferTask
+        M with positions m_i, S with positions s_i, M' with positions m'_i. The mesh must be oriented; it may
+        have a boundary and several components.
+    seed, progress
+        Unused.
 
     Returns
     -------
-    (n, 3) float64
-        s'_i.
-
-    Raises
-    ------
-    InputError
-        If positions have the wrong shape or are not finite, or the function is unknown or constant.
+    DeformationResult
+        ``iterations`` is 0.
     """
-    edited, posed = (_positions(mesh, V, name) for V, name in ((edited, "edited"), (posed, "posed")))
-    values = _candidates(mesh, function)
+    mesh = task.rest
+    values = np.column_stack([mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))], mesh.V])
     rest = _Pose(mesh, mesh.V, values)
     chosen = _choose(np.linalg.norm(rest.gradient, axis=2))
     F, missing = rest.frames(chosen)
-    F_posed, missing_posed = _Pose(mesh, posed, values).frames(chosen)
+    F_posed, missing_posed = _Pose(mesh, task.posed, values).frames(chosen)
     R = F_posed @ F.transpose(0, 2, 1)
     missing |= missing_posed
     if missing.any():
         take = ("vertex has no frame and takes", "vertices have no frame and take")
         log.warning("%s the rotation of neighbours", counted(int(missing.sum()), *take))
         R = fill_from_neighbours(R, ~missing, pairs=mesh.edges, onto=nearest_rotations)
-    return posed + np.einsum("nab,nb->na", R, edited - mesh.V)
-
-
-def _positions(mesh: Mesh, V: np.ndarray, name: str) -> np.ndarray:
-    V = np.asarray(V, dtype=np.float64)
-    if V.shape != mesh.V.shape:
-        raise InputError(f"the {name} vertices have shape {V.shape}, the mesh has {mesh.V.shape}")
-    if not np.isfinite(V).all():
-        raise InputError(f"the {name} vertices have NaN or infinite coordinates")
-    return V
-
-
-def _candidates(mesh: Mesh, function: str | np.ndarray) -> np.ndarray:
-    """Return f and the three rest coordinates as columns (n, 4)."""
-    if isinstance(function, str):
-        axes = {"extent": int(np.argmax(np.ptp(mesh.V, axis=0))), "x": 0, "y": 1, "z": 2}
-        if function not in axes:
-            raise InputError(f"unknown frame function {function!r}; use extent, x, y or z")
-        f = mesh.V[:, axes[function]]
-    else:
-        f = np.asarray(function, dtype=np.float64)
-        if f.shape != (mesh.n,) or not np.isfinite(f).all():
-            raise InputError(f"a frame function needs {mesh.n} finite values, one a vertex, not {f.shape}")
-        if np.ptp(f) == 0:
-            raise InputError("the frame function is constant; it needs a gradient")
-        f = f * (mesh.diagonal / np.ptp(f))
-    return np.column_stack([f, mesh.V])
+    V = task.posed + np.einsum("nab,nb->na", R, task.mesh.V - mesh.V)
+    return DeformationResult(vertices=V, iterations=0, converged=None)
 
 
 def _choose(length: np.ndarray) -> np.ndarray:

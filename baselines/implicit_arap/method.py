@@ -15,6 +15,7 @@ from baselines.hard_handles import require_hard
 from baselines.implicit_arap.patch_edges import Weights
 from baselines.iteration import handle_error
 from baselines.stopwatch import Stopwatch
+from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -115,9 +116,9 @@ def implicit_arap(
     ------
     ImportError
         If torch is not installed.
-    ValueError
-        If `sdf` or `weights` is unknown, a network has fewer than two layers, or a patch fewer than three
-        points.
+    InputError
+        If `sdf` or `weights` is unknown, a network has fewer than two layers, a patch has fewer than
+        three points, or a handle is soft.
 
     References
     ----------
@@ -126,26 +127,25 @@ def implicit_arap(
     """
     options = dict(locals())
     if sdf not in ("network", "grid"):
-        raise ValueError(f"sdf={sdf!r} is unknown; use 'network' or 'grid'")
+        raise InputError(f"sdf={sdf!r} is unknown; use 'network' or 'grid'")
     if weights not in get_args(Weights):
-        raise ValueError(f"weights={weights!r} is unknown; use 'cotangents' or 'authors'")
+        raise InputError(f"weights={weights!r} is unknown; use 'cotangents' or 'authors'")
+    if min(layers, sdf_layers) < 2 or patch_points < 3:
+        raise InputError(
+            f"networks have {min(layers, sdf_layers)} layers and patches {patch_points} points; use at least "
+            "two layers and three points"
+        )
+    mesh, handles = task.mesh, task.handles
+    require_hard(handles, "Implicit-ARAP")
     import torch
 
     from baselines.implicit_arap.networks import MotionField
     from baselines.implicit_arap.sdf import ImplicitSurface, Sdf, fit_network_sdf, grid_sdf
     from baselines.implicit_arap.training import HandleConstraints, Plan, displacements, train
 
-    if min(layers, sdf_layers) < 2 or patch_points < 3:
-        raise ValueError(
-            f"networks have {min(layers, sdf_layers)} layers and patches {patch_points} points; use at least "
-            "two layers and three points"
-        )
     plan = Plan(**{name: options[name] for name in Plan._fields})
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, initial = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
-    mesh, handles = task.mesh, task.handles
-    require_hard(handles, "Implicit-ARAP")
-
     watch = Stopwatch()
     V, centre, scale = normalised(mesh)
     distance: Sdf

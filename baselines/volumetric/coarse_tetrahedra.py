@@ -11,8 +11,6 @@ Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in
 from __future__ import annotations
 
 import hashlib
-import logging
-import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -29,13 +27,6 @@ from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.proxy.sample import proxy_mesh, sample_proxy
 
-try:
-    import resource
-except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
-
-log = logging.getLogger(__name__)
-
 #: Grid to which coordinates are rounded, as a fraction of the diagonal: meshes that differ by rounding errors
 #: share their tetrahedra.
 GRID = 2.0**-23
@@ -47,7 +38,7 @@ CACHED = 8
 STOP_ENERGY = 20.0
 #: Maximum number of fTetWild's optimisation steps (its default: 80).
 STEPS = 20
-#: Limit of fTetWild's processor time in seconds, where the system can limit it.
+#: Time limit of fTetWild in seconds.
 LIMIT = 600
 
 #: Program that runs fTetWild in a separate process, because fTetWild writes files to its working folder, may
@@ -56,10 +47,7 @@ FILL = """
 import sys
 import numpy as np
 from pytetwild import tetrahedralize
-edge, envelope, energy, steps, limit = map(float, sys.argv[1:])
-if limit:
-    import resource
-    resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
+edge, envelope, energy, steps = map(float, sys.argv[1:])
 surface = np.load("surface.npz", allow_pickle=False)
 nodes, T = tetrahedralize(
     surface["V"], surface["F"], edge_length_fac=edge, epsilon=envelope,
@@ -192,16 +180,16 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
     """Return the nodes and the tetrahedra of positive volume from fTetWild."""
     if find_spec("pytetwild") is None:
         raise ModuleNotFoundError("No module named 'pytetwild'", name="pytetwild")
-    if resource is None:
-        log.warning("this system cannot limit processor time: fTetWild runs without a time limit")
     with TemporaryDirectory() as folder:
         np.savez(Path(folder, "surface.npz"), V=V, F=F.astype(np.int32))
-        sizes = (edge, envelope, STOP_ENERGY, STEPS, LIMIT if resource else 0)
-        done = subprocess.run(
-            [sys.executable, "-c", FILL, *map(str, sizes)], cwd=folder, capture_output=True, text=True
-        )
+        command = [sys.executable, "-c", FILL, *map(str, (edge, envelope, STOP_ENERGY, STEPS))]
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LIMIT)
+        except subprocess.TimeoutExpired as error:
+            raise InputError(f"fTetWild could not fill the surface within {LIMIT} s") from error
         if done.returncode:
-            raise InputError(f"fTetWild could not fill the surface: {_why(done)}")
+            said = done.stderr.strip().splitlines() or [f"its process ended with {done.returncode}"]
+            raise InputError(f"fTetWild could not fill the surface: {said[-1]}")
         with np.load(Path(folder, "filled.npz"), allow_pickle=False) as filled:
             nodes, T = filled["nodes"], filled["T"]
     T = np.asarray(T, dtype=np.int64).reshape(-1, 4)
@@ -211,13 +199,6 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
         raise InputError("fTetWild found nothing to fill: the surface encloses no volume")
     used, T = np.unique(T, return_inverse=True)
     return nodes[used], T.reshape(-1, 4)
-
-
-def _why(done: subprocess.CompletedProcess[str]) -> str:
-    if resource and done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        return f"it was stopped, because it took {LIMIT} s of processor time or ran out of memory"
-    said = done.stderr.strip().splitlines()
-    return said[-1] if said else f"its process ended with {done.returncode}"
 
 
 def barycentric_coordinates(V: np.ndarray, T: np.ndarray, points: np.ndarray) -> csr_array:

@@ -35,9 +35,11 @@ RIGID = [
     (smooth_arap, {}, ROUNDING),
 ]
 WRONG = [
+    (implicit_arap, {"sdf": "gird"}, "sdf='gird' is unknown; use 'network' or 'grid'"),
+    (implicit_arap, {"sdf_layers": 1}, "use at least two layers and three points"),
+    (implicit_arap, {"weights": "cotan"}, "weights='cotan' is unknown; use 'cotangents' or 'authors'"),
     (libigl_arap, {"energy": "elements"}, "unknown energy 'elements'; use 'spokes' or 'spokes_and_rims'"),
     (arap_sr, {"alpha": -0.1}, "alpha=-0.1 is out of range"),
-    (arap_sr, {"alpha": np.inf}, "alpha=inf"),
     (arap_sr, {"alpha": np.nan}, "alpha=nan"),
     (deformation_field, {"order": 3}, "order"),
     (deformation_field, {"start": "guess"}, "start"),
@@ -48,10 +50,8 @@ WRONG = [
     (lattice_arap, {"carry": "frames"}, "cells"),
     (lattice_arap, {"start": "guess"}, "start"),
     (neo_hookean, {"poisson": 0.5}, "poisson"),
-    (neo_hookean, {"poisson": 0.0}, "poisson"),
     (neo_hookean, {"load_steps": 0}, "poisson"),
     (smooth_arap, {"smoothness": 1.0}, "smoothness"),
-    (smooth_arap, {"smoothness": -0.1}, "smoothness"),
     (smooth_arap, {"start": "guess"}, "start"),
     (bounded_biharmonic_weights, {"qp_iterations": 0}, "active set"),
 ]
@@ -129,7 +129,7 @@ def test_a_triangle_without_area_is_refused(method):
 @pytest.mark.parametrize(
     "method",
     [
-        *(arap, identity, implicit_arap, partial(paper_with, handle_mode="nearest", vertices=20)),
+        *(arap, identity, partial(paper_with, handle_mode="nearest", vertices=20)),
         *{method: None for method, *_ in WRONG},
     ],
 )

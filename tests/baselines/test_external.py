@@ -97,28 +97,16 @@ def test_a_report_of_the_program_is_shown_beside_our_clock(run):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (
-            "echo first >&2; echo 'no  convergence' >&2; exit 3",
-            "exit code 3; its last line was: no convergence",
-        ),
+        ("echo first >&2; echo 'no  end' >&2; exit 3", "exit code 3; its last line was: no end"),
         ("exit 4", "ended with exit code 4; it said nothing"),
-        (
-            "echo big >&2; kill -9 $$",
-            "killed by signal 9, as the system does when memory runs out; its last line",
-        ),
+        ("echo big >&2; kill -9 $$", "killed by signal 9, as the system does when memory runs out; its last"),
         ("echo done >&2", "wrote no output.txt; its last line was: done"),
         ("echo 1 2 3 > $3", "wrote 1 vertices, and the mesh has 162 vertices"),
         ("echo 1 2 > $3", r"wrote an array of shape \(1, 2\), and"),
         ("echo 1 2 x > $3", "output.txt of the program is not readable"),
-        (
-            f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3",
-            "2 of the 162 vertices that the program wrote are not finite",
-        ),
+        (f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3", "2 of the 162 vertices .* are not finite"),
         (f"{SHIFTING}; echo '{{' > $3.json", "output.txt.json of the program is not JSON"),
-        (f"{SHIFTING}; echo '[1]' > $3.json", "no mapping of names"),
         (f"{SHIFTING}; echo '{{\"seconds\": -1}}' > $3.json", "has seconds=-1"),
-        (f"{SHIFTING}; echo '{{\"iterations\": true}}' > $3.json", "has iterations=True"),
-        (f"{SHIFTING}; echo '{{\"x\": [1]}}' > $3.json", r"has x=\[1\]"),
         (r"printf '\033[31mred\007\r\n' >&2; exit 1", r"its last line was: \[31mred$"),
     ],
 )
@@ -128,19 +116,11 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
     assert "\n" not in str(failed.value)
 
 
-def test_pickled_arrays_are_not_loaded(run):
-    program = "import numpy, sys; numpy.save(sys.argv[1], numpy.array([{}], dtype=object))"
-    with pytest.raises(ProgramFailed, match="allow_pickle"):
-        run(f'{sys.executable} -c "{program}" "$3"', output_format="npy")
-
-
 @pytest.mark.parametrize(
     ("command", "words"),
     [
         ("sh a.sh", "is not a list of words"),
-        ([], "is not a list of words"),
         (["sh", ["a"]], "is not a list of words"),
-        (["sh", "a\0b"], "is not a list of words"),
         (["sh", "{mesh}", "{output}"], "lacks {handles}"),
     ],
 )

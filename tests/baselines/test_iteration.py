@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baselines.iteration import Plain
-from sshade.solver.run import REPORT_EVERY, Stop, run
+from sshade.solver.run import Stop, run
 
 
 def iterated(advance, u, **changes):
@@ -22,21 +22,6 @@ def test_the_loop_stops_at_the_first_move_under_the_tolerance():
     # Moves of 2^-1, 2^-2, ... over a scale of 2: the ninth is the first under 1e-3.
     np.testing.assert_array_equal(iterated(halve, u), 2.0 ** -np.arange(2, 11))
     assert u[1, 2] == 2.0**-9
-
-
-def test_the_loop_stops_at_the_cutoff_and_reports():
-    seen, options = [], {"tolerance": 0, "max_iterations": 2 * REPORT_EVERY + 1}
-    residuals = iterated(halve, np.ones((1, 3)), progress=lambda *report: seen.append(report[:3]), **options)
-    iterations = len(residuals)
-    assert iterations == 2 * REPORT_EVERY + 1 and residuals.all()
-    reports = (0, REPORT_EVERY, 2 * REPORT_EVERY, iterations)
-    assert seen == [("iterations", done, iterations) for done in reports]
-
-
-def test_no_iterations_leave_the_start():
-    u = np.ones((1, 3))
-    assert len(iterated(halve, u, max_iterations=0)) == 0
-    np.testing.assert_array_equal(u, 1.0)
 
 
 def test_an_iterate_that_is_not_finite_ends_the_loop():

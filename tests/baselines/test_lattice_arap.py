@@ -32,10 +32,9 @@ def surfaces_for_a_lattice():
 
 
 @pytest.mark.parametrize("name", surfaces_for_a_lattice())
-@pytest.mark.parametrize("filled", [True, False])
-def test_a_lattice_carries_every_vertex(name, filled):
+def test_a_lattice_carries_every_vertex(name):
     mesh = surfaces_for_a_lattice()[name]
-    grid = lattice(mesh, cells=14, filled=filled)
+    grid = lattice(mesh, cells=14, filled=False)
     np.testing.assert_allclose(grid.carry @ grid.V, mesh.V, atol=1e-12 * mesh.diagonal)
     assert grid.carry.data.min() >= 0
     side = mesh.diagonal / 14

@@ -1,7 +1,6 @@
 """Radial basis functions against SciPy's own call and a dense solution of the spline's equations."""
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 
 from baselines.rbf import rbf
 from sshade.problem.task import DeformationTask, Handles
@@ -12,14 +11,6 @@ def task():
     mesh, rng = bumpy(2), np.random.default_rng(6)
     index = rng.choice(mesh.n, 20, replace=False)
     return DeformationTask("dense", mesh, Handles(index, mesh.V[index] + rng.normal(size=(20, 3))))
-
-
-def test_it_is_scipys_own_call():
-    given = task()
-    spline = RBFInterpolator(given.mesh.V[given.handles.index], given.handles.target, neighbors=8)
-    expected = spline(given.mesh.V)
-    expected[given.handles.index] = given.handles.target
-    np.testing.assert_array_equal(rbf(given, neighbours=8).vertices, expected)
 
 
 def test_the_thin_plate_spline_solves_its_equations():

@@ -1,11 +1,10 @@
-"""Vertex frames against igl's gradient and a strip bent by hand, and the pose transfer they give."""
+"""Vertex frames against igl's gradient, and the pose transfer they give."""
 
 import igl
 import numpy as np
 import pytest
 
-from baselines.vertex_frames import transfer, transfer_pose
-from sshade.core.errors import InputError
+from baselines.vertex_frames import transfer
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import TransferTask
 from sshade.proxy.triangle import FLAT
@@ -15,6 +14,10 @@ from tests.shapes import bent, family, rotation, tetrahedron
 def edit(mesh, amount=0.1):
     """A rest mesh with dents, which no rigid motion undoes."""
     return mesh.V + amount * np.sin(np.roll(mesh.V, 1, axis=1) * 5) * mesh.diagonal / 10
+
+
+def moved(mesh, edited, posed):
+    return transfer(TransferTask("t", Mesh(edited, mesh.F), mesh, posed)).vertices
 
 
 def gradients(mesh, V, values):
@@ -42,30 +45,22 @@ def frames(mesh, V, values, chosen):
 
 
 @pytest.mark.parametrize("name", family())
-@pytest.mark.parametrize("function", ["extent", "x", "given"])
-def test_displacements_turn_with_the_frames_of_igl_gradient(name, function):
+def test_displacements_turn_with_the_frames_of_igl_gradient(name):
     mesh = family()[name]
-    if function == "given":
-        f = np.cos(2 * mesh.V[:, 0]) + mesh.V[:, 1] ** 2
-        scaled = f * mesh.diagonal / np.ptp(f)
-    else:
-        axis = 0 if function == "x" else int(np.argmax(np.ptp(mesh.V, axis=0)))
-        f, scaled = function, mesh.V[:, axis]
-    values = np.column_stack([scaled, mesh.V])
+    values = np.column_stack([mesh.V[:, np.argmax(np.ptp(mesh.V, axis=0))], mesh.V])
     at_rest = np.linalg.norm(gradients(mesh, mesh.V, values)[0], axis=2)
     chosen = np.where(at_rest[:, 0] < FLAT, 1 + at_rest[:, 1:].argmax(axis=1), 0)
     posed = bent(mesh.V)
     rest, turned = (frames(mesh, V, values, chosen) for V in (mesh.V, posed))
     expected = posed + np.einsum("nab,ncb,nc->na", turned, rest, edit(mesh) - mesh.V)
-    moved = transfer_pose(mesh, edit(mesh), posed=posed, function=f)
-    np.testing.assert_allclose(moved, expected, atol=1e-8 * mesh.diagonal)
+    np.testing.assert_allclose(moved(mesh, edit(mesh), posed), expected, atol=1e-8 * mesh.diagonal)
 
 
 def test_a_collapsed_ring_turns_as_its_neighbours_do(body, caplog):
     posed = body.V @ rotation(1).T
     ring = np.unique(body.F[(body.F == 7).any(axis=1)])
     posed[ring] = posed[7]
-    columns = [transfer_pose(body, body.V + e, posed=posed) - posed for e in np.eye(3)]
+    columns = [moved(body, body.V + e, posed) - posed for e in np.eye(3)]
     assert "1 vertex has no frame" in caplog.text
     turned = np.stack(columns, axis=2)
     U, _, Vt = np.linalg.svd(turned[ring[ring != 7]].mean(axis=0))
@@ -74,31 +69,5 @@ def test_a_collapsed_ring_turns_as_its_neighbours_do(body, caplog):
 
 def test_a_pose_without_any_frame_keeps_displacements():
     mesh = tetrahedron()
-    moved = transfer_pose(mesh, edit(mesh), posed=np.zeros_like(mesh.V))
-    np.testing.assert_allclose(moved, edit(mesh) - mesh.V, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"edited": np.zeros((3, 3))}, r"edited vertices have shape \(3, 3\)"),
-        ({"posed": np.zeros((162, 2))}, r"posed vertices have shape \(162, 2\)"),
-        ({"posed": np.full((162, 3), np.nan)}, "posed vertices have NaN"),
-        ({"function": "w"}, "unknown frame function 'w'"),
-        ({"function": np.zeros(5)}, "needs 162 finite values"),
-        ({"function": np.full(162, np.inf)}, "needs 162 finite values"),
-        ({"function": np.ones(162)}, "constant"),
-    ],
-)
-def test_bad_input_is_refused(small_body, change, message):
-    values = {"edited": small_body.V, "posed": small_body.V, **change}
-    with pytest.raises(InputError, match=message):
-        transfer_pose(small_body, values.pop("edited"), **values)
-
-
-def test_the_method_is_the_function():
-    mesh = family()["bumpy"]
-    task = TransferTask("t", Mesh(edit(mesh), mesh.F), mesh, bent(mesh.V))
-    for function in ("extent", "x"):
-        expected = transfer_pose(mesh, task.mesh.V, posed=task.posed, function=function)
-        assert np.array_equal(transfer(task, function=function, seed=3).vertices, expected)
+    found = moved(mesh, edit(mesh), np.zeros_like(mesh.V))
+    np.testing.assert_allclose(found, edit(mesh) - mesh.V, atol=1e-15)

@@ -16,7 +16,7 @@ from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, Handles
-from tests.shapes import bumpy, held_ends, icosphere, moved_parts, rotation, tube, two_spheres
+from tests.shapes import bumpy, held_ends, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}
 VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
@@ -80,20 +80,9 @@ def test_a_library_that_is_missing_is_named(method, without_extra, monkeypatch):
 
 def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, here):
     monkeypatch.setattr(tetrahedra_module, "LIMIT", 1)
-    with pytest.raises(InputError, match="could not fill the surface: it was stopped, because it took 1 s"):
+    with pytest.raises(InputError, match="could not fill the surface within 1 s"):
         coarse_tetrahedra(bumpy(4), samples=10**6, edge=0.01)
     assert list(here.iterdir()) == []
-
-
-def test_a_system_without_limits_fills_without_one_and_says_so(without_extra, monkeypatch, caplog):
-    monkeypatch.setattr(tetrahedra_module, "resource", None)
-    monkeypatch.setattr(tetrahedra_module, "find_spec", lambda name: True)
-    monkeypatch.setattr(
-        tetrahedra_module, "FILL", "import sys; raise RuntimeError(f'limit of {sys.argv[-1]}')"
-    )
-    with pytest.raises(InputError, match="could not fill the surface: RuntimeError: limit of 0"):
-        coarse_tetrahedra(icosphere(1), samples=31, edge=0.22)
-    assert "cannot limit processor time" in caplog.text
 
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
