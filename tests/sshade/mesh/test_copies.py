@@ -13,13 +13,12 @@ from sshade.files.door import open_shape
 from sshade.files.meshes import read_file, write_mesh
 from sshade.mesh.surface import single_steps, surface
 from tests.shapes import beside, icosphere, quads, shifted, strip
-from tests.write import mesh_ply, obj, off
+from tests.write import mesh_ply, obj
 
 #: Cells of a sheet along x and y. A slit begins in its middle and goes to its right end.
 CELLS = 8
 #: Formats and types of arrays, and whether they hold single precision.
-KINDS = {"ply text": False, "ply double": False, "ply float": True, "obj": False, "off": False, "stl": True}
-KINDS |= {"stl text": False, "glb": True, "float32": True, "float64": False}
+KINDS = {"ply": True, "obj": False, "stl": True, "glb": True, "float32": True, "float64": False}
 
 
 def slit_sheet(gap: float, rng=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -49,23 +48,15 @@ def stored(kind: str, V: np.ndarray, F: np.ndarray, folder: Path):
     if kind in ("float32", "float64"):
         W = V.astype(kind)
         return open_shape(W, F), W.astype(np.float64), same
-    path = folder / f"mesh.{kind[:3]}"
-    if kind == "ply text":
-        path.write_bytes(mesh_ply(V, F, ""))
-    elif path.suffix == ".ply":
-        path.write_bytes(mesh_ply(V, F, "<", kind[4:]))
+    path = folder / f"mesh.{kind}"
+    if kind == "ply":
+        path.write_bytes(mesh_ply(V, F, "<", "float"))
     elif kind == "obj":
         path.write_bytes(obj(V, F))
-    elif kind == "off":
-        path.write_bytes(off(V, F))
-    elif kind == "stl text":
-        corner = "facet normal 0 0 0\nouter loop\n" + 3 * "vertex %r %r %r\n" + "endloop\nendfacet\n"
-        facets = "".join(corner % tuple(V[face].ravel().tolist()) for face in F)
-        path.write_text(f"solid\n{facets}endsolid\n")
     else:
         write_mesh(path, V, F)
     file = read_file(path)
-    if path.suffix == ".stl":
+    if kind == "stl":
         same = np.argsort(F.ravel(), kind="stable")[np.searchsorted(np.sort(F.ravel()), same)]
     return open_shape(file), file.V, same
 

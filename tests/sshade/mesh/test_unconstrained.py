@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, deform
 from sshade.mesh.unconstrained import contacts
-from tests.shapes import beside, bumpy, rotation, shifted, strip, unjoined
+from tests.shapes import beside, bumpy, rotation, shifted, unjoined
 
 BODY = bumpy(2)
 
@@ -34,17 +34,6 @@ def test_an_opening_is_the_distance_between_vertices_that_touched():
     V = mesh.V.copy()
     V[BODY.n + 5] += [0.3, 0, 0.4]
     assert found.opening(mesh.V) == 0 and found.opening(V) == pytest.approx(0.5)
-
-
-def test_no_advice_promises_that_welding_joins_what_touches_inside_a_face():
-    """A deck ends on the faces of a hull. Some of its vertices are vertices of the hull."""
-    hull, deck = strip(8, 8), strip(4, 2)
-    standing = Mesh(deck.V @ np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), deck.F)
-    mesh = beside(hull, standing)
-    with pytest.raises(InputError) as refused:
-        DeformationTask("m", mesh, Handles([0], mesh.V[:1]), refuse_unconstrained=True)
-    assert "1 of the mesh's 2 components has no handle" in str(refused.value)
-    assert "repair" not in str(refused.value) and "weld" not in str(refused.value)
 
 
 def test_components_that_come_apart_are_named_before(caplog):

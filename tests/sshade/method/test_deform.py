@@ -203,14 +203,3 @@ def test_files_are_read_as_arrays_and_written_like_their_source(tmp_path):
         sshade.write(tmp_path / "plain.ply", *mesh)
         again = sshade.read(tmp_path / "plain.ply")
         assert np.array_equal(again.V, U) and np.array_equal(again.F, F)
-    for arguments, words in (
-        ((out, U), "no faces"),
-        ((out, U, F + 9), "a face refers to"),
-        ((out, U[:, :2], F), r"\(n, 3\)"),
-    ):
-        with pytest.raises(InputError, match=words):
-            sshade.write(*arguments)
-    with pytest.raises(InputError, match="they must correspond"):
-        sshade.write(out, U[1:], like=path)
-    with pytest.raises(InputError, match="would lose the texture coordinates"):
-        sshade.write(tmp_path / "posed.stl", U, like=path)

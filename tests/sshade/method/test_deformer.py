@@ -59,14 +59,6 @@ def test_a_drag_takes_what_deform_takes(mesh, held, kind):
     assert np.abs(drag(target[mask]).vertices - expected).max() < 0.01 * mesh.diagonal
 
 
-def test_a_cutoff_is_resumed_by_the_next_call(mesh, held):
-    targets = lifted(mesh, held, 0.5)
-    drag = Deformer(mesh, held, method="paper", vertices=150)
-    first = drag(targets, max_iterations=3)
-    assert first.iterations == 3 and not first.converged
-    assert drag(targets, max_iterations=200).facts.residual < first.facts.residual
-
-
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
 def test_a_call_that_fails_leaves_no_trace(mesh, held, drag):
     first = drag(lifted(mesh, held, 0.2)).vertices

@@ -7,11 +7,10 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.mesh.rigid import rigid_motion
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.interpolation import fit_splines, interpolate, neighbours
 from sshade.method.regions import are_dense
-from tests.shapes import bent, beside, block, bumpy, icosphere, rotation, shifted, torus
+from tests.shapes import bent, beside, block, bumpy, icosphere, rotation, torus
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)
 
@@ -54,15 +53,6 @@ def test_an_elastic_surface_fights_dense_handles_that_change_the_volume():
     found = deform(dense, method="interpolate")
     assert off(found, grown) < 5e-4 and off(deform(dense), grown) > 5e-3
     assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
-
-
-def test_a_component_without_handles_moves_rigidly_if_the_task_carries_it():
-    ball = shifted(Mesh(icosphere(2).V * 0.3, icosphere(2).F), [1, 0, 1])
-    handles = task(bent, 60).handles
-    both = DeformationTask("ball", beside(BODY, ball), handles)
-    rest, moved = both.mesh.V[BODY.n :], deform(both, method="interpolate").vertices[BODY.n :]
-    R, t = rigid_motion(rest, moved)
-    assert np.abs(rest @ R.T + t - moved).max() < 1e-12
 
 
 def test_a_component_that_comes_apart_is_counted():

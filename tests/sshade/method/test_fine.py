@@ -54,16 +54,6 @@ def test_no_seconds_no_iterations(task):
     assert result.iterations == 0 and result.converged is None
 
 
-def test_the_area_has_a_weight(task):
-    """By default the volume is exact. The area error falls with the weight and is 0 for an exact area."""
-    gap = {}
-    for area in (0.0, 1.0, np.inf):
-        after = Mesh(fine(task, vertices=600, area=area).vertices, task.mesh.F)
-        assert after.volume == pytest.approx(task.mesh.volume, rel=1e-6)
-        gap[area] = abs(after.area / task.mesh.area - 1)
-    assert gap[np.inf] < 1e-6 < gap[1.0] < 0.5 * gap[0.0]
-
-
 def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
     monkeypatch.setattr("sshade.method.polish.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
     for options, words in (({"workers": 0}, "workers must be"), ({"volume": -1.0}, "volume must be")):

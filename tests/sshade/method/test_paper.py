@@ -8,10 +8,8 @@ from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, Mesh, bind
 from sshade.core.progress import silent
 from sshade.proxy.sample import sample_proxy
-from tests.shapes import bent, bumpy, family, moved_parts
+from tests.shapes import bent, bumpy, moved_parts
 from tests.sshade.method.calls import paper
-
-MESHES = family()
 
 
 def ends(mesh: Mesh) -> DeformationTask:
@@ -73,27 +71,6 @@ def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
     assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
     gap = np.abs(paper(body_task, **options).vertices - result.vertices).max()
     assert 0 < gap < 0.01 * body_task.mesh.diagonal
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_handles_come_near_their_targets_and_static_ones_stay(name):
-    task = ends(MESHES[name])
-    result = paper(task, vertices=MESHES[name].n // 4, samplings=2)
-    gap = np.linalg.norm(result.vertices[task.handles.index] - task.handles.target, axis=1)
-    assert gap.max() <= 0.02 * task.mesh.diagonal
-    assert result.facts.degenerate_frames == 0
-
-
-def test_progress_is_that_of_each_proxy(body_task):
-    def telling(task, *, seed, progress=silent):
-        progress("inner", 1, 2, "note")
-        return bending(task, seed=seed)
-
-    told = []
-    options = {"vertices": 70, "samplings": 2, "workers": 1, "progress": lambda *report: told.append(report)}
-    paper(body_task, coarse=telling, **options)
-    assert told[::2] == [("proxy 1", 0, 1000), ("proxy 2", 0, 1000)]
-    assert told[1::2] == [("proxy 1", 1, 2, "note"), ("proxy 2", 1, 2, "note")]
 
 
 def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):

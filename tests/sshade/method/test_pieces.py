@@ -27,7 +27,7 @@ from tests.shapes import (
     shifted,
     strip,
 )
-from tests.sshade.mesh.test_cutting import klein_bottle, moebius, projective_plane, t_fin
+from tests.sshade.mesh.test_cutting import klein_bottle, moebius, t_fin
 from tests.sshade.method.calls import fast, fine, paper
 
 BODY = bumpy(2)
@@ -95,22 +95,6 @@ def test_two_spheres_are_each_as_alone(asked, shares):
     assert set(result.seconds) >= {"remesh", "bind", "solve", "carry"}
 
 
-def test_what_a_ground_plane_cannot_use_goes_to_the_figure():
-    """Both planes are far larger than the figure. One has four vertices; the other has many and stays."""
-    figure, own = bumpy(3), ends(bumpy(3))
-    alone = METHOD(DeformationTask("alone", figure, own), vertices=150)
-    corners = Mesh(strip(1, 1).V * 40 - [20, 20, 4], strip(1, 1).F)
-    bent = Handles(np.arange(3), corners.V[:3] + [[0, 0, 0], [1, 0, 0], [0, 0, 1]])
-    result = deformed(beside(figure, corners), of_all((own, 0), (bent, figure.n)), METHOD, vertices=154)
-    assert np.array_equal(result.vertices[: figure.n], alone.vertices)
-    many = Mesh(strip(30, 30).V - [15, 15, 4], strip(30, 30).F)
-    stays = Handles(np.arange(40), many.V[:40])
-    result = deformed(beside(figure, many), of_all((own, 0), (stays, figure.n)), METHOD, vertices=150)
-    assert np.array_equal(result.vertices[: figure.n], alone.vertices)
-    assert np.array_equal(result.vertices[figure.n :], many.V)
-    assert (result.facts.components, result.facts.rigid, result.facts.samples) == (2, 1, 150)
-
-
 @pytest.mark.parametrize("method", [METHOD, fast])
 def test_components_whose_handles_move_rigidly_move_with_them(method):
     R = rotation(2)
@@ -133,25 +117,6 @@ def test_soft_handles_and_prescribed_rotations_are_left_to_the_solver():
         (replace(still, rotation=turn), 0),
     ):
         assert deformed(PAIR, handles, METHOD, vertices=80).facts.rigid == rigid
-
-
-def test_a_small_component_has_proxy_vertices_for_its_handles_and_some_more():
-    tiny = Mesh(0.01 * BODY.V + [4, 0, 0], BODY.F)
-    shares = []
-
-    def spy(task, *, vertices, **settings):
-        shares.append((task.mesh.n, len(task.handles), vertices))
-        return METHOD(task, vertices=vertices, **settings)
-
-    triangle = Mesh(0.1 * np.eye(3) + [0, 9, 0], [[0, 1, 2]])
-    mesh = beside(BODY, tiny, triangle)
-    own = of_all((ends(BODY), 0), (ends(tiny), BODY.n), (Handles([0, 1], triangle.V[:2] + 1), 2 * BODY.n))
-    result = in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=100), progress=silent)
-    assert shares == [(162, 16, 40), (162, 16, 40)]
-    assert np.allclose(result.vertices[-3:], triangle.V + 1, atol=1e-12) and result.facts.rigid == 1
-    shares.clear()
-    in_pieces(DeformationTask("m", mesh, own), spy, Options(vertices=50), progress=silent)
-    assert shares == [(162, 16, 30), (162, 16, 20)]
 
 
 def pages(*angles: float, width: int = 8) -> tuple[Mesh, np.ndarray]:
@@ -210,16 +175,6 @@ def test_junctions_are_placed_with_many_small_components_and_with_one_that_has_h
         assert np.abs(result.vertices - mesh.V @ R.T - [1, 2, 3]).max() < 1e-3 and result.facts.gap < 1e-6
 
 
-def test_soft_handles_on_a_seam_leave_no_gap():
-    """The base determines the positions of these handles, and the fin follows."""
-    mesh, row = t_fin(4), 5 * np.arange(11) + 2
-    index = np.concatenate([[0, 4], row[4:8], [mesh.n - 1]])
-    target = mesh.V[index] + np.outer([0, 0, 1, 1, 1, 1, 0], [0, 1, 2])
-    own = Handles(index, target, weight=[np.inf, np.inf, 2, 2, 2, 2, np.inf])
-    for method in (fast, fine):
-        assert deformed(mesh, own, method).facts.gap < 1e-6
-
-
 def bowtie() -> Mesh:
     """A strip whose first vertex is also its last."""
     sheet = strip(10, 4)
@@ -255,27 +210,6 @@ def test_copies_within_a_component_are_fixed_at_one_place(weight):
     assert result.facts.copies == 1 and result.converged is None and result.iterations == 3
 
 
-def rolled(length: int = 48, width: int = 8) -> Mesh:
-    """Return a sheet rolled to a tube with a slit; a single vertex closes the slit at one end."""
-    sheet = strip(length, width)
-    a, z = 0.97 * 2 * np.pi * sheet.V[:, 0] / length, 2 * np.pi * sheet.V[:, 1] / length
-    V = np.stack([np.cos(a), np.sin(a), z], axis=1)
-    last = sheet.n - width - 1
-    V -= (np.exp(-sheet.V[:, 1] / 3) * (sheet.V[:, 0] / length) ** 4)[:, None] * (V[last] - V[0])
-    F = np.where(last == sheet.F, 0, sheet.F - (last < sheet.F))
-    return Mesh(np.delete(V, last, axis=0), F)
-
-
-@pytest.mark.parametrize("method", [fast, fine, paper])
-def test_a_vertex_in_which_a_sheet_touches_itself_leaves_no_spike(method):
-    mesh = rolled()
-    still, pulled = np.flatnonzero(np.abs(mesh.V[:, 0] + 1) < 0.05), np.array([8, 17, 26])
-    target = np.concatenate([mesh.V[still], mesh.V[pulled] + [0.6, 0.5, 0]])
-    result = deformed(mesh, Handles(np.concatenate([still, pulled]), target), method)
-    assert result.facts.components == result.facts.copies == 1
-    assert stretch(mesh, result.vertices).max() < 2  # 2.6 to 3 if only the vertex moves to the mean
-
-
 def test_sides_in_different_minima_meet_from_their_mean():
     mesh = moebius()
     result, (_, again) = with_copies(mesh, [lambda i: 2.0 * (i >= mesh.n), lambda i: 0.0 * i])
@@ -283,8 +217,8 @@ def test_sides_in_different_minima_meet_from_their_mean():
     assert np.array_equal(result.vertices, mesh.V) and result.facts.side_gap == 0
 
 
-@pytest.mark.parametrize("method", [fast, fine, partial(fine, detail=0.75), paper])
-@pytest.mark.parametrize("mesh", [moebius(120), klein_bottle(), projective_plane(3)])
+@pytest.mark.parametrize("method", [fast, fine, paper])
+@pytest.mark.parametrize("mesh", [moebius(120), klein_bottle()])
 def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
     own = end_handles(mesh.V, axis=1, count=12, shift=(0.4, 0, 0.3), turn=QUARTER)
     with caplog.at_level(logging.WARNING):
@@ -300,19 +234,6 @@ def test_one_sided_surfaces_are_not_torn(mesh, method, caplog):
 def test_a_one_sided_surface_is_refused_where_it_cannot_be_covered():
     with pytest.raises(InputError, match="a one-sided surface has no such orientation: sshade.deform and"):
         Deformer(moebius(), [0, 40])
-
-
-@pytest.mark.parametrize("method", [fast, METHOD])
-def test_rigid_handles_move_one_sided_surfaces_rigidly(method):
-    """Hard handles move the mesh directly. With soft handles, the solver finds the same motion."""
-    mesh, R = moebius(60), rotation(4)
-    rigid = mesh.V @ R.T + [1, 0, 2]
-    hard = Handles(np.arange(0, mesh.n, 9), rigid[::9])
-    result = deformed(mesh, hard, method)
-    assert np.abs(result.vertices - rigid).max() < 1e-12 and result.facts.one_sided == 0
-    soft = replace(hard, weight=np.full(len(hard), 5.0))
-    result = deformed(mesh, soft, method, start="rigid")
-    assert result.facts.rigid == 0 and np.abs(result.vertices - rigid).max() < 1e-3
 
 
 def test_soft_handles_pull_a_one_sided_surface_as_strongly_as_its_elastic_energy_resists():
@@ -340,13 +261,6 @@ def three() -> tuple[Mesh, Handles]:
     top = BODY.V[np.argmax(BODY.V[:, 2])]
     mesh = beside(BODY, other, Mesh(0.05 * eye.V + 0.95 * top, eye.F))
     return mesh, of_all((ends(BODY), 0), (ends(other, lift=(0, 0, 0)), BODY.n))
-
-
-def test_a_component_without_handles_is_refused_by_its_size_and_place():
-    mesh, own = three()
-    words = r"1 of the mesh's 3 components has no handle \(the first has 42 vertices, one of them 324\)"
-    with pytest.raises(InputError, match=words):
-        deformed(mesh, own, METHOD, refuse_unconstrained=True, vertices=80)
 
 
 def test_or_it_follows_the_nearest_component_rigidly():

@@ -1,7 +1,5 @@
 """Prescribed rotations of handles: exact solutions, effect, resolution, invariance, levels, and files."""
 
-import json
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,13 +10,8 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from baselines.arap import arap
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.files.task_files import read_handles
 from sshade.mesh.rigid import rigid_motion
-from sshade.method import start
-from sshade.method.start import OnceSolver
-from sshade.problem.options import resolve
-from sshade.solver.local_global import LocalGlobal, solve_task
-from tests.shapes import block, bumpy, jittered, moved_parts, rotation, strip, tube
+from tests.shapes import block, bumpy, moved_parts, rotation, strip
 from tests.sshade.method.calls import METHODS
 from tests.sshade.naive import Naive
 
@@ -46,22 +39,6 @@ def turned_about(mesh: Mesh, V: np.ndarray, centre: np.ndarray, radius: float) -
 
 def degrees_of(R: np.ndarray) -> float:
     return float(np.degrees(Rotation.from_matrix(R).magnitude()))
-
-
-def test_with_all_rotations_known_positions_are_those_of_least_squares():
-    mesh, held = bumpy(1), np.array([0, 7])
-    rng = np.random.default_rng(1)
-    R = Rotation.from_rotvec(0.4 * rng.normal(size=(mesh.n, 3))).as_matrix()
-    target = mesh.V[held] + rng.normal(size=(2, 3))
-    naive = Naive(DeformationTask("known", mesh, Handles(held, target)), "spokes_and_rims")
-    order = rng.permutation(mesh.n)
-    solution = LocalGlobal(mesh, held).solve(target, prescribed=(order, R[order]), tolerance=1e-12)
-    assert np.abs(solution.positions - naive.positions(R)).max() < 1e-10
-    assert np.array_equal(solution.rotations, R)
-    assert solution.energy == pytest.approx(naive.energy(solution.positions, R), rel=1e-10)
-    # With softening, the solve also keeps the prescribed rotations and converges.
-    soft = LocalGlobal(mesh, held).solve(target, prescribed=(order, R[order]), tolerance=1e-9, stiffness=0.2)
-    assert np.array_equal(soft.rotations, R) and soft.converged
 
 
 @pytest.mark.parametrize("weight", [np.inf, 2.0])
@@ -136,60 +113,6 @@ def test_the_middle_of_a_sheet_follows_a_turn_of_60_degrees(name, axis):
     assert 56 < min(angles) <= max(angles) < 61 and abs(angles[0] - angles[1]) < 1.5
 
 
-def test_a_disc_of_known_rotations_turns_in_its_sheet_as_elasticity_says():
-    """A disc of radius a turns by a small angle in a round sheet that is fixed at radius b.
-
-    Where rotations are fitted, the energy is the elastic energy with Lame's constants 0 and 1. In the disc,
-    the energy has the additional term ``2 (c - t)^2``. Here c is the angle of the disc, and t is the
-    prescribed angle. Around the disc, the displacement is ``B (1 / r - r / b^2)`` along circles. Therefore
-    c = t / (1 + k) with k = 1 / (1 - a^2 / b^2). In a large sheet, c is half of t.
-    """
-    given, a, b, t = strip(96, 96), 0.2, 0.48, 0.02
-    mesh, middle = Mesh(given.V / 96, given.F), np.array([0.5, 0.5, 0])
-    distance = np.linalg.norm(mesh.V - middle, axis=1)
-    held, disc = np.flatnonzero(distance >= b), np.flatnonzero(distance <= a)
-    known = disc, np.broadcast_to(turn(np.degrees(t)), (len(disc), 3, 3))
-    V = LocalGlobal(mesh, held).solve(mesh.V[held], prescribed=known, tolerance=1e-9).positions
-    k = 1 / (1 - a**2 / b**2)
-    found = np.radians(degrees_of(turned_about(mesh, V, middle, 0.8 * a)))
-    assert found == pytest.approx(t / (1 + k), rel=0.03)
-
-
-def test_the_end_of_a_tube_bends_it_and_everything_may_move_together():
-    """Only rotations bend the tube: the upper end is turned, but almost no weight pulls at its position."""
-    even = tube(24, 60)
-    z = even.V[:, 2]
-    # On a tube with equal distances, the rounding of a motion would change the samples.
-    mesh = jittered(even, 2e-3)
-    ends = {"weights": [np.inf, 1e-6], "rotations": [np.eye(3), turn(40, "x")]}
-    own = moved_parts(mesh.V, (z == z.min(), 0), (z == z.max(), 0), **ends)
-    options = {"vertices": 400, "volume": 0.0, "area": 0.0, "tolerance": 1e-7}
-    V = METHODS["fast"](DeformationTask("tube", mesh, own), **options).vertices
-    way = np.linalg.norm((V - mesh.V)[z == z.max()].mean(0)) / np.ptp(z)
-    assert way > 0.05
-    R, shift = rotation(5), np.array([2.0, 3, -1])
-    there = Mesh(mesh.V @ R.T + shift, mesh.F)
-    turned = replace(own, target=own.target @ R.T + shift, rotation=R @ own.rotation @ R.T)
-    V_2 = METHODS["fast"](DeformationTask("tube", there, turned), **options).vertices
-    assert np.abs(V_2 - V @ R.T - shift).max() < 1e-5 * mesh.diagonal
-
-
-def test_levels_take_rotations_along(monkeypatch):
-    """The solve on the coarser proxy has the same prescribed rotation as the solve on the proxy."""
-    task = sheet(64, degrees=45)
-    seen = []
-
-    def spy(given, **options):
-        seen.append((given.mesh.n, given.handles.prescribed_rotations))
-        return solve_task(given, **options)
-
-    monkeypatch.setattr(start, "solve_task", spy)
-    OnceSolver(task.mesh, resolve("fast", {"attachment": 0.0, "tolerance": 1e-7}))(task.handles)
-    assert len(seen) == 2 and seen[0][0] < seen[1][0]
-    for _, prescribed in seen:
-        assert np.array_equal(prescribed[1], turn(45)[None])
-
-
 def test_arrays_take_one_rotation_for_all_or_one_each_and_others_refuse():
     task = sheet(20, degrees=35)
     mesh, own = task.mesh, task.handles
@@ -208,22 +131,3 @@ def test_arrays_take_one_rotation_for_all_or_one_each_and_others_refuse():
     ):
         with pytest.raises(InputError, match=words):
             deform(BODY, [3, 9], BODY.V[[3, 9]], rotations=rotations)
-
-
-def test_files_hold_matrices_and_quaternions(tmp_path):
-    path = tmp_path / "pose.json"
-    R = turn(50, "y")
-    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
-    entries = [
-        {"vertices": [3, 4], "rotation": R.tolist()},
-        {"vertices": [9], "target": [[0, 0, 1]], "rotation": [x, y, z, w], "weight": 2},
-        {"vertices": [20]},
-        {"source": [(BODY.V[30] + 0.01).tolist()], "target": [[1, 1, 1]], "rotation": [x, y, z, w]},
-    ]
-    path.write_text(json.dumps({"handles": entries}))
-    own = read_handles(path, BODY)
-    assert own.index.tolist() == [3, 4, 9, 20, 30]
-    assert np.allclose(own.rotation[[0, 1, 2, 4]], R, atol=1e-12) and np.isnan(own.rotation[3]).all()
-    assert np.array_equal(own.target[:2], BODY.V[[3, 4]]) and not own.dynamic[:2].any()
-    # The source is snapped by (-0.01, -0.01, -0.01), and the target moves by the turned vector.
-    assert np.allclose(own.target[4], 1 + R @ np.full(3, -0.01))

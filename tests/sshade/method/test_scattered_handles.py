@@ -1,7 +1,6 @@
 """Many single vertices as handles: more handles than samples of a proxy, and no rotations."""
 
 import numpy as np
-import pytest
 
 from baselines.accelerated import local_global
 from eval.metrics.deformation import angle, edge, flips
@@ -11,7 +10,7 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.harmonic import SHORT
 from sshade.method.regions import HandleRegions, has_regions
 from sshade.problem.options import Options
-from tests.shapes import bent, bumpy, moved_parts, rotation
+from tests.shapes import bent, bumpy, moved_parts
 from tests.sshade.method.calls import fast, fine
 
 METHODS = (fast, fine)
@@ -29,10 +28,8 @@ def scattered(share: float, target, *, noise: float = 0.0) -> DeformationTask:
     return DeformationTask("scattered", mesh, Handles(index, goal))
 
 
-@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
-@pytest.mark.parametrize("noise", [0.0, 2e-3])
-def test_the_surface_is_as_even_as_the_minimum_at_full_resolution(share, noise):
-    task = scattered(share, lambda V: bent(V, 0.1), noise=noise)
+def test_the_surface_is_as_even_as_the_minimum_at_full_resolution():
+    task = scattered(0.2, lambda V: bent(V, 0.1), noise=2e-3)
     assert has_regions(task.mesh, task.handles.index, Options(vertices=VERTICES))
     full = Deformed(task, local_global(task, start="rigid").vertices)
     for method in METHODS:
@@ -42,14 +39,6 @@ def test_the_surface_is_as_even_as_the_minimum_at_full_resolution(share, noise):
         assert edge(ours) < 1.15 * edge(full)
         assert angle(ours) < 1.15 * angle(full)
         assert flips(ours) <= 1.5 * flips(full) + 2
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_handles_that_move_as_one_move_everything(method):
-    R = rotation()
-    task = scattered(0.2, lambda V: V @ R.T + [3, 1, 2])
-    V = method(task, vertices=VERTICES).vertices
-    np.testing.assert_allclose(V, task.mesh.V @ R.T + [3, 1, 2], atol=1e-4 * task.mesh.diagonal)
 
 
 def test_what_handles_lack_is_spread_harmonically():

@@ -24,11 +24,6 @@ def bends(task: DeformationTask, angles: np.ndarray) -> list[np.ndarray]:
     return [np.where(task.handles.dynamic[:, None], turn.apply(rest), rest) for turn in turns]
 
 
-def second_difference(poses: np.ndarray) -> float:
-    """Return the largest second difference in time of a point of poses (k, n, 3)."""
-    return float(np.linalg.norm(poses[2:] - 2 * poses[1:-1] + poses[:-2], axis=2).max())
-
-
 def count_samplings(monkeypatch) -> list[int]:
     """Return a list that grows with each sampling of a proxy."""
     found, sample = [], Proxy.__init__
@@ -76,17 +71,6 @@ def test_the_step_at_which_a_pose_starts_anew_is_a_tenth_of_the_diagonal():
     assert followed == [False, True, False]
 
 
-def test_a_sequence_goes_on_from_stored_vertices_with_the_same_bits():
-    task = bar()
-    poses = [task.handles.at(pose) for pose in bends(task, np.linspace(0.1, 0.5, 6))]
-    whole = [result.vertices for result in deform_sequence(task, poses, vertices=200)]
-    sequence, after = Sequence(task, vertices=200), (poses[2], whole[2])
-    for number in (3, 4, 5):
-        result = sequence(poses[number], after=after)
-        after = poses[number], result.vertices
-        np.testing.assert_array_equal(result.vertices, whole[number])
-
-
 @pytest.mark.parametrize("options", [{}, {"volume_goal": 1.3}])
 def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(options):
     mesh, options = bumpy(4), {**options, "vertices": 300}
@@ -97,38 +81,6 @@ def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(o
     again = Sequence(task, **options)(poses[1], after=(poses[0], first.vertices))
     assert again.facts.followed
     np.testing.assert_array_equal(again.vertices, last.vertices)
-
-
-def test_converged_poses_do_not_depend_on_the_way_to_them():
-    task = bar()
-    there = bends(task, np.linspace(0.2, 0.4, 5))
-    back = bends(task, np.linspace(0.6, 0.4, 5))
-    options = {"vertices": 200, "tolerance": 1e-9, "max_iterations": 5000}
-    ends = [list(deform_sequence(task, poses, **options))[-1].vertices for poses in (there, back)]
-    single = deform(replace(task, handles=task.handles.at(there[-1])), **options).vertices
-    assert np.abs(ends[0] - ends[1]).max() < 2e-5 * task.mesh.diagonal
-    assert np.abs(ends[0] - single).max() < 2e-5 * task.mesh.diagonal
-
-
-def test_poses_that_follow_each_other_do_not_flicker():
-    """The second difference of the shape in time is bounded by the second difference of the handles.
-
-    It falls with the square of the time step. Noise from pose to pose would not fall. Single runs with
-    different proxies have such noise and flicker.
-    """
-    task = bar()
-    found = {}
-    for count in (17, 33):
-        poses = np.array(bends(task, np.linspace(0.0, 0.8, count)))
-        results = list(deform_sequence(task, poses, vertices=400))
-        found[count] = second_difference(np.array([result.vertices for result in results]))
-        assert found[count] < 1.5 * second_difference(poses)
-    assert found[33] < 0.35 * found[17]
-    noisy = [
-        deform(replace(task, handles=task.handles.at(pose)), vertices=400, seed=seed).vertices
-        for seed, pose in enumerate(bends(task, np.linspace(0.0, 0.8, 33))[20:28])
-    ]
-    assert second_difference(np.array(noisy)) > 2 * second_difference(poses)
 
 
 def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
@@ -144,24 +96,6 @@ def test_components_are_bound_once_each_and_cut_meshes_follow_too(monkeypatch):
     assert np.abs(results[-1].vertices - single.vertices).max() < 5e-3 * mesh.diagonal
     first = deform(replace(task, handles=handles.at(poses[0])), vertices=300)
     np.testing.assert_array_equal(results[0].vertices, first.vertices)
-
-
-def test_regions_soft_handles_and_rotations_follow():
-    mesh = tube(24, 60, length=6.0)
-    ends = end_handles(mesh.V, share=0.3)
-    for weight, rotated in ((np.inf, False), (3.0, False), (np.inf, True)):
-        handles = replace(ends, weight=np.where(ends.dynamic, weight, np.inf))
-        task = DeformationTask("ends", mesh, handles)
-        poses = []
-        for angle, pose in zip((0.1, 0.15, 0.2), bends(task, np.array([0.1, 0.15, 0.2])), strict=True):
-            R = np.full((len(ends), 3, 3), np.nan)
-            if rotated:
-                R[ends.dynamic] = Rotation.from_rotvec([angle, 0, 0]).as_matrix()
-            poses.append(handles.at(pose, R if rotated else None))
-        last = list(deform_sequence(task, poses, vertices=300))[-1]
-        single = deform(replace(task, handles=poses[-1]), vertices=300)
-        assert last.facts.followed
-        assert np.abs(last.vertices - single.vertices).max() < 3e-3 * mesh.diagonal
 
 
 def test_targets_alone_keep_the_rotations_of_the_task():

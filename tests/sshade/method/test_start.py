@@ -50,11 +50,6 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
     assert np.abs(found.vertices - alone.vertices).max() < 1e-4 * task.mesh.diagonal
 
 
-def test_the_seed_chooses_the_coarser_proxy_and_nothing_else_does(task, always):
-    one, same, other = (solve(task, seed=seed).vertices for seed in (1, 1, 2))
-    assert np.array_equal(one, same) and not np.array_equal(one, other)
-
-
 @pytest.mark.parametrize(
     ("smallest", "step", "guess"),
     [(10_000, 1000, False), (100, 3, False), (100, 1000, True)],

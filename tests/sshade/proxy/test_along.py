@@ -33,7 +33,7 @@ def rod_bent(V: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("origin", [0.0, 1e4])
-@pytest.mark.parametrize("mesh", [BALL, icosphere(0), t_fin(), icosphere(5)], ids=lambda mesh: f"{mesh.n}")
+@pytest.mark.parametrize("mesh", [BALL, icosphere(0), t_fin()], ids=lambda mesh: f"{mesh.n}")
 def test_rigid_motions_are_exact_and_at_rest_nothing_moves(mesh, origin):
     mesh = Mesh(mesh.V + origin, mesh.F)
     X = np.concatenate([around() + origin, mesh.V])
@@ -81,15 +81,6 @@ def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_
     moved = move_along(fine, DeformationResult(posed, 1, True), X)
     assert np.array_equal(move_along(fine, posed, X[-7:]), moved[-7:])
     assert abs(moved[: fine.n] - posed).max() < 0.005 * fine.diagonal
-
-
-def test_triangles_without_area_are_allowed():
-    V = np.concatenate([BALL.V, BALL.V[:1], BALL.V[:1]])
-    mesh = Mesh(V, np.concatenate([BALL.F, [[0, BALL.n, BALL.n + 1]]]))
-    assert abs(move_along(mesh, V, around()) - around()).max() < 1e-12
-    assert np.isfinite(move_along(mesh, V * [1, 1, 0], around())).all()
-    line = Mesh(np.arange(3.0)[:, None] * [1, 0, 0], [[0, 1, 2]])
-    assert move_along(line, line.V, line.V) == pytest.approx(line.V)
 
 
 def test_no_points_are_allowed():

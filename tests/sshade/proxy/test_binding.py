@@ -30,26 +30,6 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
-def test_samples_follow_their_proxy_vertices_where_the_proxy_turns_little():
-    """Frames do not interpolate: a sample may miss its vertex of N', at most by the stretch of triangles."""
-    binding = bind(BUMPY, BUMPY.n // 3)
-    for amount in (1e-2, 1e-3):
-        NV = bent(binding.proxy.V, amount)
-        V, _ = binding.carry(NV)
-        longest = np.linalg.norm(np.diff(binding.proxy.V[binding.proxy.edges], axis=1), axis=2).max()
-        assert np.linalg.norm(V[binding.sampling.samples] - NV, axis=1).max() <= 12 * amount * longest
-        assert np.abs(V - bent(BUMPY.V, amount)).max() <= 12 * amount * longest
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("exponent", [-40, 3, 40])
-def test_scaling_by_a_power_of_two_changes_no_bit(kind, exponent):
-    scale = 2.0**exponent
-    a, b = bind(BUMPY, 80, frames=kind), bind(Mesh(BUMPY.V * scale, BUMPY.F), 80, frames=kind)
-    NV = bent(a.proxy.V)
-    assert np.array_equal(a.carry(NV)[0] * scale, b.carry(NV * scale)[0])
-
-
 def test_a_frame_function_is_given_at_the_vertices_of_the_mesh():
     a, b = bind(BUMPY, 80, frame_function=7 * BUMPY.V[:, 2] + 1), bind(BUMPY, 80, frame_function="z")
     steep = np.abs(a.frames.L - b.frames.L).max(axis=(1, 2)) < 1e-9

@@ -86,31 +86,6 @@ def test_decoding_follows_the_definition():
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
-@pytest.mark.parametrize("most", [0.5, np.pi / 2])
-def test_the_two_sides_of_an_edge_agree(kind, most):
-    """A point on an edge of the proxy moves to the same place from either triangle of the edge."""
-    proxy = bumpy(2)
-    rng, sides = np.random.default_rng(2), []
-    pairs = np.stack([proxy.F, np.roll(proxy.F, -1, axis=1)], axis=2).reshape(-1, 2)
-    face, corner = np.divmod(np.arange(len(pairs)), 3)
-    order = np.lexsort(np.sort(pairs, axis=1).T)
-    w = np.repeat(rng.uniform(0, 1, len(order) // 2), 2)
-    for first in (0, 1):
-        i = order[first::2]
-        barycentric = np.zeros((len(i), 3))
-        up = pairs[i, 0] < pairs[i, 1]
-        share = np.where(up, w[::2], 1 - w[::2])
-        barycentric[np.arange(len(i)), corner[i]] = share
-        barycentric[np.arange(len(i)), (corner[i] + 1) % 3] = 1 - share
-        sides.append(Projection(face[i], barycentric, np.zeros(len(i))))
-    frames = BlendedFrames(proxy, stretch=kind == "blended_affine")
-    NV, R = bent(proxy.V, 0.5) + 0.05 * rng.normal(size=proxy.V.shape), turns(proxy.n, most=most)
-    offsets = 0.1 * rng.normal(size=(len(w) // 2, 3))
-    one, two = (frames.decode(offsets, NV, on=side, rotations=R)[0] for side in sides)
-    np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
-
-
 def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
     """Two corners have half turns about nearly the same axis.
 

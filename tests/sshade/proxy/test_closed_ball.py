@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.proxy.closed_ball import count_unions, refinements
-from sshade.proxy.fronts import Fronts, farthest_point_sampling
+from sshade.proxy.fronts import farthest_point_sampling
 from tests.shapes import double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 MESHES = {
@@ -110,24 +110,3 @@ def test_unions_are_counted_and_fail_as_the_definition_says(name, voronoi, seed,
     assert dict(enumerate(found.trace.tolist())) == dict.fromkeys(range(len(found.trace)), 1) | trace
     joined = zip(map(tuple, found.pairs.tolist()), found.arcs.tolist(), strict=True)
     assert {pair: count for pair, count in joined if count} == arcs
-
-
-def test_a_single_cell_fails_at_its_farthest_vertex():
-    mesh = MESHES["sphere"]
-    fronts = Fronts(vertex_graph(mesh), np.array([0]))
-    vertices, failed = refinements(mesh.F, fronts)
-    assert failed.tolist() == [0]
-    assert vertices.tolist() == [int(np.argmax(fronts.distance))]
-
-
-def test_only_the_trace_finds_a_cell_across_a_strip():
-    # The Euler characteristic leaves the boundary out and accepts bands across a strip.
-    mesh = strip(12, 2)
-    cell = np.repeat([0, 1, 2, 3], [9, 9, 9, 12])
-    fronts = cells_of(mesh, np.array([0, 9, 18, 27]), cell, np.linspace(1, 2, mesh.n))
-    no_disc, no_arc = failing_unions(mesh, cell)
-    assert not no_disc and no_arc >= {(1,), (2,)}
-    vertices, failed = refinements(mesh.F, fronts)
-    assert {1, 2} <= set(failed.tolist())
-    border = set(mesh.boundary_edges.ravel().tolist())
-    assert len(vertices) and set(vertices.tolist()) <= border

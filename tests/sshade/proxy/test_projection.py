@@ -57,15 +57,6 @@ def test_vertices_go_to_the_nearest_point_of_the_fan_of_their_sample(bound):
     assert np.allclose(gap, projection.distance, rtol=0, atol=1e-14 * mesh.diagonal)
 
 
-def test_samples_lie_on_themselves(bound):
-    mesh, result, proxy, projection = bound
-    at = projection.barycentric[result.samples]
-    assert not projection.distance[result.samples].any()
-    assert np.array_equal(at.max(axis=1), np.ones(proxy.n))
-    corner = proxy.F[projection.face[result.samples], at.argmax(axis=1)]
-    assert np.array_equal(corner, np.arange(proxy.n))
-
-
 def test_only_the_own_fan_counts_where_two_sheets_touch():
     """A vertex of the first sheet is projected onto the first sheet even if the second sheet is nearer."""
     sheet = strip(6, 6)

@@ -67,12 +67,6 @@ def test_the_proxy_is_valid_for_any_seed_and_size(name, seed, k):
     assert_valid_proxy(mesh, sample_proxy(mesh, min(k, mesh.n), seed=seed))
 
 
-def test_all_vertices_as_samples_give_the_mesh_back(small_body):
-    result = sample_proxy(small_body, small_body.n, seed=3)
-    assert result.rounds == result.added == 0 and not result.distance.any()
-    assert turned(result.samples[result.faces].tolist()) == turned(small_body.F.tolist())
-
-
 @pytest.mark.parametrize("k", [30, 31, 120])
 def test_prescribed_samples_come_first_and_in_order(body, k):
     first = np.argsort(np.linalg.norm(body.V - body.V[17], axis=1))[:30]

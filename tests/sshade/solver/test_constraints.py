@@ -110,12 +110,6 @@ def test_gradients_are_the_differences_also_by_ranges(name, monkeypatch):
     np.testing.assert_array_equal(gradients_of(mesh, V), whole)
 
 
-def test_a_triangle_of_no_area_pulls_at_nothing():
-    mesh, V = bumpy(1), bumpy(1).V.copy()
-    V[mesh.F[0]] = V[mesh.F[0, 0]]
-    assert np.isfinite(gradients_of(mesh, V)).all()
-
-
 def test_the_gradient_of_the_area_is_continuous_where_a_triangle_collapses():
     mesh = bumpy(1)
     corner, a, b = mesh.F[0]
@@ -277,20 +271,6 @@ def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
 # --- weights
 
 
-def test_a_growing_weight_leads_from_the_free_shape_to_the_exact_one():
-    options = {"tolerance": 1e-9, "max_iterations": 20000}
-    free, exact = solve(BAR, (0, 0), **options), solve(BAR, (inf, 0), **options)
-    path = [solve(BAR, (weight, 0), **options) for weight in (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e3, 1e6)]
-    errors = [free.volume_error, *(s.volume_error for s in path), exact.volume_error]
-    energies = [free.energy, *(s.energy for s in path), exact.energy]
-    assert all(a > b for a, b in zip(errors, errors[1:], strict=False))
-    assert all(a < b for a, b in zip(energies, energies[1:], strict=False))
-    gap = [np.abs(s.positions - exact.positions).max() for s in path]
-    assert all(a > b for a, b in zip(gap, gap[1:], strict=False))
-    assert gap[-1] < 1e-5 * BAR.mesh.diagonal and errors[-2] < 1e-6
-    assert {s.volume_constraint for s in path} == {"weighted"}
-
-
 def test_the_energy_has_the_penalty_in_it():
     naive = Naive(BAR, "spokes_and_rims")
     solution = solve(BAR, (0.4, 0.2))
@@ -312,13 +292,12 @@ def test_targets_at_rest_leave_a_sphere_at_rest_although_its_gradients_are_paral
     assert np.abs(solution.positions - sphere.V).max() < 1e-12
 
 
-@pytest.mark.parametrize("area", [1.0, 5.0, 20.0, inf])
-def test_solves_between_scattered_handles_that_collapse_triangles_converge(area):
+def test_solves_between_scattered_handles_that_collapse_triangles_converge():
     mesh, rng = bumpy(3), np.random.default_rng(0)
     index = rng.choice(mesh.n, 20, replace=False)
     handles = Handles(index, mesh.V[index] + 0.1 * mesh.diagonal * rng.normal(size=(20, 3)))
     task = DeformationTask("scattered", mesh, handles)
-    options = {"volume": inf, "area": area, "stiffness": 0.06, "strain": 0.0125, "start": "rigid"}
+    options = {"volume": inf, "area": inf, "stiffness": 0.06, "strain": 0.0125, "start": "rigid"}
     result = local_global(task, max_iterations=200, **options)
     assert result.converged
     assert (Mesh(result.vertices, mesh.F).face_areas < 0.05 * mesh.face_areas).any()

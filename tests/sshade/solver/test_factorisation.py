@@ -60,13 +60,6 @@ def test_matrices_without_halves_and_of_single_columns(monkeypatch, Q):
     assert factorisation_of_Q.halves in ((0, 0), (20, 40))
 
 
-def test_fill_is_that_of_a_symmetric_ordering():
-    """A column ordering stores L and U with more entries each than this L alone."""
-    Q = system(bumpy(4))
-    lu = sp.linalg.splu(sp.csc_matrix(Q))
-    assert len(Factorisation(Q).factors[2]) < 0.5 * (lu.L.nnz + lu.U.nnz)
-
-
 def test_nothing_to_solve():
     assert Factorisation(sp.csr_array((0, 0))).solve(np.empty((0, 3))).shape == (0, 3)
 

@@ -101,10 +101,3 @@ def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attach
     assert weaker_pull.energy == pytest.approx(expected.energy, rel=1e-9)
     assert np.abs(weaker_pull.positions - expected.positions).max() < 1e-6 * BAR.diagonal
     assert np.abs(weaker_pull.positions - full.positions).max() > 1e-4 * BAR.diagonal
-
-
-def test_no_iterations_leave_the_shape(solver, attachment):
-    following = begun(solver, attachment)
-    before = following.solve(**at(attachment, 0.2), tolerance=1e-6)
-    after = following.solve(**at(attachment, 0.2), max_iterations=0)
-    assert after.iterations == 0 and np.array_equal(after.positions, before.positions)

@@ -69,29 +69,16 @@ def solve(task: DeformationTask, *, multigrid: bool, energy="spokes_and_rims", *
     return solver.solve(task.handles.target, **options)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        pytest.param({"volume": np.inf}, marks=pytest.mark.full),
-        pytest.param(EXACT, marks=pytest.mark.full),
-        {**SOFT, "volume": np.inf, "area": 1.0},
-    ],
-)
 @pytest.mark.parametrize("name", TASKS)
-def test_a_cycle_ends_in_the_minimum_that_a_factorisation_finds(name, options):
-    task, found = TASKS[name], []
-    for multigrid in (False, True):
-        limits = {"tolerance": 1e-7, "max_iterations": 3000}
-        found.append(solve(task, multigrid=multigrid, **limits, **options))
-    exact, cycle = found
+def test_a_cycle_ends_in_the_minimum_that_a_factorisation_finds(name):
+    task, options = TASKS[name], {**SOFT, "volume": np.inf, "area": 1.0}
+    limits = {"tolerance": 1e-7, "max_iterations": 3000}
+    exact, cycle = (solve(task, multigrid=multigrid, **limits, **options) for multigrid in (False, True))
     assert exact.converged and cycle.converged
     assert cycle.energy == pytest.approx(exact.energy, rel=1e-4)
     assert np.abs(cycle.positions - exact.positions).max() < 2e-3 * task.mesh.diagonal
     assert cycle.volume_constraint == exact.volume_constraint
     assert cycle.area_constraint == exact.area_constraint
-    if options.get("area") == np.inf:
-        assert cycle.area_error < 1e-6
     hard = task.handles.hard
     assert np.array_equal(cycle.positions[task.handles.index[hard]], task.handles.target[hard])
 
@@ -169,14 +156,3 @@ def test_each_column_is_as_near_as_asked_for(name, tolerance):
     # single precision, cotangents of 1e5 beside cotangents of 1 leave three digits.
     single = 0.1 if name == "faces without area" else 1e-5
     assert (left < max(tolerance / np.sqrt(1 - CASES[name][2]), single)).all()
-
-
-def test_what_is_factorised_itself_is_solved_exactly():
-    A, B, X, _ = solved("boundary", 0.1, coarsest=10**6)
-    assert np.abs(A @ X - B).max() < 1e-10 * np.abs(B).max()
-
-
-def test_bits_of_conjugate_gradients_do_not_depend_on_threads(monkeypatch):
-    monkeypatch.setattr("sshade.core.threads.ROWS", 100)
-    one, two = (solved("closed, few handles", 1e-2, workers=workers)[2] for workers in (1, 3))
-    assert np.array_equal(one, two)

@@ -105,12 +105,6 @@ def test_what_is_small_or_does_not_coarsen_is_factorised():
         assert np.abs(Q[~held][:, ~held] @ cycle(multigrid, held, x) - x).max() < 1e-11
 
 
-def test_nothing_free():
-    A, held = matrix("closed, few handles")
-    held = np.ones_like(held)
-    assert cycle(Multigrid(A, held, coarsest=10), held, np.empty((0, 3))).shape == (0, 3)
-
-
 def test_not_positive_definite():
     A, held = matrix("closed, few handles")
     with pytest.raises(FloatingPointError, match="not positive"):
