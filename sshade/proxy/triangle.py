@@ -11,9 +11,9 @@ normalised; with its length in L, a stretch of the triangle along g would be inv
 with determinant -1, which cancels between the frames at rest and deformed.
 
 Affine frames stretch with the triangle, where rigid frames only turn. A triangle with first corner a, edges
-e1, e2 and unit normal n, deformed to a', e1', e2', n', defines an affine map with the linear part
-A = [e1' e2' n'] [e1 e2 n]^-1:
+e1, e2 and unit normal n, deformed to a', e1', e2', n', defines an affine map with the linear part A:
 
+    A = [e1' e2' n'] [e1 e2 n]^-1
     x' = a' + A (x - a) .
 
 In the plane of the triangle the map interpolates the corners linearly, so that neighbouring triangles agree
