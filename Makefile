@@ -7,7 +7,8 @@
 # make gallery      the pictures of the README and of docs/gallery.md (ten minutes)
 # make verify       the paper's numbers beside yours, on your copies: FAUST=DIR TOSCA=DIR (15 hours for FAUST; go on
 #                   with the same command)
-# make docs         the documentation as a site, out/site; all its examples run (five minutes)
+# make docs         the documentation as a site, out/site; all its examples run (five minutes); pages link to
+#                   the repository at REPOSITORY=https://...
 # make release      wheel, source archive, site, Blender extension and dataset with its card in dist; nothing is
 #                   uploaded (ten minutes)
 # The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench needs a quiet machine.

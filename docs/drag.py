@@ -23,9 +23,8 @@ RATE, SECONDS, WIDTH, COLOURS = 12.5, 10.0, 560, 48
 #: Landmarks with handles, and the radius of a group in metres. The last two groups are dragged.
 GROUPS, RADIUS = ("forefoot_r", "hindfoot_l", "hindfoot_r", "forefoot_l", "nose"), 0.022
 PAW, NOSE = 3, 4
-#: Places of a dragged group: time in seconds, shift in metres, and angles in degrees about x, y and z.
-Way = list[tuple[float, tuple[float, float, float], tuple[float, float, float]]]
-PATHS: dict[int, Way] = {
+#: Places of each dragged group: time in seconds, shift in metres, and angles in degrees about x, y and z.
+PATHS = {
     PAW: [
         (0.6, (0, 0, 0), (0, 0, 0)),
         (1.8, (0, 0.12, 0.1), (-90, 0, 0)),
@@ -36,8 +35,7 @@ PATHS: dict[int, Way] = {
     NOSE: [
         (5.2, (0, 0, 0), (0, 0, 0)),
         (6.3, (0.12, 0.02, -0.02), (0, 55, 0)),
-        (7.6, (0.05, 0.08, 0.0), (-20, 20, 0)),
-        (8.3, (0.05, 0.08, 0.0), (-20, 20, 0)),
+        (7.9, (0.05, 0.08, 0.0), (-20, 20, 0)),
     ],
 }
 #: Rate of decay and frequency, in 1/s, of a group that was let go.
@@ -56,7 +54,7 @@ def cat() -> tuple[Mesh, list[np.ndarray]]:
     return mesh, [np.flatnonzero(np.linalg.norm(mesh.V - at, axis=1) < RADIUS) for at in places]
 
 
-def place(path: Way, time: float) -> np.ndarray:
+def place(path: list, time: float) -> np.ndarray:
     """Return the shift and the angles (6,) of a group at a time."""
     times, values = np.array([step[0] for step in path]), np.array([(*step[1], *step[2]) for step in path])
     after = time - times[-1]
@@ -106,7 +104,7 @@ def main() -> None:
     some = np.concatenate([np.asarray(picture) for picture in pictures[::25]])
     palette = Image.fromarray(some).quantize(COLOURS, kmeans=1)
     colours = np.reshape(palette.getpalette(), (-1, 3))
-    colours[colours.sum(axis=1).argmax()] = 255  # so that the background is white
+    colours[palette.getpixel((0, 0))] = 255  # so that the background is white
     palette.putpalette(colours.ravel().tolist())
     first, *others = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     first.save(PICTURE, save_all=True, append_images=others, duration=round(1000 / RATE), loop=0)

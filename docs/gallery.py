@@ -118,8 +118,8 @@ README = ("million", "clothes", "cat", "horse", "cactus", "parts")
 def run(command: str, folder: Path) -> float:
     """Run a command in a folder; return its time in seconds."""
     begin = perf_counter()
-    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environ = os.environ | {"PATH": programs}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environ = os.environ | {"PATH": path}
     subprocess.run(command, shell=True, cwd=folder, env=environ, check=True, capture_output=True)
     return perf_counter() - begin
 
@@ -185,8 +185,7 @@ def drawn(example: Example, folder: Path, size: tuple[int, int]) -> Image.Image:
 
 def save(image: Image.Image, path: Path) -> None:
     """Write a picture of few colours."""
-    small = image.quantize(COLOURS, kmeans=1, dither=Image.Dither.NONE)
-    small.save(path, optimize=True)
+    image.quantize(COLOURS, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
     say(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
@@ -228,8 +227,7 @@ def main(folder: Path) -> None:
         sections.append(section(name, folder, seconds))
         pictures[name] = picture
     save(titled({EXAMPLES[name].title: pictures[name] for name in README}), FIGURES / "gallery.png")
-    facts = environment(jobs=1)
-    sections.append(f"Machine of the times: {facts['machine']}.")
+    sections.append(f"Machine of the times: {environment(jobs=1)['machine']}.")
     fill(PAGE, "examples", "\n\n".join(sections))
 
 

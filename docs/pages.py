@@ -55,9 +55,6 @@ HALVES = {"Held-out": "held-out cases", "Tuning": "tuning cases", "Cases of neit
 #: Part of the heading of a table of differences.
 DIFFERENCE = ": difference to "
 
-#: Rows of tables that are not methods.
-REFERENCES = ("identity",)
-
 
 def filled(text: str, results: Path = ROOT / "results", *, link: str = "results") -> str:
     """Return a page's text with its blocks rewritten; `link` is the path from the page to the results."""
@@ -172,7 +169,7 @@ def columns_of(grid: list[list[str]], headings: list[str], *, path: Path, chosen
     """Return the named columns of a table as Markdown, of all methods or the chosen ones."""
     head, _, *body = grid
     places = [head.index(heading) for heading in ["method", *headings]]
-    cells = [[line[place] for place in places] for line in body if line[0] not in REFERENCES]
+    cells = [[line[place] for place in places] for line in body if line[0] != "identity"]
     if chosen:
         if missing := {*chosen} - {line[0] for line in cells}:
             raise ValueError(f"{path} has no method {', '.join(sorted(missing))}")

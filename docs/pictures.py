@@ -25,28 +25,28 @@ from defaust.example import write_example
 from defaust.sources.generated.lattices import bar
 from defaust.sources.generated.motions import Twist
 from defaust.tasks import load_task
+from docs.gallery import Vector, save
 from eval.metrics import Deformed
 from eval.publish.plotting import picture
 from sshade import DeformationTask, Handles, Mesh, deform
-from sshade.core.console import say
 from sshade.plotting.pictures import View
 
 FIGURES, DATA = Path(__file__).with_name("figures"), Path(__file__).parents[1] / "data"
-#: Width of a shape in pixels, and number of colours of a picture.
-WIDTH, COLOURS = 220, 160
-#: Largest bend of the scale of colours, in degrees; CROSSINGS colours the faces that intersect others.
+#: Width of a shape in pixels.
+WIDTH = 200
+#: In place of the largest bend of the scale of colours: no colours, and those of faces that intersect others.
 PLAIN, CROSSINGS = 0.0, -1.0
 #: Flags of Chromium on a machine without a graphics card.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-#: Handles of the picture of the editor.
+#: Motion of the hand in the picture of the editor, a quarter turn, and all handles.
+HAND = {"translation": [0.12, 0.55, 0.1], "rotation": [0, 0, 0.7071, 0.7071], "center": "centroid"}
 EDITED = {
     "handles": [
         {"name": "feet", "kind": "fixed", "boxes": [[[-1, -0.1, -1], [1, 0.09, 1]]]},
         {"name": "head", "kind": "fixed", "boxes": [[[-1, 1.6, -1], [1, 2, 1]]]},
-        {"name": "hand", "boxes": [[[0.53, 0.8, -1], [1, 1.2, 1]]], "translation": [0.1, 0.5, 0.1]},
+        {"name": "hand", "boxes": [[[0.53, 0.8, -1], [1, 1.2, 1]]], **HAND},
     ]
 }
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,7 @@ def main(names: list[str]) -> None:
     for name in names or PICTURES:
         made = PICTURES[name]()
         image = drawn(made) if isinstance(made, Row) else made
-        path = FIGURES / f"{name}.png"
-        image.quantize(COLOURS, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
-        say(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+        save(image, FIGURES / f"{name}.png")
 
 
 if __name__ == "__main__":

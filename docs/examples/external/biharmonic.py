@@ -38,23 +38,13 @@ def bilaplacian(V, F):
     return (L @ diags_array(1 / area) @ L).tocsc()
 
 
-def rigid_motion(source, target):
-    """Return the rotation R and translation t for which ``source @ R + t`` is nearest to the target."""
-    middle, goal = source.mean(axis=0), target.mean(axis=0)
-    U, _, Vt = np.linalg.svd((source - middle).T @ (target - goal))
-    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
-    return U @ Vt, goal - middle @ U @ Vt
-
-
 def deform(V, F, index, target):
-    """Return the deformed positions: the best rigid motion of the handles, and a smooth displacement."""
-    R, t = rigid_motion(V[index], target)
-    P = V @ R + t
-    displacement = target - P[index]
+    """Return the deformed positions: rest shape and a smooth displacement."""
     Q = bilaplacian(V, F)
     free = np.setdiff1d(np.arange(len(V)), index)
+    P = V.copy()
     P[index] = target
-    P[free] -= splu(Q[free][:, free]).solve(Q[free][:, index] @ displacement)
+    P[free] -= splu(Q[free][:, free]).solve(Q[free][:, index] @ (target - V[index]))
     return P
 
 
