@@ -20,8 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from defaust.build.options import OPTIONS, BuildOptions
 from defaust.schema import mismatch
 from defaust.sources.source import Source
-from sshade.core.errors import InputError
-from sshade.problem.options import meant
+from sshade.core.errors import InputError, meant
 
 _PACKAGE = Path(__file__).resolve().parent
 _SHIPPED = _PACKAGE / "conf"

@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines.iteration import handle_error
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
@@ -145,7 +145,8 @@ def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
     count = int(component.max()) + 1
     without = count - len(np.unique(component[nodes]))
     if without:
-        raise InputError(f"{without} of the {count} components of the coarse volume have no handle")
+        of = f"of the {count} components of the coarse volume"
+        raise InputError(f"{counted(without, f'{of} has', f'{of} have')} no handle")
 
 
 def on_targets(

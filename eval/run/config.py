@@ -23,8 +23,7 @@ from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.environment import task_checksum
 from eval.run.targets import check_parameters, instantiate, locate, parameter_hints
-from sshade.core.errors import InputError
-from sshade.problem.options import meant
+from sshade.core.errors import InputError, meant
 
 #: Settings that identify a case of a dataset. A sweep also takes `all` in place of numbers.
 CASE = ("subject", "pose")

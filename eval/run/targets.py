@@ -20,8 +20,8 @@ from functools import partial
 from typing import Any
 
 from eval import PACKAGES
-from sshade.core.errors import InputError
-from sshade.problem.options import checked, meant
+from sshade.core.errors import InputError, meant
+from sshade.problem.options import checked
 
 #: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note", "version")

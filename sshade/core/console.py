@@ -14,14 +14,13 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
 from typing import NamedTuple, NoReturn
 
-from sshade.core.errors import InputError, reason
+from sshade.core.errors import InputError, meant, reason
 from sshade.core.progress import Progress, silent
 
 #: Extra that brings a library of this package, by the module that is imported.
@@ -34,13 +33,7 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         unknown = re.match("unrecognized arguments: .*?(--[^ =]+)", message)
         near = "" if unknown is None else meant(unknown[1], self._option_string_actions)
-        raise InputError(f"{message}{near}; see `{self.prog} --help`")
-
-
-def meant(word: str, known: Iterable[str]) -> str:
-    """Return a question about the word that is nearest to an unknown one; "" if none is near."""
-    near = get_close_matches(word, known, n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+        raise InputError(message + (near or f"; see `{self.prog} --help`"))
 
 
 def add_help_all(parser: argparse.ArgumentParser, usual: Collection[str]) -> None:
@@ -285,8 +278,8 @@ class Program(NamedTuple):
             On a mistake in the arguments or in a named file.
         """
         if name not in self.commands:
-            near = meant(name, self.commands) or f"; use {self.name} {'|'.join(self.commands)}"
-            raise InputError(f"{name!r} is no command{near}; see `{self.name} --help`")
+            known = f"; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`"
+            raise InputError(f"{name!r} is no command{meant(name, self.commands) or known}")
         module = import_module(self.commands[name][0])
         if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
             sys.argv[:] = [f"{self.name} {name}", *arguments]

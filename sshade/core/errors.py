@@ -1,5 +1,10 @@
 """The exception for mistakes in the input, and the words of its messages."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class InputError(ValueError):
     """Input that cannot be used as it is.
@@ -12,6 +17,12 @@ class InputError(ValueError):
 def counted(number: int, one: str, several: str) -> str:
     """Return a number with a word: ``1 proxy``, ``2 proxies``."""
     return f"{number} {one if number == 1 else several}"
+
+
+def meant(word: object, known: Iterable[str]) -> str:
+    """Return a question about the known word that is nearest to an unknown one; "" if none is near."""
+    near = get_close_matches(str(word), known, n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def reason(error: OSError) -> str:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from difflib import get_close_matches
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
-from sshade.files.compact import unpacked
+from sshade.core.errors import InputError, meant
 
 #: Users' own keys begin with this character, and are ignored.
 OWN = "_"
@@ -26,9 +24,8 @@ def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[st
     for key in keys:
         if key not in known and key not in ignored and not str(key).startswith(OWN):
             short = str(key)[:LONGEST]
-            near = get_close_matches(short, known, n=1, cutoff=0.0)[0]
-            meant = f'did you mean "{near}"? Keys of your own begin with {OWN}'
-            raise InputError(f"there is no key {json.dumps(short)}; {meant}")
+            hint = meant(short, known) or f"; the keys are {', '.join(known)}."
+            raise InputError(f"there is no key {json.dumps(short)}{hint} Keys of your own begin with {OWN}")
 
 
 def decoded(content: bytes) -> str:
@@ -95,17 +92,14 @@ def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def as_ids(values: Any, name: str) -> np.ndarray:
-    """Convert a list of vertex ids, or its compact form, to a (k,) int64 array.
+    """Convert a list of vertex ids to a (k,) int64 array.
 
     Raises
     ------
     InputError
         When it is no list of integers, or empty.
     """
-    if isinstance(values, dict):
-        values = unpacked(values, name)
-    else:
-        require_numbers(values, name, 1)
+    require_numbers(values, name, 1)
     try:
         ids = np.asarray(values)
     except (ValueError, OverflowError):  # lists of several lengths, and integers of many digits
@@ -139,8 +133,7 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
 
     Parameters
     ----------
-    values : list or dict
-        Lists, or their compact form.
+    values : list
     name, form : str
         Name of the list and its form, for messages.
     shape : tuple
@@ -151,10 +144,7 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     InputError
         When the numbers have another shape or are not finite.
     """
-    if isinstance(values, dict):
-        values = unpacked(values, name)
-    else:
-        require_numbers(values, name, len(shape))
+    require_numbers(values, name, len(shape))
     try:
         array = np.asarray(values, dtype=np.float64)
     except OverflowError as error:
@@ -171,7 +161,7 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
 
 def require_numbers(values: Any, name: str, depth: int) -> None:
     """Raise InputError if lists of lists, `depth` deep, hold a text, true, false or null."""
-    flat = values
+    flat: Iterable[Any] = values if isinstance(values, list) else []
     try:
         for _ in range(depth - 1):
             flat = chain.from_iterable(flat)

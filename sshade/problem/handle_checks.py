@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 
 #: Largest difference between two equal targets of one vertex, as a fraction of the diagonal.
 SAME_TARGET = 1e-6
@@ -51,7 +51,7 @@ def checked_target(target: Any, index: np.ndarray) -> np.ndarray:
     """Return targets (k, 3) of the vertices `index`; raise InputError if they are not finite."""
     target = np.asarray(target, dtype=np.float64)
     if target.shape != (len(index), 3):
-        raise InputError(f"{len(index)} handles need targets of shape ({len(index)}, 3), not {target.shape}")
+        raise InputError(f"{_need(len(index))} targets of shape ({len(index)}, 3), not {target.shape}")
     finite = np.isfinite(target).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
@@ -72,7 +72,7 @@ def per_handle(values: Any, default: Any, dtype: Any, k: int, name: str) -> Any:
         what = "True or False" if dtype is bool else "whole numbers"
         raise InputError(f"`{name}` must be {what}, not {given[given != values].flat[0]}")
     if values.shape != (k,):
-        raise InputError(f"{k} handles need `{name}` of shape ({k},), not {values.shape}")
+        raise InputError(f"{_need(k)} `{name}` of shape ({k},), not {values.shape}")
     return values
 
 
@@ -92,7 +92,7 @@ def checked_rotation(rotation: Any, k: int) -> np.ndarray | None:
         return None
     R = np.array(rotation, dtype=np.float64)
     if R.shape != (k, 3, 3):
-        raise InputError(f"{k} handles need rotations of shape ({k}, 3, 3), not {R.shape}")
+        raise InputError(f"{_need(k)} rotations of shape ({k}, 3, 3), not {R.shape}")
     require_rotations(R[~np.isnan(R).all(axis=(1, 2))])
     return R
 
@@ -118,15 +118,18 @@ def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray
             bad = int(np.argmax(gap))
             vertex, apart = index[bad], f"{gap[bad]:.3g}"
             raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
-        advice = "give each handle vertex one weight, or none"
-        _refuse(index[np.isinf(weight) != np.isinf(weight[earlier])], f"is hard and soft; {advice}")
-        _refuse(index[weight != weight[earlier]], f"has two weights; {advice}")
+        differ = weight != weight[earlier]
+        _refuse(index[differ], "has two weights; give each handle vertex one weight, or none")
         if rotation is not None:
             other = rotation[earlier]
             gap = np.abs(rotation - other).max(axis=(1, 2))
             differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(other)).any(axis=(1, 2))
             _refuse(index[differ], "has two rotations, or is given with a rotation and without; give it one")
     return np.sort(first)
+
+
+def _need(k: int) -> str:
+    return counted(k, "handle needs", "handles need")
 
 
 def _refuse(vertices: np.ndarray, found: str) -> None:

@@ -124,7 +124,8 @@ class Handles:
         return len(self.index)
 
     def __repr__(self) -> str:
-        return f"<Handles: {len(self)} vertices, {int(self.dynamic.sum())} of them moved>"
+        vertices = counted(len(self), "vertex", "vertices")
+        return f"<Handles: {vertices}, {int(self.dynamic.sum())} of them moved>"
 
     @property
     def hard(self) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from functools import cache
 from inspect import cleandoc
 from math import inf
@@ -18,7 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, meant
 
 Energy = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]
@@ -314,12 +313,6 @@ class Option(NamedTuple):
         above = value > low if self.interval[0] == "(" else value >= low
         below = value < high if self.interval[-1] == ")" else value <= high
         return above and below and (self.kind == "float" or value.is_integer())
-
-
-def meant(name: Any, names: Iterable[str]) -> str:
-    """Return a hint to the known name that is most like a name; empty if none is."""
-    near = get_close_matches(str(name), names, n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 @cache

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.threads import in_ranges
 from sshade.mesh.mesh import Mesh, bounds
 from sshade.mesh.rigid import rigid_motion
@@ -57,9 +57,7 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
     return np.flatnonzero(inside)
 
 
-def snap_to_vertices(
-    mesh: Mesh, source: np.ndarray, group: np.ndarray, *, item: str = ""
-) -> tuple[np.ndarray, np.ndarray]:
+def snap_to_vertices(mesh: Mesh, source: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances (k,) float64 of positions to their nearest vertices, and the vertices (k,) int64.
 
     Parameters
@@ -70,8 +68,6 @@ def snap_to_vertices(
         Positions, in the mesh's coordinates.
     group : (k,) int
         Group of each position, for the error message.
-    item : str
-        What `group` counts, such as "mark", if each position is one of its own; by default groups of handles.
 
     Raises
     ------
@@ -83,7 +79,7 @@ def snap_to_vertices(
     near = np.arange(mesh.n) if mesh.n < LARGE else _vertices_around(mesh.V, source)
     distance, place = cKDTree(mesh.V[near]).query(source)
     if distance.max() > FARTHEST_SNAP * mesh.diagonal:
-        _refuse_far(source, distance, group, mesh, item)
+        _refuse_far(source, distance, group, mesh)
     return distance, near[place]
 
 
@@ -189,7 +185,7 @@ def _vertices_around(V: np.ndarray, source: np.ndarray) -> np.ndarray:
     return np.concatenate(in_ranges(flagged, len(V)))
 
 
-def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh, item: str) -> None:
+def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mesh: Mesh) -> None:
     """Raise InputError if positions are too far from the mesh; name the worst and the likely cause."""
     from scipy.spatial import cKDTree
 
@@ -210,9 +206,9 @@ def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mes
     else:
         cause = "mend or remove these, the others are near it"
     number = int((group[:worst] == group[worst]).sum())
-    which = f"{item} {group[worst]}" if item else f"handle {number} of group {group[worst]}"
+    are = counted(far, f"of {len(source)} given by position is", f"of {len(source)} given by position are")
     raise InputError(
-        f"{which} is {distance[worst]:.3g} from the nearest vertex, {distance[worst] / mesh.diagonal:.3g} "
-        f"times the mesh's diagonal; {far} of {len(source)} {item or 'handle'}s "
-        f"given by position are farther than {limit / mesh.diagonal:.2g} times it: {cause}"
+        f"handle {number} of group {group[worst]} is {distance[worst]:.3g} from the nearest vertex, "
+        f"{distance[worst] / mesh.diagonal:.3g} times the mesh's diagonal; {are} farther than "
+        f"{limit / mesh.diagonal:.2g} times it: {cause}"
     )

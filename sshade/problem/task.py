@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, silent
 from sshade.core.shown import Shown
 from sshade.mesh.mesh import Mesh, require_mesh
@@ -55,7 +55,8 @@ class DeformationTask(Shown):
     refuse_unconstrained: bool = False
 
     def __repr__(self) -> str:
-        return f"<DeformationTask {self.name!r}: {self.mesh.n} vertices, {len(self.handles)} handles>"
+        handles = counted(len(self.handles), "handle", "handles")
+        return f"<DeformationTask {self.name!r}: {self.mesh.n} vertices, {handles}>"
 
     def __post_init__(self) -> None:
         require_mesh(self.mesh, "DeformationTask")

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.core.threads import available_cpus
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh, bounds, require_mesh
@@ -100,12 +100,13 @@ def require_near(mesh: Mesh, points: np.ndarray) -> np.ndarray:
         raise InputError(f"point {bad[0]} has a NaN or infinite coordinate")
     low, high = bounds(mesh.V)
     distance, allowed = np.linalg.norm(X - X.clip(low, high), axis=1), FARTHEST * mesh.diagonal
-    if (distance > allowed).any():
+    if far := int((distance > allowed).sum()):
         worst = int(np.argmax(distance))
+        are = counted(far, f"of {len(X)} points is", f"of {len(X)} points are")
         raise InputError(
-            f"{int((distance > allowed).sum())} of {len(X)} points are too far from the box of the mesh: "
-            f"point {worst} by {distance[worst]:.3g}, where {allowed:.3g} is allowed, {100 * FARTHEST:.0f} % "
-            "of the diagonal; leave them out, or check the units"
+            f"{are} too far from the box of the mesh: point {worst} by {distance[worst]:.3g}, where "
+            f"{allowed:.3g} is allowed, {100 * FARTHEST:.0f} % of the diagonal; leave them out, or check the "
+            "units"
         )
     return X
 

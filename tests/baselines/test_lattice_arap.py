@@ -82,5 +82,5 @@ def test_lattice_components_need_handles():
     balls = two_spheres()
     handles = Handles(np.arange(3), balls.V[:3] + [0, 0, 1])
     task = DeformationTask("one", balls, handles)
-    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
+    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume has no handle"):
         lattice_arap(task, cells=30)

@@ -90,7 +90,7 @@ def test_tetrahedra_without_a_handle_are_refused(method):
     balls = two_spheres()
     handles = Handles(np.arange(3), balls.V[:3] + [0, 0, 1])
     task = DeformationTask("one", balls, handles)
-    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume have no handle"):
+    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume has no handle"):
         method(task, samples=200, edge=0.15)
 
 

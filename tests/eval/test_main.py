@@ -23,7 +23,7 @@ def test_each_command_tells_its_arguments_on_a_screen_and_refuses_others(name, h
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [(["tabels"], "'tabels' is no command"), (["tbles"], "did you mean tables?")]
+    ("arguments", "words"), [(["tabels"], "'tabels' is no command"), (["tbles"], "did you mean 'tables'?")]
 )
 def test_no_such_command(arguments, words, here):
     assert_refused("sshade-eval", arguments, words, "tables")

@@ -159,8 +159,8 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["defrom"], "'defrom' is no command (did you mean deform?)"),
-        (["deform", "a.ply", "b.json", "-o", "c.ply", "--wieght", "3"], "(did you mean --weight?)"),
+        (["defrom"], "'defrom' is no command; did you mean 'deform'?"),
+        (["deform", "a.ply", "b.json", "-o", "c.ply", "--wieght", "3"], "; did you mean '--weight'?"),
         (["bend"], "'bend'"),
         (["deform", "body.ply", "pose.json"], "-o/--output; see `sshade deform --help`"),
         (["show", "body.ply", "less.ply", "-o", "a.html"], "less.ply has 3 vertices"),

@@ -66,7 +66,7 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply quick.json -o a.ply": "quick.json, key \"made\": there is no method 'quick' here",
     "deform body.ply flag.json -o a.ply": "repair must be true or false, not 1",
-    "deform body.ply typo.json -o a.ply": 'there is no key "volum"; did you mean "volume"?',
+    "deform body.ply typo.json -o a.ply": "there is no key \"volum\"; did you mean 'volume'?",
     "edit body.ply half.json": "half.json: the editor keeps the volume or not",
     "reconstruct body.ply gone.ply -o a.ply": "gone.ply: no such file",
     "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
