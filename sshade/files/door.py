@@ -75,15 +75,6 @@ class OpenShape:
         """
         return replace(handles, index=self.surface.places(handles.index), extent=self.extent)
 
-    def on_copies(self, handles: Handles) -> Handles:
-        """Convert handles at vertices of the surface to handles at all copies of these vertices."""
-        vertex = self.surface.vertex
-        row = np.full(self.mesh.n + 1, -1)  # the last one is for vertices of no face
-        row[handles.index] = np.arange(len(handles))
-        index = np.flatnonzero(row[vertex] >= 0)
-        index = index[np.argsort(row[vertex[index]], kind="stable")]
-        return handles.sampled(row[vertex[index]], index, self.mesh.V)
-
     def task(
         self,
         name: str,

@@ -144,7 +144,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     InputError
         When a buffer is not a file beside it.
     """
-    text, binary, further = data, None, b""
+    text, binary = data, None
     if data[:4] == _MAGIC:
         if (version := int.from_bytes(data[4:8], "little")) != 2:
             raise InputError(_OTHER_VERSION.format(path, version))
@@ -162,8 +162,6 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
         text = chunks[0][1].rstrip(b"\0")  # some programs pad with zeros in place of blanks
         if len(chunks) > 1 and chunks[1][0] == _BINARY:
             binary = chunks[1][1]
-        rest = chunks[1 if binary is None else 2 :]
-        further = b"".join(_chunk(kind, content) for kind, content in rest)
     try:
         tree = json.loads(decoded(text))
     except InputError as error:
@@ -178,7 +176,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     buffers = [
         _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
     ]
-    return Gltf(path, tree, buffers, further)
+    return Gltf(path, tree, buffers)
 
 
 def _outside(tree: dict[str, Any], kind: str) -> list[dict[str, Any]]:
@@ -324,7 +322,6 @@ def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
     chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
     if tree.get("buffers") and "uri" not in tree["buffers"][0]:
         chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
-    chunks += gltf.further
     return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
 
 
@@ -351,7 +348,7 @@ def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
         "bufferViews": [],
         "buffers": [{"byteLength": 0}],
     }
-    gltf, positions = Gltf(path, tree, [bytearray()], b""), as_floats(V, path)
+    gltf, positions = Gltf(path, tree, [bytearray()]), as_floats(V, path)
     new = NewAccessors(gltf)
     new.add(positions, bounds(positions))
     new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)

@@ -83,10 +83,9 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
 
 def _add_copy(new: NewAccessors, gltf: Gltf, number: int) -> int:
     """Add a copy of an accessor as float32; normalised whole numbers become numbers in [-1, 1]."""
-    accessor, values = gltf.tree["accessors"][number], gltf.dense(number)
+    accessor = gltf.tree["accessors"][number]
+    values = gltf.fractions(number) if accessor.get("normalized") else gltf.dense(number)
     floats = values.astype(np.float32)
-    if values.dtype.kind != "f" and accessor.get("normalized"):
-        floats = np.maximum(floats / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
     kept = {key: value for key, value in accessor.items() if key not in _REPLACED}
     return new.add(floats, kept | bounds(floats, accessor.keys() & {"min", "max"}))
 

@@ -87,14 +87,11 @@ class Gltf(NamedTuple):
     tree : dict
         Its JSON.
     buffers : list of bytes, or of other buffers
-    further : bytes
-        Further chunks of a .glb, of unknown kinds.
     """
 
     source: Path
     tree: dict[str, Any]
     buffers: list[Any]
-    further: bytes
 
     def array(self, number: int) -> np.ndarray:
         """Return a (count, width) view of the numbers of an accessor; writable if the buffers are.
@@ -239,33 +236,23 @@ def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
     roots = None
     if "scenes" in tree:
         roots = {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
-    parent = parents(nodes)
+    parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
     found: dict[int, np.ndarray] = {}
     for number in (number for number, node in enumerate(nodes) if "mesh" in node):
-        chain, matrix = ancestors(number, parent), np.eye(4)
-        for above in chain:
+        above, matrix = number, node_matrix(nodes[number])
+        for _ in nodes:
+            if above not in parent:
+                break
+            above = parent[above]
             matrix = node_matrix(nodes[above]) @ matrix
-        if roots is not None and chain[-1] not in roots:
+        else:
+            raise ValueError("its nodes are their own ancestors")
+        if roots is not None and above not in roots:
             continue
         if not abs(np.linalg.det(matrix[:3, :3])) > 0:
             raise ValueError(f"its node {number} has a scale of zero, which leaves a mesh no volume")
         found[number] = matrix
     return found
-
-
-def parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Return the parent of each node that has one."""
-    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-
-
-def ancestors(number: int, parent: dict[int, int]) -> list[int]:
-    """Return a node and its ancestors, up to the root; raise ValueError if it is its own ancestor."""
-    chain = [number]
-    while chain[-1] in parent:
-        chain.append(parent[chain[-1]])
-        if len(chain) > len(parent) + 1:
-            raise ValueError("its nodes are their own ancestors")
-    return chain
 
 
 def bounds(values: np.ndarray, names: Collection[str] = ("min", "max")) -> dict[str, list[float]]:

@@ -27,7 +27,7 @@ skipped). Without a ``kind``, an entry with a motion is moved. A motion is given
 A ``rotation`` beside ``vertices`` or ``source`` that have a ``target``, or neither a motion nor the kind
 ``moved``, prescribes the rotation of the surface at the handles. A rotation is a matrix of three rows, or
 a unit quaternion [x, y, z, w], as in glTF. A group with a ``weight`` is soft: it is pulled to its targets
-(:class:`sshade.Handles`). Long lists of numbers may have a compact form: see :mod:`sshade.files.compact`.
+(:class:`sshade.Handles`).
 
 ``landmark``, ``static`` and ``dynamic`` are other words for ``name``, ``fixed`` and ``moved``. Unknown keys
 are refused. Keys that begin with ``_`` are ignored, as are keys that this project records.
@@ -73,13 +73,8 @@ NAMES = ("name", "landmark")
 KINDS = {"fixed": False, "moved": True, "static": False, "dynamic": True}
 #: Keys of an entry.
 KEYS = (*NAMES, "kind", *PLACES, "target", *sorted(MOTION), "center", "weight")
-#: Keys that are refused, and the handles that had them.
-REFUSED = {"slide": "handles that slide", "free": "rotations without a position"}
-#: Keys of animations, which are refused.
-ANIMATION = ("frames", "keys")
-#: Keys that this project writes into entries and files, and that readers of handles ignore. "links" is in
-#: files of earlier editors.
-RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made", "links")
+#: Keys that this project writes into entries and files, and that readers of handles ignore.
+RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
 UNIT = 1e-3
 #: Largest amount of the way that handles move.
@@ -213,16 +208,6 @@ def parsed_handle_file(content: bytes, path: str | os.PathLike[str], *, raw: boo
     """
     with naming(path):
         data = parsed_list(content, "handles")
-        if "volumes" in data:
-            raise InputError(
-                'volume goals of parts ("volumes") are no longer supported; use the option volume_goal, '
-                "which is the goal of the whole mesh"
-            )
-        for key in ANIMATION:
-            if key in data:
-                raise InputError(
-                    f'animations ("{key}") are no longer supported; use one handle file for each pose'
-                )
         require_known(data, ("handles",), FILE_RECORDS)
         found = [_checked_group(number, entry, raw=raw) for number, entry in enumerate(data["handles"])]
         groups = tuple(group for group in found if group is not None)
@@ -344,11 +329,6 @@ def _moves(entry: Any) -> bool | None:
     """Return whether the handles of an entry move, None if it is unused; check the keys of its kind."""
     if not isinstance(entry, dict):
         raise InputError("it is no JSON object")
-    for key, what in REFUSED.items():
-        if key in entry:
-            raise InputError(
-                f'{what} ("{key}") are no longer supported; use a soft handle, with a target and a "weight"'
-            )
     require_known(entry, KEYS, RECORDS)
     if entry.get("kind") == "unused":
         return None

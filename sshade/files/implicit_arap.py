@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sshade.core.atomic import naming
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.handwritten import as_points, decoded, parsed_yaml, require_known
 
 
@@ -25,7 +25,9 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray | None]]
     moving = _names(data["handles"], "moving", "positions")
     transforms = _names(data["handles"], "moving", "transform")
     if len(moving) != len(transforms):
-        raise InputError(f"{len(moving)} moving parts have {len(transforms)} transforms; each needs one")
+        parts_have = counted(len(moving), "moving part has", "moving parts have")
+        targets = counted(len(transforms), "transform", "transforms")
+        raise InputError(f"{parts_have} {targets}; each needs one")
     if not static and not moving:
         raise InputError("there are no handles; name at least one static or moving part")
     parts: list[tuple[str, str | None]] = [(name, None) for name in static]
@@ -37,7 +39,8 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray | None]]
             target = _read_points(path.parent / "transforms", transform)
             if len(points) != len(target):
                 raise InputError(
-                    f"part {name} has {len(points)} points, its transform {transform} {len(target)}"
+                    f"part {name} has {counted(len(points), 'point', 'points')}, its transform {transform} "
+                    f"{len(target)}"
                 )
         found.append((points, target))
     return found

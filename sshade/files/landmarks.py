@@ -31,6 +31,8 @@ from sshade.files.mesh_file import check_input
 ENDINGS = (".csv", ".txt", ".mrk.json", ".fcsv", ".pp", ".particles")
 #: Names of the coordinate systems of 3D Slicer, as its files write them.
 SYSTEMS = {"RAS": "RAS", "0": "RAS", "LPS": "LPS", "1": "LPS"}
+#: The values of a line of a table.
+ORDER = "x y z, or name, x, y, z"
 #: A number that is no id of a landmark.
 DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -121,11 +123,13 @@ def _table(content: bytes) -> Iterator[Landmark]:
     columns = head if {"x", "y", "z"} <= set(head) else []
     for number, row in enumerate(rows[bool(columns) :]):
         if len(row) not in ([len(columns)] if columns else [3, 4]):
-            raise InputError(f"landmark {number} has {len(row)} values; expected x y z, or name, x, y, z")
+            raise InputError(
+                f"landmark {number} has {counted(len(row), 'value', 'values')}; expected {ORDER}"
+            )
         fields = dict(zip(columns or ["name", "x", "y", "z"][-len(row) :], row, strict=True))
         name = next((fields[key] for key in ("name", "label", "landmark", "id") if key in fields), "")
         if not columns and DECIMAL.fullmatch(name.strip()):
-            raise InputError(f"landmark {number} has 4 numbers; expected x y z, or name, x, y, z")
+            raise InputError(f"landmark {number} has 4 numbers; expected {ORDER}")
         yield Landmark(name.strip(), [fields[axis] for axis in "xyz"])
 
 

@@ -102,9 +102,7 @@ class MeshFile:
     def require_triangles(self) -> None:
         """Raise InputError if the file holds points alone."""
         if not len(self.F):
-            splats = "property rot_0" in self.holds
-            found = "Gaussian splats are no longer supported" if splats else "the file holds no triangles"
-            raise InputError(f"{found}; give a mesh with faces")
+            raise InputError("the file holds no triangles; give a mesh with faces")
 
 
 def present(**found: object) -> tuple[str, ...]:
@@ -145,16 +143,13 @@ def moved_reference(name: str, source: Path, path: Path, *, along: bool = True) 
     """Convert a file name in `source` so that it is valid in `path`; absolute names and URLs stay.
 
     With `along`, the name of a file that goes along stays, too. Names are sought beside `source`, even if it
-    is a link to a file elsewhere. A name becomes absolute if `path` is on another drive of Windows.
+    is a link to a file elsewhere.
     """
     here, there = source.parent.resolve(), path.parent.resolve()
     stays = _is_absolute(name) or len(urlsplit(name).scheme) > 1
     if here == there or stays or (along and goes_along(name, source, path)):
         return name
-    try:
-        return Path(os.path.relpath(here / name, there)).as_posix()
-    except ValueError:
-        return (here / name).as_posix()
+    return Path(os.path.relpath(here / name, there)).as_posix()
 
 
 def fanned(polygons: list[np.ndarray], numbers: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

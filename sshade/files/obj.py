@@ -31,17 +31,10 @@ def read_obj(path: Path) -> MeshFile:
     )
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
-    corners, triangles, _, texture = faces_of(text, polygons, vertices, shading)
+    corners, triangles, _, _ = faces_of(text, polygons, vertices, shading)
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}
-    textured = int((texture[0] < texture[1]).sum())
-    undeclared = int(((corners.number != 0) & (corners.normal < 0)).sum())
-    stay = "that it does not declare stay as they are"
-    notes = {
-        f"references of faces to normals {stay}: {undeclared}": undeclared,
-        f"references of faces to texture coordinates {stay}: {textured}": textured and b"vt" not in there,
-    }
     holds = present(
         texture_coordinates=b"vt" in there,
         normals=len(normals.value),
@@ -58,16 +51,7 @@ def read_obj(path: Path) -> MeshFile:
     named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
     obj = Obj(data, positions, normals, corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
-    return MeshFile(
-        positions.value,
-        F,
-        holds,
-        (".obj",),
-        content,
-        tuple(n for n, there in notes.items() if there),
-        source=path,
-        named=named,
-    )
+    return MeshFile(positions.value, F, holds, (".obj",), content, source=path, named=named)
 
 
 def words_of(data: bytes) -> tuple[Text, np.ndarray]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 from sshade.files.mesh_file import MeshFile, fanned, present
 from sshade.files.words import Text, edited, without_comments
 from sshade.mesh.normals import turned, vertex_turns
@@ -102,8 +102,9 @@ def _rows(text: Text, glued: bytes, width: int) -> _Rows:
     while len(starts) <= m and starts[-1] < end and (size := text.word(starts[-1])).isdigit():
         starts.append(starts[-1] + 1 + int(size))
     if starts[-1] != end or len(starts) != m + 1:
-        found = f"{end - begin} numbers on {len(text.first) - line} lines follow"
-        raise ValueError(f"{n} vertices and {m} faces are announced, {found}")
+        announced = f"{counted(n, 'vertex', 'vertices')} and {counted(m, 'face', 'faces')} are announced"
+        on_lines = counted(len(text.first) - line, "line", "lines")
+        raise ValueError(f"{announced}, {counted(end - begin, 'number', 'numbers')} on {on_lines} follow")
     faces = np.array(starts)
     return _Rows(begin + width * np.arange(n), np.full(n, width), faces[:-1], np.diff(faces))
 

@@ -26,6 +26,10 @@ NORMALS = ("nx ny nz", "normal_x normal_y normal_z")
 _CHANGED = ["x", "y", "z", *" ".join(NORMALS).split()]
 
 
+#: An element, the numbers of its properties that change, and their new values (rows, k).
+Change = tuple[Element, list[int], np.ndarray]
+
+
 class Ply(NamedTuple):
     """A PLY file.
 
@@ -72,9 +76,8 @@ def read_ply(path: Path) -> MeshFile:
         F = np.concatenate([F, _strips(ply.elements["tristrips"])])
         face = np.concatenate([face, np.full(len(F) - len(face), -1)])
     properties = vertices.properties + (faces.properties if faces else [])
-    # Integer positions cannot be written back after a deformation, nor normals without negative numbers.
-    changing = [p for p in properties if p.name in _CHANGED]
-    whole = any(p.kind.kind == "u" or (p.kind.kind == "i" and p.name in "xyz") for p in changing)
+    # Positions and normals that are whole numbers cannot be written back after a deformation.
+    whole = any(p.kind.kind != "f" for p in properties if p.name in _CHANGED)
     suffixes = () if whole else (".ply",)
     kinds = {vertices.properties[number].kind.type for number in at}
     single = kinds == {np.float32}
@@ -166,31 +169,8 @@ def _content(
             N = faces.columns(normals)
             Q = turns(np.repeat(face[:, None], 3, axis=1), N, F, rest, V)  # one rotation per face
             changes.append((faces, normals, turned(Q, N)))
-    return changed(ply, changes, source, path)
-
-
-#: An element, the numbers of its properties that change, and their new values (rows, k).
-Change = tuple[Element, list[int], np.ndarray]
-
-
-def changed(ply: Ply, changes: list[Change], source: Path, path: Path) -> bytes | memoryview:
-    """Return the bytes of a file from `source`, to be written to `path`, in which some numbers change.
-
-    Numbers of an integer type are rounded.
-    """
-    changes = [(element, numbers, _rounded(element, numbers, new)) for element, numbers, new in changes]
     header = _header_at(ply.data[: ply.body], source, path)
     return header + _patched_text(ply, ply.words, changes) if ply.words else _patched(ply, changes, header)
-
-
-def _rounded(element: Element, properties: list[int], new: np.ndarray) -> np.ndarray:
-    kinds = [element.properties[number].kind for number in properties]
-    if any(kind.kind == "f" for kind in kinds):
-        return new
-    limits = [np.iinfo(kind) for kind in kinds]
-    return (
-        np.rint(new).clip([limit.min for limit in limits], [limit.max for limit in limits]).astype(np.int64)
-    )
 
 
 def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:

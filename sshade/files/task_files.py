@@ -12,7 +12,6 @@ import numpy as np
 
 from sshade.core.atomic import naming, replacing
 from sshade.core.errors import InputError
-from sshade.files.compact import packed
 from sshade.files.door import on_mesh, on_shape, open_shape
 from sshade.files.handle_files import FILE_RECORDS, read_handle_file
 from sshade.files.handwritten import require_known
@@ -152,10 +151,10 @@ def write_handles(
             entry: dict[str, Any] = {
                 "landmark": (names or {}).get(group, group),
                 "kind": "dynamic" if dynamic else "static",
-                "vertices": packed(handles.index[members]),
+                "vertices": handles.index[members].tolist(),
             }
             if dynamic or not static_at_rest:
-                entry["target"] = packed(handles.target[members])
+                entry["target"] = handles.target[members].tolist()
             if np.isfinite(weight):
                 entry["weight"] = weight
             if row[2:].any():

@@ -103,8 +103,8 @@ def _json_seeds() -> list[bytes]:
         {"kind": "dynamic", "vertices": [3], "target": [[1, 2, 3]]},
         {"kind": "dynamic", "source": V[5:8], "target": V[6:9]},
         {"kind": "unused"},
-        {"vertices": {"runs": [[0, 2]]}, "rotation": [0, 0, 0, 1], "center": "centroid"},
-        {"boxes": [[[-9, -9, -9], [9, 9, 9]]], "translation": {"base64": "", "dtype": "<f8", "shape": [0]}},
+        {"vertices": [8, 9], "rotation": [0, 0, 0, 1], "center": "centroid"},
+        {"boxes": [[[-9, -9, -9], [9, 9, 9]]], "translation": [0, 0, 1]},
     ]
     return [json.dumps({"handles": entries[:k]}).encode() for k in range(1, len(entries) + 1)]
 

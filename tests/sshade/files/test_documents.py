@@ -1,6 +1,5 @@
 """Files as several programs write them keep everything except positions and normals."""
 
-import os
 import struct
 
 import numpy as np
@@ -12,7 +11,6 @@ import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
 from sshade.edit.skin import skin_of
-from sshade.files.mesh_file import moved_reference
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
 from tests.files import sample
@@ -57,16 +55,6 @@ def test_what_does_not_move_stays_byte_by_byte(tmp_path, name, text):
     old, new = (p.read_bytes().splitlines() for p in (path, rewritten(path, V)))
     changed = [(a, b) for a, b in zip(old, new, strict=True) if a != b]
     assert len(changed) == 1 and np.array_equal(read_arrays(tmp_path / f"out{path.suffix}")[0], V)
-
-
-def test_textures_normals_and_materials_of_an_obj_split_no_vertex(tmp_path):
-    for text, n, expected in (
-        (BLENDER, 6, [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]),
-        (STUDIO, 5, [[0, 1, 2], [0, 2, 3], [1, 4, 2]]),
-    ):
-        (tmp_path / "a.obj").write_bytes(text.encode())
-        V, F = read_arrays(tmp_path / "a.obj")
-        assert len(V) == n and F.tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -243,15 +231,6 @@ def test_the_name_of_a_library_is_what_programs_read(tmp_path, line, moved):
     file = read_file(tmp_path / "in" / "a.obj")
     write_file(tmp_path / "out" / "a.obj", file, file.V)
     assert (tmp_path / "out" / "a.obj").read_text().startswith((moved or line) + "\n")
-
-
-def test_a_reference_becomes_absolute_where_windows_has_another_drive(tmp_path, monkeypatch):
-    def on_another_drive(*_):
-        raise ValueError("path is on mount 'C:', start on mount 'D:'")
-
-    monkeypatch.setattr(os.path, "relpath", on_another_drive)
-    moved = moved_reference("a.mtl", tmp_path / "a.obj", tmp_path / "out" / "a.obj")
-    assert moved == (tmp_path / "a.mtl").resolve().as_posix()
 
 
 def test_references_of_a_link_are_beside_the_link(tmp_path):

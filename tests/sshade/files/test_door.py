@@ -50,9 +50,6 @@ def test_a_task_has_handles_of_the_shape_at_vertices_of_the_surface(shape):
     task = shape.task("lift", handles)
     assert (task.name, task.mesh) == ("lift", shape.mesh) and not task.refuse_unconstrained
     assert np.array_equal(task.mesh.V[task.handles.index], V[copies[:1]])
-    again = shape.on_copies(task.handles)
-    assert again.index.tolist() == copies.tolist() and again.group.tolist() == [4, 4]
-    assert np.array_equal(again.target, V[copies] + [0, 0, 1])
 
 
 def test_a_result_is_a_copy_also_if_it_is_the_shape_itself():

@@ -128,32 +128,17 @@ def test_normals_that_are_no_numbers_stay(tmp_path, nan):
     assert (tmp_path / "b.stl").read_text().count(f"normal 0 {nan} 1\n") == 2
 
 
-@pytest.mark.parametrize("normal", ["1", "-1"])
-def test_references_of_an_obj_to_normals_and_textures_that_it_does_not_declare(tmp_path, normal):
-    text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1//{normal} 2/ 3/4/{normal}\n"
-    file = obj(text, tmp_path)
-    assert file.F.tolist() == [[0, 1, 2]]
-    assert file.notes == (
-        "references of faces to normals that it does not declare stay as they are: 2",
-        "references of faces to texture coordinates that it does not declare stay as they are: 1",
-    )
-    write_file(tmp_path / "b.obj", file, file.V[:, [1, 2, 0]])
-    assert (tmp_path / "b.obj").read_text().endswith(text.splitlines(keepends=True)[-1])
-
-
 def test_references_beyond_the_normals_of_an_obj_stay_beyond_where_normals_are_added(tmp_path):
     """Two triangles share a normal, and turn apart; the corners of a third refer to no normal."""
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 0 0\nv 6 0 0\nv 5 1 0\nvn 0 0 1\n"
     text += "f 1//1 2//1 3//1\nf 4//-1 5//-1 6//-1\nf 1//2 2//-2 4//7\n"
     file = obj(text, tmp_path)
-    assert [note.rpartition(" ")[2] for note in file.notes] == ["3"]
     V = file.V.copy()
     V[3:] = V[3:, [1, 2, 0]]
     write_file(tmp_path / "b.obj", file, V)
     faces = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line[0] == "f"]
     assert sorted(face[-1] for face in faces[:2]) == ["1", "2"]
     assert faces[2] == "f 1//3 2//-3 4//8"
-    assert [note.rpartition(" ")[2] for note in read_file(tmp_path / "b.obj").notes] == ["3"]
 
 
 def test_an_obj_with_all_that_tools_write(tmp_path):
@@ -179,7 +164,7 @@ end
 """
     file = obj(text, tmp_path)
     assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    assert file.F.tolist() == [[0, 1, 2], [0, 1, 2]] and file.notes == ()
+    assert file.F.tolist() == [[0, 1, 2], [0, 1, 2]]
     assert "free form curves and surfaces" in file.holds
     write_file(tmp_path / "b.obj", file, file.V + [0, 0, 2])
     old, new = (text.splitlines(), (tmp_path / "b.obj").read_text().splitlines())
