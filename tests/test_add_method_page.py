@@ -12,7 +12,7 @@ import pytest
 from eval.main import main
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
-from eval.run.config import composed, read_choice, resolved
+from eval.run.config import composed
 from sshade.files.task_files import read_handles
 from tests.shapes import bumpy
 
@@ -97,38 +97,6 @@ def test_the_sweeps_of_the_page_name_experiments_methods_and_the_data_that_the_p
         (method,) = (word for word in words if word.startswith("method="))
         for name in method.removeprefix("method=").split(","):
             assert composed([f"method={name}"], folder=str(mine / "conf")).method.version >= 1
-
-
-def test_collect_and_tables_of_the_page_name_the_experiments_of_its_sweeps():
-    sweeps = [" ".join(words) for words in commands("sshade-eval", "run") if "-m" in words]
-    named = {"mine": "run.experiment=mine", "bodies_25k": "experiment=track"}
-    assert composed(["experiment=track"]).run.experiment == "bodies_25k"
-    for command in ("collect", "tables"):
-        found = [name for (name,) in commands("sshade-eval", command)]
-        assert found == [*named] and all(any(named[name] in words for words in sweeps) for name in found)
-
-
-def test_the_page_builds_the_data_of_its_experiments():
-    quick, track = commands("defaust", "build")
-    for words, experiment in ((quick, "quick"), (track, "track")):
-        root = next(word for word in words if word.startswith("out=")).removeprefix("out=")
-        config = composed([f"experiment={experiment}", f"dataset.root={root}"])
-        built = shlex.split(config.dataset.build)[2:]
-        assert {word for word in built if "subjects" not in word} <= {*words}
-
-
-def test_the_program_with_placeholders_runs(mine):
-    (text,) = re.findall(r"`(\[awk[^`]*\])`", PAGE)
-    shutil.copy(ROOT / "docs/examples/external/nearest.awk", mine)
-    command = f"method.command={text.replace(', ', ',')}"
-    texts = [
-        f"method.{name}_format={value}"
-        for name, value in (("mesh", "off"), ("handles", "txt"), ("output", "txt"))
-    ]
-    assert main(["run", "method=external", "label=nearest", command, *texts, "dataset=hairpin"]) == 0
-    plain = resolved("method", read_choice("external 'command=[awk]'"))
-    for setting in ("mesh", "handles", "output"):
-        assert f"`{setting}_format`" in PAGE and f"{setting}_format" in plain
 
 
 def test_the_handles_of_the_page_are_read(tmp_path):

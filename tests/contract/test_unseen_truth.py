@@ -68,9 +68,11 @@ def balls(here):
     return here / "balls"
 
 
-@pytest.mark.parametrize("resolution", ["high", "low"])
-@pytest.mark.parametrize("process", ["run.fresh=false", "run.fresh=true", "run.time_limit=60"])
-def test_no_method_finds_the_truth_in_its_process(balls, resolution, process):
+@pytest.mark.parametrize(
+    ("process", "resolution"),
+    [("run.fresh=false", "high"), ("run.fresh=true", "low"), ("run.time_limit=60", "high")],
+)
+def test_no_method_finds_the_truth_in_its_process(balls, process, resolution):
     command = [*COMMAND.split(), process, f"dataset.resolution={resolution}"]
     done = subprocess.run([sys.executable, "-m", "eval", *command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
