@@ -61,9 +61,7 @@ def render_card(document: dict[str, Any]) -> str:
 
 
 def _measures(pose: dict[str, Any]) -> dict[str, str]:
-    """Measures of the handles of a pose; none in older builds."""
-    if "groups" not in pose:
-        return {}
+    """Measures of the handles of a pose."""
     moved, turned = pose["static_moved"], [group["turned"] for group in pose["groups"]]
     return {
         "moving handles": pose["moving"],
@@ -80,7 +78,7 @@ def contradiction_texts(subject: dict[str, Any]) -> list[str]:
         f"{pair['dynamic']}, which is {100 * pair['apart']:.1f} % of the diagonal away, would move it by "
         f"{100 * pair['distance']:.1f} %"
         for pose in subject["poses"]
-        for pair in pose.get("contradictions", ())
+        for pair in pose["contradictions"]
     ]
 
 

@@ -268,19 +268,7 @@ class RegisteredSequence(Source):
         found, files = self._found
         used = {one.name for one in self._subjects} if self.classes is None else set(found)
         single = [name for name in found if name not in used and name not in self.without]
-        why = "it has no target pose besides its rest pose"
-        if self.poses_used is not None:
-            why = f"it has no target pose of source.poses_used={shortened(list(self.poses_used))}"
-        other = {
-            name: f"it has no mesh {self.rest_pose}; its rest pose is {shapes[0].name}"
-            for name, shapes in found.items()
-            if self.rest_pose is not None and all(shape.name != self.rest_pose for shape in shapes)
-        }
-        return (
-            files
-            | dict.fromkeys(single, why)
-            | {f"rest pose of {n}": t for n, t in other.items() if n in used}
-        )
+        return files | dict.fromkeys(single, "it has no target pose besides its rest pose")
 
     def _class(self, name: str) -> _Class:
         shapes, used = self._found[0][name], self.poses_used

@@ -73,7 +73,7 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
     Raises
     ------
     InputError
-        When the subdivisions do not correspond, or the rest mesh does not lie on the subdivided rest mesh.
+        When the rest mesh does not lie on the subdivided rest mesh.
     """
     if meshes.rest is meshes.low and not meshes.noisy:
         return meshes.posed.V, "registration"
@@ -81,10 +81,6 @@ def true_pose(meshes: Registered, skin: Skin | None) -> tuple[np.ndarray, str]:
         return skin(meshes.rest.V), "skinning"
     fine, interpolate = _on_subdivided(meshes)
     fine_posed = subdivide(meshes.posed, steps=meshes.steps)
-    if not np.array_equal(fine.F, fine_posed.F):
-        raise InputError(
-            "the pose is subdivided into other triangles than the rest mesh; build the dataset again"
-        )
     return interpolate @ fine_posed.V, "subdivision"
 
 

@@ -124,8 +124,8 @@ def load_task(
     Raises
     ------
     InputError
-        When the folder is not a dataset, has another source, or lacks the subject or pose; when no handle of
-        a deformation moves; or when a file is missing or differs from the dataset's list.
+        When the folder is not a dataset, has another source, or lacks the subject or pose, or when a file is
+        missing or differs from the dataset's list.
     """
     case = _case(Path(root), subject=subject, pose=pose, resolution=resolution, source=source)
     if edit is None:
@@ -156,8 +156,6 @@ class StoredCase:
         Content of the file.
     source : mapping
         The dataset's record of its source.
-    landmarks : list of str
-        The dataset's landmarks.
     facts : mapping
         For the task's `meta`.
     registered : callable, optional
@@ -169,7 +167,6 @@ class StoredCase:
     pose: Path
     content: Mapping[str, Any]
     source: Mapping[str, Any]
-    landmarks: list[str]
     facts: Mapping[str, Any]
     registered: Callable[[], Registered] | None
 
@@ -221,7 +218,6 @@ def _case(root: Path, *, subject: int, pose: int, resolution: str, source: str |
         pose=root / pose_name,
         content=content,
         source=built_from,
-        landmarks=document["landmarks"],
         facts=facts,
         registered=registered,
     )
@@ -234,15 +230,8 @@ def _registered(mesh: Mesh, low: Path | None, posed: Path, *, steps: int, noisy:
 
 def _deformation(case: StoredCase, *, kind: Kind, raw: bool, truth: bool) -> DeformationTask:
     """Task of moving the handles of a case."""
-    if [entry["landmark"] for entry in case.content["handles"]] != case.landmarks:
-        raise InputError(f"{case.pose}: its landmarks differ from those of the dataset; build it again")
     # The groups of the handles are the numbers of the entries, which are the ids of the landmarks.
     handles = read_handles(case.pose, case.mesh, raw=raw)
-    if not handles.dynamic.any():  # only builds of an earlier version have such poses
-        raise InputError(
-            f"{case.name}: nothing moves, so every method would return the rest shape; choose another pose, "
-            "or build the dataset again"
-        )
     handles = of_kind(
         case.mesh, handles, kind, are_regions=any("boxes" in h for h in case.content["handles"])
     )
@@ -309,8 +298,6 @@ def _transfer(case: StoredCase, meshes: Registered, *, edit: Edit, truth: bool) 
 def _checked(root: Path, name: str, *, document: dict[str, Any]) -> Path:
     """Path of a file after comparing it with the dataset's list."""
     path = root / name
-    if name not in document["files"]:
-        raise InputError(f"{root} lists no {name}; build the dataset again")
     if not path.is_file():
         raise InputError(f"{path} is missing; run the same defaust build again to restore it")
     if sha256(path) != document["files"][name]["sha256"]:
