@@ -3,21 +3,17 @@
 import json
 import multiprocessing
 import os
-import shutil
 import signal
 from dataclasses import replace
-from math import inf
 
 import pytest
 
 from defaust.build import workers as module
 from defaust.build.dataset import build
-from defaust.build.options import BuildOptions
 from defaust.build.verify import verify
 from defaust.folder.layout import checksum
 from defaust.folder.record import read_dataset
 from sshade import InputError
-from sshade.files.meshes import read_mesh
 from tests.defaust.toy import KEPT, OPTIONS, Balls, flip_a_byte
 from tests.files import contents
 
@@ -34,9 +30,6 @@ def test_the_record_lists_every_file_and_measures_the_cases(finished):
         "volume": pytest.approx(document["subjects"][1]["low"]["volume"], rel=1e-12),  # a shear
     }  # fmt: skip
     assert document["subjects"][1]["poses"][0].items() >= facts.items()
-    rest = read_mesh(finished / "subject_00/rest.ply")
-    assert document["files"]["subject_00/rest.ply"]["vertices"] == rest.n
-    assert 360 <= rest.n <= 440
 
 
 def test_builds_are_byte_identical_with_any_number_of_workers(finished, tmp_path):
@@ -74,11 +67,10 @@ def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "damage",
     [
-        lambda out: shutil.rmtree(out / "subject_01"),
         lambda out: flip_a_byte(out / "subject_00/rest.ply"),
         lambda out: (out / "README.md").unlink(),
     ],
-    ids=["a subject", "a byte", "the card"],
+    ids=["a byte", "the card"],
 )
 def test_a_rerun_restores_what_is_missing(finished, dataset, damage):
     damage(dataset)
@@ -114,7 +106,7 @@ def test_a_recipe_is_replaced_unless_there_are_other_files_or_subjects(tmp_path)
     (out / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"holds notes\.txt, which no build has written; give another out"):
         build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
-    (out / "notes.txt").rename(tmp_path / "notes.txt")
+    (out / "notes.txt").unlink()
     (out / "subject_02").mkdir()  # a build ended between a subject and its record
     with pytest.raises(InputError, match="was built with another configuration"):
         build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
@@ -165,19 +157,3 @@ class Killed(Balls):
 def test_a_killed_process_of_a_build_is_told(tmp_path):
     with pytest.raises(InputError, match="a process of the build was killed, perhaps for lack of memory"):
         build(Killed(), tmp_path / "balls", options=KEPT, workers=2)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"target_vertices": 0}, "target_vertices is 0; it must be at least 1"),
-        ({"seed": -1}, "seed is -1; it must be at least 0"),
-        ({"subjects": ()}, "subjects is empty"),
-        ({"window": (1.1, 1.2)}, "give two numbers around 1"),
-        ({"static_below": inf}, "static_below is inf; it must be a finite number above 0"),
-    ],
-)
-def test_wrong_options_are_refused(options, message):
-    assert BuildOptions(subjects=(3, 1, 3)).subjects == (1, 3)
-    with pytest.raises(InputError, match=message):
-        BuildOptions(**options)

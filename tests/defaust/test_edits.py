@@ -15,10 +15,9 @@ EDITS = [
     Horns(at=((0.5, 0.5, 1.0), (1.0, 0.5, 0.5)), radius=0.1, height=0.1),
     Fin(start=(0.5, 0.5, 1.0), end=(1.0, 0.5, 0.5), width=0.06, height=0.05),
 ]
-NAMES = [edit.name for edit in EDITS]
 
 
-@pytest.mark.parametrize("edit", EDITS, ids=NAMES)
+@pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.name)
 def test_a_region_moves_smoothly_and_the_rest_stays_whatever_unit_and_place(edit):
     mesh = bumpy(5)
     V = edit(mesh)
@@ -36,7 +35,7 @@ def test_a_region_moves_smoothly_and_the_rest_stays_whatever_unit_and_place(edit
     np.testing.assert_allclose(edit(scaled), 8 * V + [5.0, -3, 2], atol=1e-8)
 
 
-@pytest.mark.parametrize("edit", EDITS, ids=NAMES)
+@pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.name)
 def test_finer_meshes_get_the_same_edit(edit):
     coarse, fine = icosphere(4), icosphere(5)  # the coarse vertices come first in the fine sphere
     # Places are extremal points, which both spheres have.

@@ -39,16 +39,6 @@ def test_any_folder_around_the_files_is_accepted(folder, inside):
         np.testing.assert_array_equal(source.posed(3, pose).V, BODIES.posed(3, expected).V)
 
 
-def test_formats_other_than_ply_are_read_where_there_is_no_ply(tmp_path, copy):
-    source = faust(write_faust(tmp_path / "off", suffix=".off"))
-    assert np.abs(source.rest(0).V - BODIES.rest(0).V).max() <= 1e-15 * source.rest(0).diagonal
-    assert list(source.checksums([0])) == [f"tr_reg_00{k}.off" for k in POSES]
-    ball = icosphere(1)
-    write_mesh(copy / "tr_reg_000.obj", ball.V, ball.F)
-    (copy / "tr_reg_1.ply").write_text("not a registration")
-    assert faust(copy).rest(0).n == 6890
-
-
 def test_poses_and_landmarks_are_chosen_by_options(folder):
     other = faust(
         folder,
@@ -92,20 +82,6 @@ def test_wrong_meshes_are_named(copy):
     ):
         with pytest.raises(InputError, match=message):
             source.posed(0, pose)
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("source.target_poses=[1,10]", "source.target_poses: there is no 10; choose from 0, 1, 2"),
-        ("source.target_poses=[0,1]", "source.target_poses holds 0, which is the rest pose"),
-        ("source.base_landmarks=[]", "source.base_landmarks is empty; it needs at least one entry"),
-        ("source.more_landmarks=[nose]", "'nose' is listed twice"),
-        ("source.landmarks.nose=6890", "the vertex of nose is 6890, but the registrations have 6890 vert"),
-    ],
-)
-def test_wrong_options_are_refused(folder, override, message, refused):
-    refused(["out=x", "source=faust", f"source.root='{folder}'", override], message)
 
 
 def test_a_build_lists_its_files_without_paths(copy, tmp_path):

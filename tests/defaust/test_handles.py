@@ -26,9 +26,9 @@ def test_handles_are_near_distinct_and_reproducible():
     assert len(np.unique(everything)) == len(everything) == 30 * len(landmarks)
     for name, index in chosen.items():
         assert np.isin(index, nearest_vertices(rest, landmarks[name], count=60)).all()
-    for subject, seed, same in ((1, 0, True), (1, 1, False), (2, 0, False)):
+    for subject, seed in ((1, 1), (2, 0)):
         again = choose_handles(rest, landmarks, subject=subject, options=BuildOptions(seed=seed))
-        assert all(np.array_equal(again[name], chosen[name]) for name in chosen) == same
+        assert not all(np.array_equal(again[name], chosen[name]) for name in chosen)
     with pytest.raises(InputError, match="only 6890 vertices can be reached from vertex 0"):
         nearest_vertices(rest, 0, count=6891)
 

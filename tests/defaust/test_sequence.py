@@ -30,7 +30,6 @@ def bent(mesh, k):
 
 
 def write(folder, name, V, F, *, kind=".ply"):
-    """Write a mesh file."""
     folder.mkdir(parents=True, exist_ok=True)
     if kind == ".vert":
         np.savetxt(folder / f"{name}.vert", V, fmt="%.17g")
@@ -63,6 +62,7 @@ def test_classes_are_read_in_every_format(tmp_path, kind):
     expected = {f"cat{k}{kind}" for k in (0, 1)} | ({"cat0.tri", "cat1.tri"} if kind == ".vert" else set())
     assert set(source.checksums([0])) == expected
     assert sequence(tmp_path, "source.classes=[dog,cat]").provenance["classes"] == ["dog", "cat"]
+    assert sequence(tmp_path, "source.layout=sequence").subjects == (0,)
 
 
 def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_path):
@@ -74,20 +74,12 @@ def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_
     assert source.subjects == (0,) and source.provenance["classes"] == ["sequence"]  # not the folder's name
     assert source.provenance["rest_poses"] == ["idle"]  # the first by name
     assert [p.name for p in source.poses(0)] == ["run_1", "run_2", "run_10"]
+    with pytest.raises(InputError, match="idle, run_1, .* do not read as a class and a number, like cat0"):
+        sequence(tmp_path / "run", "source.layout=tosca")
     chosen = sequence(tmp_path / "run", "source.poses_used=[run_10,idle]", "source.rest_pose=run_2")
     assert [p.name for p in chosen.poses(0)] == ["idle", "run_10"]
     (tmp_path / "run" / "run_2.ply").rename(tmp_path / "run" / "rest.ply")
     assert sequence(tmp_path / "run").provenance["rest_poses"] == ["rest"]
-
-
-def test_a_layout_may_be_forced(tmp_path):
-    write_class(tmp_path, "a", icosphere(1), poses=(1,))
-    write_class(tmp_path, "b", icosphere(1), poses=(1,))
-    assert sequence(tmp_path).subjects == (0, 1)
-    assert sequence(tmp_path, "source.layout=sequence").subjects == (0,)
-    write(tmp_path / "free", "rest_2", icosphere(1).V, icosphere(1).F)
-    with pytest.raises(InputError, match="rest_2 do not read as a class and a number, like cat0"):
-        sequence(tmp_path / "free", "source.layout=tosca")
 
 
 def test_archives_are_read_or_refused(tmp_path):
@@ -204,7 +196,6 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
         (root / f"{name}.ply").write_text("damaged on its way")
     command = ["source=tosca", f"source.root={root}", *SMALL, "source.landmarks=4"]
     refused([*command, f"out={out}"], "credits: its name does not read as a class")
-    refused([*command, f"out={out}", "source.without=[1]"], "source.without[0] is 1, not a text")
     assert not out.exists()
     caplog.clear()
     assert main(["build", *command, f"out={out}", "strict=false"]) == 0
@@ -217,9 +208,7 @@ def test_an_unusable_mesh_does_not_stop_the_build(tmp_path, caplog, refused):
     )
     for record, reason in zip(caplog.records, reasons, strict=True):
         assert record.getMessage().startswith(f"left out: {reason}")
-    assert verify(out) == []
     assert list_tasks(out) == [(0, 1), (0, 2), (1, 2)]
-    np.testing.assert_array_equal(load_task(out, subject=1, pose=2).truth, bent(ball, 2))
     assert str(tmp_path) not in (out / "dataset.json").read_text()
     card = (out / "README.md").read_text()
     assert "Left out: gorilla, wolf, as configured." in card
@@ -247,17 +236,14 @@ def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
     [
         ("cat0.vert", "1 2 x\n", r"cat0.vert: not readable as .vert \(could not convert"),
         ("cat0.tri", "0 1 2\n", "cat0.tri: its vertices must count from 1, but one is 0"),
-        ("cat0.tri", "1 2\n", r"cat0.vert: .*\(m, 3\)"),
         ("cat0.tri", None, "cat0.tri: not readable as .tri .*not found"),
         ("cat0.mat", {"surface": {"X": np.zeros(3)}, "y": 1}, "^cat0.mat: it holds no struct with X, Y, Z"),
-        ("cat0.mat", "damaged", "cat0.mat: not readable as .mat"),
     ],
 )
 def test_damaged_files_are_named(tmp_path, name, content, message):
     write_class(tmp_path, "cat", icosphere(1), kind=".vert")
-    if name.endswith(".mat"):
-        (tmp_path / "cat0.vert").unlink()
     if isinstance(content, dict):
+        (tmp_path / "cat0.vert").unlink()
         savemat(tmp_path / name, content)
     elif content is None:
         (tmp_path / name).unlink()
@@ -265,24 +251,3 @@ def test_damaged_files_are_named(tmp_path, name, content, message):
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message):
         sequence(tmp_path).rest(0)
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("source.name='a b'", "source.name=a b is not made of letters"),
-        ("source.layout=free", "source.layout=free is unknown; use one of auto, tosca, sequence"),
-        ("source.classes=[bear]", "source.classes: there is no 'bear'; choose from cat, dog"),
-        ("source.without=[cat,dog]", "source.without leaves no class of cat, dog"),
-        ("source.landmarks={}", "source.landmarks is empty; give names and vertices"),
-        ("source.landmarks={a:-1}", "the vertex of a is -1; give a number from 0 up"),
-        ("source.landmarks={a:1,b:1}", "a shares vertex 1 with another landmark"),
-        ("source.landmarks=0", "source.landmarks is 0; it must be at least 1"),
-        ("source.landmarks={a:1}", "there are the classes cat, dog; choose one with source.classes"),
-        ("+source.facts.colour=red", "look at 'colour'"),
-    ],
-)
-def test_wrong_options_are_refused(here, override, message, refused):
-    write_class(here / "data", "cat", icosphere(1))
-    write_class(here / "data", "dog", icosphere(1))
-    refused(["out=x", "source=sequence", "source.root=data", override], message)
