@@ -51,8 +51,6 @@ class Case:
         Asserts that the files are as promised.
     code : int
         Exit code if the command accepts the input.
-    slow : bool
-        Whether the case takes too long for the ordinary test suite.
     """
 
     name: str
@@ -62,7 +60,6 @@ class Case:
     leaves: tuple[str, ...] = ()
     holds: Callable[..., None] | None = None
     code: int = 0
-    slow: bool = False
 
 
 def refused(call: str, table: Mapping[str, tuple[Any, ...]], *, prefix: str = "") -> list[Case]:
@@ -150,7 +147,7 @@ def limited(size: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, before)
 
 
-def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool = False) -> Case:
+def on_a_full_disk(call: str, given: Callable[[], None] = nothing) -> Case:
     """Return a case in which a command works, then fails on a full disk and changes no file."""
 
     def attempt() -> None:
@@ -161,4 +158,4 @@ def on_a_full_disk(call: str, given: Callable[[], None] = nothing, *, slow: bool
             check_refusal(run(call), "cannot be written (File too large)")
         assert contents() == before
 
-    return Case(f"full disk: {call}", attempt, given, leaves=(".",), slow=slow)
+    return Case(f"full disk: {call}", attempt, given, leaves=(".",))

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 
 from tests.files import contents, scratch
-from tests.robustness.case import Case, check_refusal, limited, nothing, on_a_full_disk, refused, run
+from tests.robustness.case import Case, check_refusal, limited, on_a_full_disk, run
 from tests.robustness.datasets import RUN, dataset
 from tests.robustness.inputs import Given, both, cut, data, text
 
-RUNS, ROWS = "out/runs", "out/rows/tiny.csv"
+RUNS = "out/runs"
 CASES_OF_TWO = "dataset=defaust dataset.root=balls subject=0 pose=1,2"
-OF_ROWS = ("tables", "report")
-OF_RUNS = ("figures",)
 SWEEP = f"sshade-eval run -m {CASES_OF_TWO} method=identity run.experiment=tiny"
 
 
@@ -61,18 +59,9 @@ def _vertices(damage: Callable[[str], Given]) -> Given:
     return _in_run("vertices.npy", damage)
 
 
-TABLE = {
-    "no rows": (nothing, "no such file"),
-    "a CSV of something else": (text(ROWS, "a,b\n1,2\n"), "holds no rows of runs"),
-}
 OPTIONS = {
     "tables tiny -o body.ply": ("body.ply: the folder cannot be created",),
     "tables tiny -o out/rows": ("holds the rows",),
-    "tables tiny nosuch -o t": ("nosuch.csv: no such file",),
-    "check rubber": ("no method 'rubber' to check",),
-}
-ROW = {
-    "no runs": (nothing, "no runs in tiny"),
 }
 #: Refused by `figures`, which reads the files and the source that a row names.
 NAMED = {
@@ -81,35 +70,21 @@ NAMED = {
     "vertices of another mesh": (_vertices(lambda p: lambda: np.save(p, np.zeros((5, 3)))), "5"),
     "a dataset that is gone": (both(runs, lambda: shutil.rmtree("balls")), "balls"),
     "a row that names another function": (_row("task.source", '{"_target_": "os.getcwd"}'), "and no task"),
-    "a row whose source is no JSON": (_row("task.source", "{"), "source"),
-    "a row that names no function": (_row("task.source", "[]"), "_target_"),
 }
 
 METHODS = {
     "method=magic": ("there is no method 'magic'; choose one of acc",),
-    "method=arap method.colour=red": ("colour",),
     "method=arap +method.colour=red": ("has no option 'colour'",),
     "method=arap method.max_iterations=many": ("max_iterations must be a whole number", "'many'"),
-    "method=arap method.start=middle": ("start must be rest or rigid, not 'middle'",),
-    "run.speed=1": ("no setting run.speed",),
-    "seed=-1": ("seed=-1",),
     "label=": ("label is empty",),
     "label=mine/a": ("label=mine/a has a '/'",),
     "~seed": ("~seed deletes a setting that every run needs",),
-    "run.time_limit=0": ("run.time_limit=0",),
-    "run.split=half": ("it takes tuning, held_out, both or null",),
-    "run.jobs=0": ("run.jobs=0",),
-    "run.experiment=../tiny": ("run.experiment=../tiny is no name of a folder",),
     "method._target_=baselines.arap.magic": ("no function 'magic'",),
-    "method._target_=magic.magic": ("no module 'magic'",),
     "'proxy.vertices=[1'": ("proxy.vertices=[1 is not understood; close its brackets",),
     "--config-path configs": ("--config-path is not for this program; --config-dir adds",),
-    "--experimental-rerun config.pickle": ("--experimental-rerun is not for this program",),
     "arap": ("arap is not understood; write settings as key=value",),
     "method._target_=magic": ("_target_ 'magic' is no function; write package.module.function",),
-    "method._target_=[arap]": ("_target_ ['arap'] is no function",),
     "method=external method.command=sh": ("command='sh' does not fit; it takes list[str]",),
-    "dataset._target_=os.getcwd": ("os.getcwd has no parameter",),
     "dataset._target_=builtins.dict": ("dict does not tell its parameters",),
     "dataset=moon": ("there is no dataset 'moon'",),
     "paths.runs=body.ply/x": ("body.ply/x",),
@@ -126,15 +101,14 @@ def _full_disk() -> None:
     assert code == 0 and len(contents().keys() - before.keys()) == 2, (code, err)
 
 
-PRINTING = [sys.executable, "-m", "eval", "tables", "tiny", "-o", "tables"]
+PRINTING = [sys.executable, "-m", "sshade", "--help"]
 
 
 def _to_a_full_device() -> None:
     """Print to a device that is always full, like a log on a full disk."""
-    for line in PRINTING, [sys.executable, "-m", "sshade", "--help"]:
-        with open("/dev/full", "w") as full:
-            done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
-        assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(PRINTING, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr == "error: No space left on device\n", done
 
 
 def _to_nobody() -> None:
@@ -145,22 +119,16 @@ def _to_nobody() -> None:
 
 
 CASES = [
-    *refused(f"sshade-eval tables {ROWS}", TABLE, prefix="tables: "),
-    *(Case(f"{name}: no rows", f"sshade-eval {name} {ROWS}", says=("no such file",)) for name in OF_ROWS),
     *(Case(call, f"sshade-eval {call}", runs, says=says) for call, says in OPTIONS.items()),
-    *refused("sshade-eval collect tiny", ROW, prefix="collect: "),
-    *(Case(f"{name}: no runs", f"sshade-eval {name} tiny", says=("no runs in tiny",)) for name in OF_RUNS),
     *(
         Case(f"figures: {name}", "sshade-eval figures tiny", given, says=(word,), leaves=(RUNS,))
         for name, (given, word) in NAMED.items()
     ),
     *(Case(f"run: {change}", f"{RUN} {change}", dataset, says=says) for change, says in METHODS.items()),
     Case("full disk: a run", _full_disk, runs, leaves=("out",)),
-    Case("full disk: what is printed", _to_a_full_device, runs, leaves=("tables",)),
-    Case("nobody reads what is printed", _to_nobody, runs, leaves=("tables",)),
+    Case("full disk: what is printed", _to_a_full_device),
+    Case("nobody reads what is printed", _to_nobody),
     on_a_full_disk("sshade-eval collect tiny -o rows", runs),
     on_a_full_disk("sshade-eval tables tiny -o t", runs),
-    on_a_full_disk("sshade-eval report tiny -o r.html", runs, slow=True),
-    on_a_full_disk("sshade-eval figures tiny -o f.png", runs, slow=True),
     Case("run: what is there already", SWEEP, runs, leaves=(f"{RUNS}/tiny/multirun.yaml",)),
 ]

@@ -76,13 +76,3 @@ def patched(path: str, old: bytes, new: bytes) -> Given:
         Path(path).write_bytes(content.replace(old, new))
 
     return write
-
-
-def garbage(path: str, length: int = 600) -> Given:
-    """A file of random bytes."""
-    return data(path, np.random.default_rng(length).bytes(length))
-
-
-def folder(path: str) -> Given:
-    """A folder."""
-    return lambda: Path(path).mkdir(parents=True)

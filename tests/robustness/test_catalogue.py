@@ -6,13 +6,9 @@ from tests.robustness import datasets, evaluation, outputs
 from tests.robustness.case import attempt
 
 PARTS = (outputs, datasets, evaluation)
-CASES = [
-    pytest.param(case, id=case.name, marks=[pytest.mark.full] if case.slow else [])
-    for part in PARTS
-    for case in part.CASES
-]
+CASES = [case for part in PARTS for case in part.CASES]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_case(case, sound):
     attempt(case)

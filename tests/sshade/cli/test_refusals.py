@@ -6,7 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sshade.files.meshes import write_mesh
+import numpy as np
+
+from sshade import Handles
+from sshade.cli.main import main
+from sshade.files.meshes import read_arrays, write_mesh
+from sshade.files.task_files import write_handles
+from tests.robustness.case import assert_refused
 from tests.shapes import bumpy
 
 BODY = bumpy(1)
@@ -87,6 +93,9 @@ LIGHT = {
     "show pose.json": "no file is a mesh",
     "show body.ply pose.json pose.json": "show takes one handle file",
     "show body.ply -o no/a.png": "no does not exist",
+    "blender -o a.tar": "use .zip",
+    "blender -o no/a.zip": "the folder no does not exist",
+    "deform body.ply pose.json -o a.ply --with gone.ply": "gone.ply: no such file",
 }
 #: Command lines whose checks may import heavy libraries, but must not compile a kernel.
 HEAVIER = {
@@ -94,6 +103,16 @@ HEAVIER = {
     "edit body.ply --method paper_plain": "there is no method 'paper_plain' here",
     "transfer-pose body.ply body.ply damaged.ply -o a.ply": "damaged.ply: not a readable PLY file",
     "remesh damaged.ply -o a.ply --map m.npz": "damaged.ply: not a readable PLY file",
+}
+#: Command lines that read whole files. `turned.ply` has the faces of the body in another order.
+LATER = {
+    "carry small.ply map.npz proxy.ply -o a.ply": "42 vertices, this one has 12",
+    "carry turned.ply map.npz proxy.ply -o a.ply": "other faces",
+    "carry body.ply map.npz small.ply -o a.ply": "small.ply has 12 vertices and the proxy of map.npz has",
+    "carry body.ply map.npz nan.ply -o a.ply": "nan.ply: vertex 0 has a NaN",
+    "carry body.ply pose.json proxy.ply -o a.ply": "unknown format",
+    "carry body.ply damaged.npz proxy.ply -o a.ply": "not a map written by `sshade remesh` (",
+    "deform body.ply pose.json -o a.ply --with far.ply": "far.ply: 42 of 42 points are too far from the box",
 }
 
 
@@ -123,3 +142,17 @@ def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
         Path(name).write_text(text)
     refused(LIGHT)
     refused(HEAVIER, "--count")
+
+
+def test_meshes_and_maps_that_do_not_belong_together_are_refused(here):
+    write_mesh("body.ply", BODY.V, BODY.F)
+    write_mesh("turned.ply", BODY.V, BODY.F[::-1])
+    write_mesh("far.ply", BODY.V + 100, BODY.F)
+    write_mesh("small.ply", bumpy(0).V, bumpy(0).F)
+    write_handles("pose.json", Handles([1], BODY.V[[1]]))
+    assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "20"]) == 0
+    V, F = read_arrays("proxy.ply")
+    write_mesh("nan.ply", np.where(np.arange(len(V))[:, None] == 0, np.nan, V), F)
+    Path("damaged.npz").write_bytes(Path("map.npz").read_bytes()[:-100])
+    for line, words in LATER.items():
+        assert_refused("sshade", line.split(), words)
