@@ -21,19 +21,13 @@ from tests.shapes import bumpy
 MOVE, TURN = (0.1, 0.0, 0.3), (0.0, 0.2, 0.1)
 
 
-def fresh(quads=False):
+def fresh():
     """Return a new object with contents of all kinds, its positions (n, 3) float32 and triangles (m, 3)."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     mesh = bpy.data.meshes.new("Body")
-    if quads:
-        V, F = blender_task.tube(12, 30)
-        around, row, column = 12, *(axis.ravel() for axis in np.indices((29, 12)))
-        a, b = row * around + column, row * around + (column + 1) % around
-        mesh.from_pydata(V.tolist(), [], np.stack([a, b, b + around, a + around], axis=1).tolist())
-    else:
-        shape = bumpy(3)
-        V, F = shape.V.astype(np.float32), shape.F
-        mesh.from_pydata(V.tolist(), [], F.tolist())
+    shape = bumpy(3)
+    V, F = shape.V.astype(np.float32), shape.F
+    mesh.from_pydata(V.tolist(), [], F.tolist())
     obj = bpy.data.objects.new("Body", mesh)
     bpy.context.collection.objects.link(obj)
     bpy.context.view_layer.objects.active = obj
@@ -134,31 +128,6 @@ def scene_operator():
     return {**facts, "kept": contents(obj) == before}
 
 
-def scene_soft():
-    """A weight of 0.5 in the group is a soft handle of weight 1, of a mirrored object, too."""
-    obj, V, F = fresh()
-    obj.scale = (-2, 2, 2)
-    bpy.context.view_layer.update()
-    fixed, moving = with_handles(obj, V, weight=0.5)
-    bpy.ops.sshade.deform()
-    U = points(obj.data.shape_keys.key_blocks[-1])
-    soft, hard = (expected(obj, V, F, fixed, moving, weight=weight) for weight in (1.0, inf))
-    return {"soft": bool((soft == U).all()), "hard": bool((hard == U).all())}
-
-
-def scene_quads():
-    """Quads, which are cut into triangles."""
-    obj, V, F = fresh(quads=True)
-    fixed, moving = with_handles(obj, V)
-    bpy.ops.sshade.deform()
-    U = points(obj.data.shape_keys.key_blocks[-1])
-    goal = expected(obj, V, F, fixed, moving)
-    bpy.ops.sshade.live_start()
-    bpy.ops.sshade.live_finish()
-    same = points(obj.data.shape_keys.key_blocks[-1])
-    return {"fast": bool((goal == U).all()), "live": bool((same == U).all())}
-
-
 def scene_live():
     """Follow an empty; the finished shape is the operator's."""
     obj, V, F = fresh()
@@ -191,27 +160,12 @@ def scene_live():
     return facts | {"keys": obj.data.shape_keys.key_blocks.keys()}
 
 
-def scene_live_of_frames():
-    """Follow an empty that has keyframes."""
-    obj, V, F = fresh()
-    fixed, moving = with_handles(obj, V)
-    empty = obj.sshade.handles["moving"].empty
-    empty.keyframe_insert("location", frame=1)
-    empty.location.x += 1
-    empty.keyframe_insert("location", frame=10)
-    bpy.context.scene.frame_set(1)
-    bpy.ops.sshade.live_start()
-    key = obj.data.shape_keys.key_blocks[-1]
-    before = points(key)[moving]
-    bpy.context.scene.frame_set(10)
-    return float(np.abs(points(key)[moving] - before - [1, 0, 0]).max())
-
-
 def scene_cancel():
-    """Cancel the live mode: the object is as before."""
+    """Cancel the live mode: the object is as before, with its earlier shape key."""
     obj, V, F = fresh()
     with_handles(obj, V)
     before = contents(obj)
+    bpy.ops.sshade.deform()
     bpy.ops.sshade.live_start()
     moved = float(np.abs(points(obj.data.shape_keys.key_blocks[-1]) - V).max())
     twice = bpy.ops.sshade.live_start.poll(), bpy.ops.sshade.deform.poll()
@@ -219,24 +173,10 @@ def scene_cancel():
     return {
         "moved": moved,
         "twice": twice,
-        "keys": obj.data.shape_keys is None,
+        "keys": {key.name: key.value for key in obj.data.shape_keys.key_blocks},
         "kept": contents(obj) == before and bool((rest(obj) == V).all()),
         "running": len(live_module().RUNNING),
     }
-
-
-def scene_earlier_keys():
-    """A live mode that is cancelled restores earlier keys."""
-    obj, V, F = fresh()
-    with_handles(obj, V)
-    obj.shape_key_add(name="Basis")
-    facts = {}
-    for begin in ("basis", "deformed"):
-        bpy.ops.sshade.live_start()
-        bpy.ops.sshade.live_cancel()
-        facts[begin] = {key.name: key.value for key in obj.data.shape_keys.key_blocks}
-        bpy.ops.sshade.deform()
-    return facts
 
 
 def scene_scaled_in_live_mode():
@@ -290,15 +230,13 @@ def scene_undo():
 def scene_edited():
     """Edit a mesh between bind and step: the live mode ends, and nothing is lost."""
     facts = {}
-    for edit in ("moved", "more", "group", "key"):
+    for edit in ("moved", "group", "key"):
         obj, V, F = fresh()
         with_handles(obj, V)
         bpy.ops.sshade.live_start()
         shape = points(obj.data.shape_keys.key_blocks[-1])
         if edit == "moved":
             obj.data.shape_keys.reference_key.points[0].co.x += 1
-        elif edit == "more":
-            obj.data.vertices.add(1)
         elif edit == "group":
             obj.sshade.handles.remove(0)
         else:
@@ -310,47 +248,6 @@ def scene_edited():
         message = obj.sshade.message
         facts[edit] = [message, stays, refused(bpy.ops.sshade.live_start)]
     return facts
-
-
-def scene_changes_in_live_mode():
-    """Other weights count at the end; a redone edit ends the mode; a mesh in edit mode waits."""
-    obj, V, F = fresh()
-    fixed, moving = with_handles(obj, V)
-    bpy.ops.sshade.live_start()
-    obj.vertex_groups["moving"].add(moving.tolist(), 0.5, "REPLACE")
-    bpy.ops.sshade.live_finish()
-    same = points(obj.data.shape_keys.key_blocks[-1]) == expected(obj, V, F, fixed, moving, weight=1.0)
-    facts = {"weights": bool(same.all())}
-
-    other = bpy.data.objects.new("Other", obj.data)
-    bpy.context.collection.objects.link(other)
-    bpy.ops.sshade.live_start()
-    bpy.ops.ed.undo_push(message="live")
-    bpy.context.view_layer.objects.active = other
-    bpy.ops.object.mode_set(mode="EDIT")
-    obj.sshade.handles["moving"].empty.location.x += 0.1
-    bpy.context.view_layer.update()
-    bpy.context.view_layer.objects.active = obj
-    facts["edit mode"] = bpy.ops.sshade.live_finish.poll(), len(live_module().RUNNING)
-    bpy.context.view_layer.objects.active = other
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.mesh.subdivide()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    bpy.ops.ed.undo_push(message="edit")
-    bpy.ops.ed.undo()
-    bpy.ops.ed.redo()
-    return facts | {"redo": bpy.data.objects["Body"].sshade.message}
-
-
-def scene_finish_of_an_edited_mesh():
-    """Finish after an edit is refused, and the shape key stays."""
-    obj, V, F = fresh()
-    with_handles(obj, V)
-    bpy.ops.sshade.live_start()
-    shape = points(obj.data.shape_keys.key_blocks[-1])
-    obj.data.shape_keys.reference_key.points[0].co.x += 1
-    message = refused(bpy.ops.sshade.live_finish)
-    return [message, bool((points(obj.data.shape_keys.key_blocks[-1]) == shape).all())]
 
 
 def scene_refusals():
@@ -378,22 +275,6 @@ def scene_refusals():
     with_handles(obj, V)
     facts["added twice"] = [refused(bpy.ops.sshade.handle_add)]
     return facts
-
-
-def scene_applied_scale():
-    """Apply unequal scales, as the message asks, and choose the empty again."""
-    obj, V, F = fresh()
-    obj.scale = (1, 3, 2)
-    bpy.context.view_layer.update()
-    with_handles(obj, V)
-    said = [refused(bpy.ops.sshade.deform)]
-    obj.select_set(True)
-    bpy.ops.object.transform_apply()
-    said.append(refused(bpy.ops.sshade.deform))
-    handle = obj.sshade.handles["moving"]
-    empty, handle.empty = handle.empty, None
-    handle.empty = empty
-    return [*said, refused(bpy.ops.sshade.deform)]
 
 
 def scene_page():

@@ -56,15 +56,6 @@ def test_a_shape_key_leaves_the_rest_shape(report):
     assert report["operator"]["rest"] and report["live"]["rest"]
 
 
-def test_weights_in_the_group_make_handles_soft(report):
-    assert report["soft"] == {"soft": True, "hard": False}
-
-
-def test_quads(report):
-    facts = report["quads"]
-    assert facts["fast"] and facts["live"]
-
-
 def test_the_live_mode_follows_and_ends_at_the_result_of_the_operator(report):
     facts = report["live"]
     assert facts["off"] < 1e-6 * facts["diagonal"]  # hard handles are at the empty at each step
@@ -72,19 +63,10 @@ def test_the_live_mode_follows_and_ends_at_the_result_of_the_operator(report):
     assert facts["finished"] and facts["keys"] == ["Basis", "SShaDe"]
 
 
-def test_the_live_mode_follows_keyframes(report):
-    assert report["live_of_frames"] < 1e-6
-
-
 def test_cancel_restores_the_object(report):
     facts = report["cancel"]
-    assert facts["moved"] > 0.3 and facts["keys"] and facts["running"] == 0
+    assert facts["moved"] > 0.3 and facts["keys"] == {"Basis": 1, "SShaDe": 1} and facts["running"] == 0
     assert facts["twice"] == [False, False]  # no second live mode, and no operator meanwhile
-
-
-def test_cancel_restores_earlier_keys(report):
-    facts = report["earlier_keys"]
-    assert facts["basis"] == {"Basis": 1} and facts["deformed"] == {"Basis": 1, "SShaDe": 1}
 
 
 def test_undo_and_redo(report):
@@ -98,7 +80,6 @@ def test_undo_and_redo(report):
     ("edit", "said"),
     [
         ("moved", "mesh 'Body' was edited"),
-        ("more", "mesh 'Body' was edited"),
         ("group", "the list of groups changed"),
         ("key", "its shape key 'SShaDe' is gone"),
     ],
@@ -106,18 +87,7 @@ def test_undo_and_redo(report):
 def test_an_edit_ends_the_live_mode_and_nothing_is_lost(report, edit, said):
     message, stays, again = report["edited"][edit]
     assert message.startswith("the live mode ended, because ") and said in message and stays
-    assert again == ("the shape keys of mesh 'Body' have 642 points, not 643" if edit == "more" else "")
-
-
-def test_weights_and_edits_in_the_live_mode(report):
-    facts = report["changes_in_live_mode"]
-    assert facts["weights"] and facts["edit mode"] == [False, 1]
-    assert "was edited" in facts["redo"]
-
-
-def test_the_end_of_a_live_mode_after_an_edit_is_refused(report):
-    message, stays = report["finish_of_an_edited_mesh"]
-    assert "was edited" in message and stays
+    assert again == ""
 
 
 def test_a_scaled_empty_pauses_the_live_mode(report):
@@ -140,14 +110,6 @@ def test_a_scaled_empty_pauses_the_live_mode(report):
 )
 def test_a_mistake_is_one_sentence_and_changes_nothing(report, mistake, said):
     assert report["refusals"][mistake] == [said, said, True]
-
-
-def test_an_applied_scale_is_refused_until_the_empty_is_chosen_again(report):
-    assert report["applied_scale"] == [
-        "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
-        SCALED,
-        "",
-    ]
 
 
 def test_mistakes_in_the_list_of_handles(report):

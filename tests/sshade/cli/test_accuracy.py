@@ -62,19 +62,14 @@ def test_soft_handles_are_counted_apart_and_are_no_warning(run):
     assert f"out.ply: {BODY.n} vertices, {len(POSE)} soft handles " in err.splitlines()[0]
 
 
-def test_one_handle_is_singular(run):
-    err = run("out.ply", handles=Handles(POSE.index[:2], POSE.target[:2], weight=[np.inf, 1.0]))
-    assert re.search(r"1 handle (on|at most .*) target, 1 soft handle ", err)
-
-
-@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "glb", "gltf"])
+@pytest.mark.parametrize("suffix", ["obj", "stl", "glb"])
 def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(run, suffix):
     """The mesh is in double precision; STL and glTF round it to steps of about 1 % of the diagonal."""
     write_mesh("body.ply", BODY.V + FAR, BODY.F)
     far = Handles(POSE.index, POSE.target + FAR)
     output = f"out.{suffix}"
     err = run(output, handles=far)
-    if suffix in ("ply", "obj", "off"):
+    if suffix == "obj":
         assert said_to_be_reached(err) < 1e-9 and "single precision" not in err
         return
     assert said_to_be_reached(err) > 1e-3

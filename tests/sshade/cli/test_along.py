@@ -46,14 +46,3 @@ def test_a_shirt_keeps_its_texture_and_turns_its_normals(tmp_path):
         "posed_hair.glb",
         "posed_shirt.obj",
     ]
-
-
-def test_files_of_points_are_refused_before_anything_is_written(tmp_path):
-    names = "".join(f"property float {name}\n" for name in "xyz")
-    (tmp_path / "scene.ply").write_text(
-        f"ply\nformat ascii 1.0\nelement vertex 1\n{names}end_header\n0 0 0\n"
-    )
-    for call in (CALL.format("scene.ply"), "sshade deform scene.ply pose.json -o posed.ply"):
-        code, _, said = run(call)
-        assert code == 2 and "scene.ply: the file holds no triangles; give a mesh with faces" in said
-    assert not (tmp_path / "posed.ply").exists()

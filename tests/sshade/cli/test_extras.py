@@ -30,57 +30,43 @@ def run(program: str, *arguments: str, code: str = "main()") -> subprocess.Compl
     return subprocess.run(line, capture_output=True, text=True)
 
 
-@pytest.fixture(scope="module")
-def example(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("example")
-    assert run("defaust.cli", "example", str(folder), "--subdivisions", "0").returncode == 0
-    return folder
-
-
-def test_deforming_needs_no_extra_in_any_format(example):
-    outputs = [str(example / f"posed.{suffix}") for suffix in ("ply", "obj", "off", "stl", "glb", "gltf")]
-    files = str(example / "rest.ply"), str(example / "pose_6.json")
-    lines = [["deform", *files, "-o", output, "--vertices", "400"] for output in outputs]
+def test_deforming_needs_no_extra_in_any_format(sound):
+    outputs = [f"posed.{suffix}" for suffix in ("ply", "obj", "off", "stl", "glb", "gltf")]
+    lines = [["deform", "body.ply", "pose.json", "-o", output, "--vertices", "60"] for output in outputs]
     done = run("sshade.cli.main", code=f"any([main(line) for line in {lines}])")
     assert done.returncode == 0 and all(map(os.path.isfile, outputs)), done.stderr
 
 
-@pytest.mark.parametrize(
-    ("program", "arguments", "missing"),
-    [
-        ("sshade.cli.main", "show {0}/rest.ply -o {0}/a.png", "pyvista is not installed; {1}figures,"),
-        (
-            "sshade.cli.main",
-            "deform {0}/a.vtp {0}/pose_6.json -o {0}/a.ply",
-            "a.vtp: pyvista is not installed; {1}figures,",
-        ),
-        (
-            "sshade.cli.main",
-            "deform {0}/rest.ply {0}/pose_6.json -o {0}/a.vtu",
-            "a.vtu: pyvista is not installed; {1}figures,",
-        ),
-        (
-            "sshade.cli.main",
-            "deform {0}/rest.ply {0}/pose_6.json -o {0}/a.3mf",
-            "a.3mf: trimesh is not installed; {1}formats,",
-        ),
-        ("sshade.cli.main", "deform {0}/rest.ply {0}/arap.yaml -o {0}/a.ply", "igl is not installed; {1}"),
-        ("defaust.cli", "build out={0}/data", "hydra is not installed; {1}bench,"),
-        ("eval.main", "run method=fast", "is not installed; {1}bench,"),
-        ("eval.main", "collect", "pandas is not installed; {1}bench,"),
-        ("eval.main", "report", "is not installed; {1}bench,"),
-    ],
-)
-def test_the_extra_is_named_in_one_sentence(example, program, arguments, missing):
-    (example / "a.vtp").write_text("any")
+#: Command lines and words of their errors, by program.
+MISSING = {
+    "sshade.cli.main": {
+        "show body.ply -o a.png": "pyvista is not installed; install the extra figures,",
+        "deform a.vtp pose.json -o a.ply": "a.vtp: pyvista is not installed; install the extra figures,",
+        "deform body.ply pose.json -o a.vtu": "a.vtu: pyvista is not installed; install the extra figures,",
+        "deform body.ply pose.json -o a.3mf": "a.3mf: trimesh is not installed; install the extra formats,",
+        "deform body.ply arap.yaml -o a.ply": "igl is not installed; install the extra ",
+    },
+    "defaust.cli": {"build out=data": "hydra is not installed; install the extra bench,"},
+    "eval.main": {
+        "run method=fast": "is not installed; install the extra bench,",
+        "collect": "pandas is not installed; install the extra bench,",
+        "report": "is not installed; install the extra bench,",
+    },
+}
+
+
+@pytest.mark.parametrize("program", MISSING)
+def test_the_extra_is_named_in_one_sentence(sound, program):
+    Path("a.vtp").write_text("any")
     for folder in ("parts", "transforms"):
-        (example / folder).mkdir(exist_ok=True)
-    (example / "parts" / "hand.txt").write_text("0 0 0\n1 0 0\n0 1 0\n")
-    (example / "arap.yaml").write_text(json.dumps({"handles": {"static": {"positions": ["hand"]}}}))
-    done = run(program, *arguments.format(example).split())
-    assert done.returncode == 2 and done.stdout == "", done.stderr
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert missing.format("", "install the extra ") in done.stderr
+        Path(folder).mkdir(exist_ok=True)
+    Path("parts/hand.txt").write_text("0 0 0\n1 0 0\n0 1 0\n")
+    Path("arap.yaml").write_text(json.dumps({"handles": {"static": {"positions": ["hand"]}}}))
+    lines = [line.split() for line in MISSING[program]]
+    done = run(program, code=f"[main(line) for line in {lines}] != {[2] * len(lines)}")
+    assert done.returncode == 0 and done.stdout == "", done.stderr
+    for error, words in zip(done.stderr.splitlines(), MISSING[program].values(), strict=True):
+        assert error.startswith("error: ") and words in error
 
 
 def test_another_missing_module_is_an_error_of_the_program():

@@ -156,22 +156,6 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
     assert "note: the rotation or scale of entry 1 is about the origin, which lies outside" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["defrom"], "'defrom' is no command; did you mean 'deform'?"),
-        (["deform", "a.ply", "b.json", "-o", "c.ply", "--wieght", "3"], "; did you mean '--weight'?"),
-        (["bend"], "'bend'"),
-        (["deform", "body.ply", "pose.json"], "-o/--output; see `sshade deform --help`"),
-        (["show", "body.ply", "less.ply", "-o", "a.html"], "less.ply has 3 vertices"),
-        (["reconstruct", "body.ply", "less.ply", "-o", "a.ply"], "they must correspond"),
-    ],
-)
-def test_a_mistake_in_the_arguments_is_one_sentence(sound, arguments, words):
-    write_mesh("less.ply", BODY.V[:3], [[0, 1, 2]])
-    assert_refused("sshade", arguments, words)
-
-
 def test_it_tells_its_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"sshade {version('sshade')}\n"
@@ -253,24 +237,6 @@ def test_an_interrupt_in_a_compiled_function_is_no_error_of_the_program(capsys):
         assert capsys.readouterr().err == "interrupted\n"
     with pytest.raises(SystemError):
         run_command(lambda: fails(ValueError()))
-
-
-@pytest.mark.parametrize(
-    ("line", "output"),
-    [
-        ("deform body.ply pose.json -o {}", "body.ply"),
-        ("remesh body.ply --map map.npz -o {}", "body.ply"),
-        ("carry body.ply map.npz edited.ply -o {}", "edited.ply"),
-        ("reconstruct body.ply posed.ply -o {}", "posed.ply"),
-        ("transfer-pose body.ply posed.ply edited.ply -o {}", "edited.ply"),
-        ("edit body.ply pose.json --no-browser --handles-out {}", "pose.json"),
-    ],
-)
-def test_no_command_overwrites_an_input_unasked(sound, line, output):
-    for name in ("posed.ply", "edited.ply"):
-        write_mesh(name, BODY.V, BODY.F)
-    Path("map.npz").touch()
-    assert_refused("sshade", line.format(output).split(), f"{output}: is the input {output}", "--overwrite")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes with names")

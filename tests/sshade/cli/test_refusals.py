@@ -93,6 +93,23 @@ LIGHT = {
     "show pose.json": "no file is a mesh",
     "show body.ply pose.json pose.json": "show takes one handle file",
     "show body.ply -o no/a.png": "no does not exist",
+    "defrom": "'defrom' is no command; did you mean 'deform'?",
+    "squash": "'squash' is no command; use sshade deform|",
+    "deform a.ply b.json -o c.ply --wieght 3": "; did you mean '--weight'?",
+    "deform body.ply pose.json": "-o/--output; see `sshade deform --help`",
+    "deform body.ply pose.json -o body.ply": "body.ply: is the input body.ply; give another",
+    "remesh body.ply --map map.npz -o body.ply": "body.ply: is the input body.ply",
+    "carry body.ply map.npz edited.ply -o edited.ply": "edited.ply: is the input edited.ply",
+    "reconstruct body.ply edited.ply -o edited.ply": "edited.ply: is the input edited.ply",
+    "transfer-pose body.ply body.ply edited.ply -o edited.ply": "edited.ply: is the input edited.ply",
+    "edit body.ply pose.json --no-browser --handles-out pose.json": "pose.json: is the input pose.json",
+    "edit body.ply --port 70000": "a port is a number up to 65535, not 70000",
+    "deform body.ply pose.json pose.json -o out.ply": "out.ply: one such file cannot hold a sequence; number",
+    "deform body.ply pose.json pose.json -o o%d_%d.ply": "one place for the number, such as out_%04d.ply",
+    "deform body.ply pose.json pose.json -o out_%d.xyz": "unknown format '.xyz'",
+    "deform body.ply pose.json pose.json -o out_%d.ply --fps -1": "--fps takes a number above 0",
+    "deform body.ply pose.json -o out.ply --fps 10": "--fps applies to sequences",
+    "deform body.ply pose.json gone.json -o out_%d.ply": "gone.json: no such file",
     "blender -o a.tar": "use .zip",
     "blender -o no/a.zip": "the folder no does not exist",
     "deform body.ply pose.json -o a.ply --with gone.ply": "gone.ply: no such file",
@@ -112,6 +129,10 @@ LATER = {
     "carry body.ply map.npz nan.ply -o a.ply": "nan.ply: vertex 0 has a NaN",
     "carry body.ply pose.json proxy.ply -o a.ply": "unknown format",
     "carry body.ply damaged.npz proxy.ply -o a.ply": "not a map written by `sshade remesh` (",
+    "show body.ply small.ply -o a.html": "small.ply has 12 vertices",
+    "reconstruct body.ply small.ply -o a.ply": "small.ply has 12 vertices and body.ply has 42",
+    "deform body.ply pose.json two.json -o out_%d.ply": "two.json: its handles have other vertices",
+    "deform body_1.ply pose.json -o body_%d.ply": "body_1.ply: is the input body_1.ply",
     "deform body.ply pose.json -o a.ply --with far.ply": "far.ply: 42 of 42 points are too far from the box",
 }
 
@@ -133,7 +154,7 @@ def refused(lines: dict[str, str], *flags: str) -> None:
 
 def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
     write_mesh("body.ply", BODY.V, BODY.F)
-    for name in ("pose.txt", "pose.abc", "body.abc"):
+    for name in ("pose.txt", "pose.abc", "body.abc", "edited.ply"):
         Path(name).write_bytes(b"")
     Path("damaged.ply").write_text("ply\n")
     Path("map.npz").write_bytes(b"")
@@ -145,11 +166,13 @@ def test_mistakes_are_refused_before_anything_is_imported_or_compiled(here):
 
 
 def test_meshes_and_maps_that_do_not_belong_together_are_refused(here):
-    write_mesh("body.ply", BODY.V, BODY.F)
+    for name in ("body.ply", "body_1.ply"):
+        write_mesh(name, BODY.V, BODY.F)
     write_mesh("turned.ply", BODY.V, BODY.F[::-1])
     write_mesh("far.ply", BODY.V + 100, BODY.F)
     write_mesh("small.ply", bumpy(0).V, bumpy(0).F)
     write_handles("pose.json", Handles([1], BODY.V[[1]]))
+    write_handles("two.json", Handles([1, 2], BODY.V[[1, 2]], group=[0, 1]))
     assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "20"]) == 0
     V, F = read_arrays("proxy.ply")
     write_mesh("nan.ply", np.where(np.arange(len(V))[:, None] == 0, np.nan, V), F)

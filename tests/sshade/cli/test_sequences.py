@@ -16,7 +16,7 @@ from sshade.mesh.mesh import Mesh
 from sshade.problem.task import Handles
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
-from tests.shapes import beside, bumpy, end_handles, tube
+from tests.shapes import beside, bumpy, end_handles
 
 BODY = bumpy(2)
 ENDS = end_handles(BODY.V, share=0.1)
@@ -87,37 +87,21 @@ def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, c
 
 
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:
-    """Read a .glb and check what a validator checks: lengths, alignment, bounds, targets, animations."""
+    """Read a .glb and check its lengths, its bounds and the sizes of its animations."""
     data = Path(path).read_bytes()
     tree, binary = taken_apart(data)
     assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data)) and len(data) % 4 == 0
-    size, kind = struct.unpack("<I4s", data[12:20])
-    assert kind == b"JSON" and size % 4 == 0
-    assert struct.unpack("<I4s", data[20 + size : 28 + size]) == (len(binary), b"BIN\0")
-    assert len(tree["buffers"]) == 1 and "uri" not in tree["buffers"][0]
     assert 0 <= len(binary) - tree["buffers"][0]["byteLength"] < 4
     numbers = arrays(tree, binary)
-    for mesh in tree["meshes"]:
-        counts = {len(p.get("targets", [])) for p in mesh["primitives"]}
-        assert counts == {len(mesh.get("weights", []))}
-        for primitive in mesh["primitives"]:
-            here = tree["accessors"][primitive["attributes"]["POSITION"]]
-            assert {"min", "max"} <= here.keys()
-            for target in primitive.get("targets", []):
-                assert target.keys() <= primitive["attributes"].keys()
-                for name, number in target.items():
-                    accessor = tree["accessors"][number]
-                    assert (accessor["type"], accessor["count"]) == ("VEC3", here["count"])
-                    assert name != "POSITION" or {"min", "max"} <= accessor.keys()
+    for primitive in (primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]):
+        for place in (primitive["attributes"], *primitive.get("targets", [])):
+            assert {"min", "max"} <= tree["accessors"][place["POSITION"]].keys()
     for animation in tree.get("animations", []):
         for channel in animation["channels"]:
             sampler = animation["samplers"][channel["sampler"]]
-            clock = numbers[sampler["input"]]
-            assert {"min", "max"} <= tree["accessors"][sampler["input"]].keys()
-            assert clock.min() >= 0 and (np.diff(clock[:, 0]) > 0).all()
-            if channel["target"]["path"] == "weights":
-                mesh = tree["meshes"][tree["nodes"][channel["target"]["node"]]["mesh"]]
-                assert len(numbers[sampler["output"]]) == len(clock) * len(mesh["weights"])
+            mesh = tree["meshes"][tree["nodes"][channel["target"]["node"]]["mesh"]]
+            count = len(numbers[sampler["input"]]) * len(mesh["weights"])
+            assert len(numbers[sampler["output"]]) == count
     return tree, numbers
 
 
@@ -178,43 +162,6 @@ def test_a_glb_keeps_what_the_glb_of_the_mesh_has(folder):
                 one, other = read_gltf(f"out_{number + 1}.glb")
                 truth = other[one["meshes"][mesh]["primitives"][0]["attributes"][name]]
                 np.testing.assert_allclose(shown[number], truth, atol=2e-6)
-
-
-def other_mesh() -> None:
-    """A pose of a larger mesh."""
-    write_handles("pose_1.json", end_handles(tube(24, 60).V))
-
-
-def other_groups() -> None:
-    group = ENDS.group + (np.arange(len(ENDS)) == len(ENDS) - 1)
-    write_handles("pose_1.json", Handles(ENDS.index, ENDS.target, group=group))
-
-
-OUT = ["-o", "out_%d.ply"]
-BAD = {
-    "no number": (None, [*poses(), "-o", "out.ply"], "out.ply: one such file cannot hold a sequence; number"),
-    "two numbers": (None, [*poses(), "-o", "o%d_%d.ply"], "one place for the number, such as out_%04d.ply"),
-    "unknown format": (None, [*poses(), "-o", "out_%d.xyz"], "unknown format '.xyz'"),
-    "fps below 0": (None, [*poses(), *OUT, "--fps", "-1"], "--fps takes a number above 0"),
-    "one pose": (None, ["pose_0.json", "-o", "out.ply", "--fps", "10"], "--fps applies to sequences"),
-    "other mesh": (other_mesh, [*poses(), *OUT], "pose_1.json: "),
-    "other groups": (other_groups, [*poses(), *OUT], "pose_1.json: its handles have other groups"),
-    "missing pose": (None, ["pose_0.json", "pose_9.json", *OUT], "pose_9.json: no such file"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_refused_in_a_sentence_before_anything_is_written(folder, name):
-    given, arguments, words = BAD[name]
-    if given is not None:
-        given()
-    assert_refused("sshade", ["deform", "body.ply", *arguments], words)
-
-
-def test_numbered_files_never_replace_the_mesh(folder):
-    Path("body.ply").rename("body_1.ply")
-    line = ["deform", "body_1.ply", *poses(), "-o", "body_%d.ply", *FAST]
-    assert_refused("sshade", line, "body_1.ply: is the input body_1.ply")
 
 
 def test_a_glb_that_would_be_too_large_is_refused(folder, monkeypatch):

@@ -1,6 +1,5 @@
 """The page in a browser: pick, mark, drag, undo and save; the command line repeats the saved shape."""
 
-import json
 import re
 from pathlib import Path
 
@@ -167,49 +166,6 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     page.keyboard.up("Control")
     assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
     page.wait_for_selector(f"#picked:text-is('{len(session.state.selection):,}')")  # a busy page is late
-    assert page.said == []
-
-
-def test_a_region_is_dragged_and_what_is_saved_deforms_to_the_same_on_the_command_line(page, session):
-    V = session.mesh.V
-    shown = where(page, V, V)
-    height = mark(page, session, shown)
-    low, high = np.flatnonzero(height < 0.1), np.flatnonzero(height > 0.9)
-    for group, own in zip(session.state.groups, (low, high), strict=True):
-        assert np.isin(own, group.vertices).all()
-    resting = pixels(page.locator("#stage"))
-    pivot = session.state.groups[1].target.mean(axis=0)
-    drag(page, where(page, V, pivot)[0], (60, -30))
-    release(page)
-    page.wait_for_timeout(100)
-    group = session.state.groups[1]
-    move = (group.target - session.mesh.V[group.vertices]).mean(axis=0)
-    there = where(page, V, pivot + move)[0] - where(page, V, pivot)[0]
-    assert np.abs(there - [60, -30]).max() < 8  # the group is where the mouse went
-    assert np.array_equal(session.shown[group.vertices], group.target)
-    posed = session.shown
-    assert changed(resting, pixels(page.locator("#stage"))) > 0.01
-
-    page.keyboard.press("Control+z")
-    page.wait_for_selector("#redo:enabled")
-    page.wait_for_timeout(100)
-    assert np.array_equal(session.shown, V)
-    assert changed(resting, pixels(page.locator("#stage"))) < 0.005
-    page.keyboard.press("Control+Shift+z")
-    page.wait_for_selector("#redo:disabled")
-    assert session.shown is posed
-
-    asked(page, "save", page.get_by_role("button", name="Save handles").click)
-    page.get_by_label("file for the mesh").fill("posed.obj")
-    asked(page, "save", page.get_by_role("button", name="Save mesh").click)
-    page.wait_for_selector("#saved:has-text('posed.obj')")
-    words = page.locator("#command").inner_text().split()
-    assert words[:2] == ["sshade", "deform"]
-    assert main([*words[1:-1], "again.obj"]) == 0
-    again = read_arrays("again.obj")[0]
-    assert np.array_equal(again, read_arrays("posed.obj")[0])
-    assert np.abs(again - posed).max() < 1e-9 * session.mesh.diagonal
-    assert len(json.loads(Path("body_handles.json").read_text())["handles"]) == 2
     assert page.said == []
 
 

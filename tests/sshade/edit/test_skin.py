@@ -130,26 +130,6 @@ def test_a_file_without_materials_has_none_and_wrong_ones_are_told():
         Commands(Session(Path("plain.ply"))).skin()
 
 
-def test_a_texture_that_is_missing_is_told_and_colours_of_vertices_win_over_plain_materials(browser):
-    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in BODY.V.tolist()]
-    faces = [f"f {a}/1 {b}/1 {c}/1" for a, b, c in (BODY.F + 1).tolist()]
-    half = len(faces) // 2
-    names = ["vt 0 0", "usemtl a", *faces[:half], "usemtl b", *faces[half:]]
-    Path("body.obj").write_text("\n".join(["mtllib a.mtl", *rows, *names]) + "\n")
-    library = "newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n"
-    for text, state in (library, "plain"), (f"{library}map_Kd gone.png\n", "shown"):
-        Path("a.mtl").write_text(text)
-        with lent(Session(Path("body.obj"))) as server, opened(browser, server.address) as page:
-            page.wait_for_selector(f"#stage[data-skin={state}]")
-            page.wait_for_timeout(300)
-            stage = pixels(page.locator("#stage"))
-            assert (portion(stage, 0) > 0.05) == (state == "plain")
-            assert (portion(stage, 2) > 0.02) == (state == "shown")
-            if state == "shown":
-                told = page.locator("#message span").inner_text()
-                assert told == "body.obj: a texture cannot be shown (No such file or directory)."
-
-
 def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
     V = BODY.V[:, [1, 2, 0]]
     high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)

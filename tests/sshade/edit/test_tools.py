@@ -73,6 +73,9 @@ def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session
     assert session.state is state  # a click on the arrows moves nothing
     drag(page, gizmo(page), (60, -30))
     release(page)
+    V, group = session.mesh.V, session.state.groups[1]
+    was, now = (where(page, V, points.mean(axis=0))[0] for points in (V[group.vertices], group.target))
+    assert np.abs(now - was - [60, -30]).max() < 8  # the group is where the mouse went
     page.wait_for_selector("#hint:has-text('Done in')")
     assert "the volume changed by" in hint.inner_text()
     asked(page, "undo", page.get_by_role("button", name="Undo").click)

@@ -68,8 +68,6 @@ def test_poses_of_all_kinds_are_shapes_of_one_figure():
     assert names(plot(V, F, 2 * V, other)) == ["rest", "pose 1", "pose 2"]
     assert names(plot(Arrays(V, F), RESULT, (2 * V).tolist())) == ["rest", "result", "pose"]
     assert names(plot(RESULT.of(TASK), RESULT.of(TASK), names=["fast", "fine"])) == ["rest", "fast", "fine"]
-    whole = np.rint(9 * V).astype(int)  # positions may be integers, as faces are
-    assert names(plot(V, F, whole, whole, V, F)) == ["rest", "pose 1", "pose 2", "pose 3"]
     assert names(plot(REST, RESULT.of(TASK), other)) == ["rest", "result", "pose"]
     transfer = TransferTask("t", REST, other, 2 * V, truth=3 * V)
     assert names(plot(RESULT.of(transfer))) == ["rest", "result"]
@@ -108,26 +106,20 @@ def test_values_colour_all_shapes_from_the_least_to_the_greatest():
     [
         ((), {}, "there is no mesh to plot: plot takes meshes"),
         (("body.ply",), {}, "not an object of type str"),
-        ((REST, None), {}, "not an object of type NoneType"),
-        ((REST, [["a", "b"]]), {}, "not an object of type list"),
         ((HANDLES,), {}, "pass the mesh first"),
         ((RESULT,), {}, "the mesh of a result is missing, because it knows no task"),
-        ((REST.V,), {}, "the mesh of a pose is missing, because no faces follow it"),
         ((REST.V, REST.F - 1), {}, "ids go from 0 to"),
         ((REST, REST.V[1:]), {}, "pass poses of one mesh"),
         ((REST, REST.V * np.nan), {}, "NaN or infinite coordinate in the pose"),
         ((REST, icosphere(1)), {}, "a further mesh has 42 vertices and 80 faces, and the first mesh 162"),
         ((icosphere(1), RESULT.of(TASK)), {}, "the mesh of a task or result has 162 vertices"),
-        ((icosphere(1), RESULT), {}, "a result has shape .162, 3., and the mesh 42 vertices"),
         ((Mesh(2 * REST.V, REST.F), TASK), {}, "not the rest shape that comes first"),
         ((REST, HANDLES, HANDLES), {}, "one object of handles"),
         ((icosphere(1), Handles([100], [[0, 0, 0]])), {}, "handle id 100 is out of range"),
         ((Mesh(np.eye(3)[[0, 0, 0]], [[0, 1, 2]]),), {}, "all vertices of the mesh coincide"),
         ((REST, RESULT), {"names": ["a", "b"]}, "1 poses follow the rest shape, and names has 2"),
-        ((REST, RESULT), {"names": "a"}, "names has 1"),
         ((REST, RESULT), {"names": ["rest"]}, 'differ from each other and from "rest"'),
         ((REST,), {"values": [1.0, 2]}, "one finite number for each of the 162 vertices"),
-        ((REST,), {"values": np.full(REST.n, np.nan)}, "one finite number"),
         ((REST,), {"up": "x"}, 'up is "y" or "z"'),
     ],
 )
@@ -173,11 +165,9 @@ def test_results_know_their_tasks_without_copies_of_arrays():
     moved = sshade.deform(TASK, method=lambda task, **_: RESULT)
     assert moved.task is TASK and moved.vertices is RESULT.vertices and RESULT.task is None
     drag = Deformer(REST, HANDLES.index, group=HANDLES.group)
-    out = np.empty_like(REST.V)
-    dragged = drag(HANDLES.target, out=out)
-    assert dragged.vertices is out and dragged.task.mesh is REST
+    dragged = drag(HANDLES.target)
     assert np.array_equal(dragged.task.handles.target, HANDLES.target)
-    assert drag.settle().task.mesh is REST
+    assert dragged.task.mesh is REST and drag.settle().task.mesh is REST
     for pose in sshade.deform_sequence(TASK, [HANDLES.target, HANDLES]):
         assert pose.task.mesh is REST and pose.task.guess is None
     transferred = sshade.transfer_pose(REST, 2 * REST.V, samplings=1)
