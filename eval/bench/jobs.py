@@ -155,7 +155,7 @@ def _drag_of(method: TimedMethod, task: DeformationTask) -> Callable[[], Row]:
         raise InputError(f"{label} cannot be bound: sshade.Deformer binds the methods paper and fast")
     if config["coarse"] is not None:
         raise InputError(f"{label} cannot be bound: sshade.Deformer has its own solver of proxies")
-    names = set(accepted(name)) - {"coarse", "warm_start"}
+    names = set(accepted(name)) - {"coarse"}
     options = {"method": name, **{key: value for key, value in config.items() if key in names}}
     return partial(drag, task, options)
 

@@ -87,7 +87,7 @@ class Deformer:
         **options: Any,
     ) -> None:
         require_method(method, ("fast", "paper"))
-        names = [name for name in accepted(method) if name not in ("coarse", "warm_start", "accelerate")]
+        names = [name for name in accepted(method) if name not in ("coarse", "accelerate")]
         values = {"samplings": 1, **checked(options, names, subject="Deformer")}
         self._shape: OpenShape | None = None
         if isinstance(shape, Mesh) and len(arrays) == 1:

@@ -123,11 +123,7 @@ class Proxies:
                 results = [self._proxy(guess, progress, 0).deform(handles, out=out, **work)]
                 V = results[0].vertices
             else:
-                first = None
-                if options.warm_start and not self.kept:  # all others start from the first result
-                    first = self._proxy(guess, progress, 0).deform(handles, **work)
-                    guess = first.vertices
-                run = partial(self._deformed, handles, guess, progress, work, first)
+                run = partial(self._deformed, handles, guess, progress, work)
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
                     V, results = mean_of(pool.map(run, range(options.samplings)))
         # With a corrected volume, each M' is on its targets.
@@ -147,12 +143,8 @@ class Proxies:
         guess: np.ndarray | None,
         progress: Progress,
         work: dict[str, Any],
-        first: DeformationResult | None,
         number: int,
     ) -> DeformationResult:
-        """Deform M through one proxy; `first` is the result of the first one, if it is known."""
-        if first is not None and number == 0:
-            return first
         return self._proxy(guess, progress, number).deform(handles, **work)
 
     def reset(self, guess: np.ndarray | None = None) -> None:

@@ -18,7 +18,7 @@ from concurrent.futures import CancelledError
 from dataclasses import replace
 from functools import partial
 from threading import Event
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,21 +59,6 @@ class Solve(Protocol):
     def __call__(
         self, task: DeformationTask, *, tolerance: float, progress: Progress, softened: bool = False
     ) -> DeformationResult: ...
-
-
-class Start(NamedTuple):
-    """Where the solve on a proxy begins.
-
-    Attributes
-    ----------
-    vertices : (k, 3) float64
-        Vertices of N.
-    facts : dict
-        ``coarser_iterations``, and with a guide energy the ``initialisation``: "guide" or "handles".
-    """
-
-    vertices: np.ndarray
-    facts: dict[str, Any]
 
 
 class ProxySolver(Protocol):
@@ -175,16 +160,19 @@ def solve_from_start(
         energy the ``initialisation`` of the result: "guide" or "handles".
     """
     tolerance = options.tolerance
-    if (start := coarser_start(task, options, coarser_progress)) is not None:
-        near = replace(task, guess=start.vertices)
+    if (rough := coarser_start(task, options, coarser_progress)) is not None:
+        near = replace(task, guess=rough.vertices)
         result = solve(near, tolerance=tolerance, progress=progress, softened=True)
-        return replace(result, extra={**result.extra, **start.facts})
+        return replace(result, extra={**result.extra, **rough.extra})
     result = lowest(task, options, solve, volume_goal=volume_goal, tolerance=tolerance, progress=progress)
     return replace(result, extra={**result.extra, "coarser_iterations": 0.0})
 
 
-def coarser_start(task: DeformationTask, options: Options, progress: Progress) -> Start | None:
-    """Deform N through a coarser proxy, at its own volume; return None where that does not help."""
+def coarser_start(task: DeformationTask, options: Options, progress: Progress) -> DeformationResult | None:
+    """Deform N through a coarser proxy, at its own volume; return None where that does not help.
+
+    ``extra`` has what :func:`solve_from_start` says.
+    """
     mesh, handles = task.mesh, task.handles
     size = max(mesh.n // RATIO, ROOM * len(handles))
     if mesh.n < SMALLEST or size > mesh.n // ROOM:
@@ -211,10 +199,8 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
     except InputError as error:
         log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         return None
-    facts = {"coarser_iterations": rough.iterations}
-    if "initialisation" in rough.extra:
-        facts["initialisation"] = rough.extra["initialisation"]
-    return Start(V, facts)
+    facts = {name: rough.extra[name] for name in ("initialisation",) if name in rough.extra}
+    return replace(rough, vertices=V, extra={**facts, "coarser_iterations": rough.iterations})
 
 
 def lowest(

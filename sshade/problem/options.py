@@ -103,9 +103,6 @@ class Options:
     coarse : Method, optional
         Method that deforms the proxy in place of our solver. The options of energy and iteration are then
         that method's own.
-    warm_start : bool
-        Start later proxies from the result of the first proxy. Fewer iterations are needed, and all results
-        are in the same local minimum.
     accelerate : bool
         Reach the minimum of the proxy in a fraction of the iterations, by quasi-Newton steps. Turn it off for
         the plain iterations of the paper, to compare with them.
@@ -152,7 +149,6 @@ class Options:
     start: Any = _option("rest", "rest rigid")
     guide_attachment: float = _option(0.0, "[0, inf)", "fast fine")
     coarse: Callable[..., Any] | None = _option(None, "", "paper")
-    warm_start: bool = _option(False, "", "paper")
     accelerate: bool = _option(True, "", "paper")
     detail: float = _option(0.5, "[0, 1]", "fine")
     proxy_attachment: float = _option(0.0, "[0, inf)", "fine")
@@ -183,7 +179,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness", "inertia"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
-    "Paper": ("coarse", "warm_start", "accelerate"),
+    "Paper": ("coarse", "accelerate"),
     "Polish": (
         "detail",
         "proxy_attachment",
