@@ -227,6 +227,12 @@ def test_other_handles_are_taken_without_binding_anew(weight):
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
 
 
+def test_handles_that_become_regions_are_met_exactly(mesh, drag):
+    regions = end_handles(mesh.V, count=100, shift=[0.15, 0, 0.3])
+    drag.rebind_handles(regions.index)
+    np.testing.assert_array_equal(drag(regions.target).vertices[regions.index], regions.target)
+
+
 def test_a_reset_forgets_where_rebound_handles_missed_their_targets(mesh, held, drag):
     others = np.setdiff1d(np.argsort(mesh.V[:, 2])[[*range(12), *range(-12, 0)]], held)
     drag.rebind_handles(others)
