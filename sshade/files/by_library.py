@@ -96,7 +96,7 @@ def _with_trimesh(path: Path) -> MeshFile:
     holds = present(
         objects=len(scene.graph.nodes_geometry) > 1,
         materials="texture" in kinds,
-        colours=bool(kinds & {"vertex", "face", "vertex_color"}),
+        colours=len(F) and kinds & {"vertex", "face"},  # points always have colours in trimesh
         unit_of_length=scene.units not in UNITS.get(suffix, (None,)),
     )
     rounding = single_steps(V) if suffix == ".dae" else None  # pycollada reads float32

@@ -10,7 +10,6 @@ from PIL import Image
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
-from sshade.edit.skin import skin_of
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
 from tests.files import sample
@@ -162,34 +161,6 @@ def test_a_binary_stl_keeps_its_header_and_attributes(tmp_path):
     assert rewritten(path, V @ TURN.T).read_bytes() == path.read_bytes()[:84] + moved
 
 
-def test_references_to_other_files_are_from_the_new_place(tmp_path):
-    (tmp_path / "in" / "maps").mkdir(parents=True)
-    (tmp_path / "out").mkdir()
-    path = tmp_path / "in" / "a.obj"
-    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib maps/one.mtl two.mtl"))
-    V = read_arrays(path)[0]
-    for out, line in (("out/b.obj", "mtllib ../in/maps/one.mtl ../in/two.mtl \n"), ("in/b.obj", None)):
-        write_file(tmp_path / out, read_file(path), V)
-        expected = line or "mtllib maps/one.mtl two.mtl \n"
-        assert expected in (tmp_path / out).read_text()
-    # A name may contain spaces if the file exists.
-    (tmp_path / "in" / "of it.mtl").write_text("newmtl red\n")
-    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it.mtl"))
-    write_file(tmp_path / "out" / "b.obj", read_file(path), V)
-    assert "mtllib of it.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
-    assert (tmp_path / "out" / "of it.mtl").read_text() == "newmtl red\n"
-    # So may a name with a "#", which else begins a comment.
-    (tmp_path / "in" / "of it #2.mtl").write_text("newmtl red #1\nKd 1 0 0\n", encoding="utf-8-sig")
-    path.write_text(STUDIO.replace("mtllib two.mtl", "mtllib of it #2.mtl") + "usemtl red #1\nf 1 2 3\n")
-    write_file(tmp_path / "out" / "b.obj", read_file(path), V)
-    assert "mtllib of it #2.mtl \n" in (tmp_path / "out" / "b.obj").read_text()
-    assert skin_of(path).materials[-1].colour.tolist() == [1, 0, 0]
-    path = path.with_suffix(".ply")
-    path.write_text(MESHLAB)
-    write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])
-    assert (tmp_path / "out" / "b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
-
-
 def test_materials_and_textures_go_along_so_that_other_readers_find_them(tmp_path):
     """Readers like trimesh follow no names that lead out of the folder of the mesh."""
     (tmp_path / "in" / "maps").mkdir(parents=True)
@@ -217,30 +188,36 @@ def test_materials_and_textures_go_along_so_that_other_readers_find_them(tmp_pat
 @pytest.mark.parametrize(
     ("line", "moved"),
     [
+        ("mtllib maps/one.mtl two.mtl", "mtllib ../in/maps/one.mtl ../in/two.mtl"),
         ("mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
         (f"mtllib one.mtl # {'long' * 99}", f"mtllib ../in/one.mtl # {'long' * 99}"),
         ("mtllib not there.mtl", "mtllib ../in/not there.mtl"),
+        ("mtllib of it.mtl", None),
+        ("mtllib of it #2.mtl", None),
         ("mtllib C:\\models\\one.mtl", None),
         ("mtllib /models/one.mtl", None),
     ],
 )
 def test_the_name_of_a_library_is_what_programs_read(tmp_path, line, moved):
+    """A name may contain blanks and a # if the file exists, which goes along."""
     for name in ("in", "out"):
         (tmp_path / name).mkdir()
+    for name in ("of it.mtl", "of it #2.mtl"):
+        (tmp_path / "in" / name).write_text("newmtl red\n")
     (tmp_path / "in" / "a.obj").write_text(f"{line}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     file = read_file(tmp_path / "in" / "a.obj")
     write_file(tmp_path / "out" / "a.obj", file, file.V)
     assert (tmp_path / "out" / "a.obj").read_text().startswith((moved or line) + "\n")
+    assert [p.name for p in (tmp_path / "out").glob("*.mtl")] == [line[7:]] * ("of it" in line)
 
 
-def test_references_of_a_link_are_beside_the_link(tmp_path):
-    for name in ("store", "work"):
+def test_a_texture_in_the_comments_of_a_ply_is_named_from_the_new_place(tmp_path):
+    for name in ("in", "out"):
         (tmp_path / name).mkdir()
-    (tmp_path / "store" / "0123").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (tmp_path / "work" / "a.obj").symlink_to(tmp_path / "store" / "0123")
-    file = read_file(tmp_path / "work" / "a.obj")
-    write_file(tmp_path / "work" / "b.obj", file, file.V)
-    assert (tmp_path / "work" / "b.obj").read_text().startswith("mtllib a.mtl\n")
+    path = tmp_path / "in" / "a.ply"
+    path.write_text(MESHLAB)
+    write_file(tmp_path / "out" / "b.ply", read_file(path), read_arrays(path)[0])
+    assert (tmp_path / "out" / "b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
 
 
 def test_what_another_format_loses_is_named(tmp_path):

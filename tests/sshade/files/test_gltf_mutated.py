@@ -127,21 +127,6 @@ def test_two_sets_of_positions_with_the_same_normals_get_normals_of_their_own(tm
     assert accessors(new, 0) == [0, 1, 2] and accessors(new, 1) == [7, 8, 9]
 
 
-def test_accessors_that_read_the_same_are_one(tmp_path):
-    """A second primitive has separate accessors that refer to the bytes of the first primitive."""
-    tree, buffer = exported(node={"mesh": 0})
-    tree["accessors"] += [{**tree["accessors"][i]} for i in (0, 1, 2)]
-    second = {"attributes": {"POSITION": 6, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3}, "indices": 4}
-    tree["meshes"][0]["primitives"].append(second)
-    assert outcome(tree, buffer, tmp_path) == "written"
-    new = taken_apart((tmp_path / "b.glb").read_bytes())[0]["accessors"]
-    assert len(new) == 9 and new[6] == new[0] != tree["accessors"][0]
-    # A second primitive without normals is a separate surface at the same positions.
-    del second["attributes"]["NORMAL"], second["attributes"]["TANGENT"]
-    assert len(stored(tmp_path, tree, buffer).V) == 2 * SPHERE.n + 3
-    assert outcome(tree, buffer, tmp_path) == "written"
-
-
 def test_a_result_that_single_precision_cannot_hold_is_refused(tmp_path):
     skewed = np.eye(4)
     skewed[0, 1] = 1e7

@@ -1,6 +1,5 @@
 """Sentences about files: each names what is wrong, and count and verb agree."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,53 +9,11 @@ from sshade import Handles
 from sshade.core.errors import counted
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from sshade.files.task_files import write_handles
-from tests.gltf import with_arrays
 from tests.robustness.case import run
 from tests.shapes import as_obj, beside, block, icosphere
-from tests.write import obj, off
+from tests.write import off
 
 BALL = icosphere(1)
-MESH = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]}
-SCENE = {"scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]} | MESH
-
-
-def gltf(**changes) -> bytes:
-    """Return the JSON of a glTF file in which keys are changed; None removes a key."""
-    tree = {"asset": {"version": "2.0"}, "accessors": [], **SCENE, **changes}
-    return json.dumps({key: value for key, value in tree.items() if value is not None}).encode()
-
-
-def glb(value: float, scale: float = 1.0) -> bytes:
-    V = BALL.V.astype(np.float32)
-    V[3, 1] = value
-    tree = {**SCENE, "nodes": [{"mesh": 0, "scale": [scale] * 3, "rotation": [0, 0, 1, 0]}]}
-    return with_arrays(tree, V, BALL.F.reshape(-1, 1).astype(np.uint32))
-
-
-#: Name and content of a file, and the words of its refusal.
-REFUSED = {
-    "no mesh": ("a.gltf", gltf(meshes=None, nodes=[{"name": "empty"}]), "a.gltf: it has no mesh"),
-    "a node is a text": ("a.gltf", gltf(nodes=["x"]), "its nodes are no list of objects"),
-    "a scene is a text": ("a.gltf", gltf(scenes=["x"]), "its scenes are no list of objects"),
-    "meshes are an object": ("a.gltf", gltf(meshes={"a": {}}), "its meshes are no list of objects"),
-    "primitives are a number": ("a.gltf", gltf(meshes=[{"primitives": 3}]), "an entry has a wrong type"),
-    "an entry that is missing": ("a.gltf", gltf(), "one of its entries is missing"),
-    "version 1": ("a.gltf", gltf(asset={"version": "1.0"}, meshes={"a": {}}), "a file of glTF 1.0, and only"),
-    "GLB of version 1": ("a.glb", glb(0)[:4] + b"\x01" + glb(0)[5:], "a file of glTF 1, and only glTF 2.0"),
-    "an infinite position": ("a.glb", glb(np.inf, 2.0), "has a NaN or infinite coordinate"),
-    "one face that is a point": ("a.obj", obj(np.zeros((3, 3)), [[0, 1, 2]]), "the only face is a point"),
-    "one corner too few": ("a.off", off(BALL.V, [[0, 1]]), "a face needs at least three vertices"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_refusal_is_one_plain_sentence(here, name):
-    path, content, words = REFUSED[name]
-    Path(path).write_bytes(content)
-    Path("pose.json").write_text('{"handles": [{"vertices": [0]}]}')
-    code, out, err = run(f"sshade deform {path} pose.json -o out.ply")
-    assert (code, out, err.count("\n")) == (2, "", 1) and words in err
-    assert "object has no attribute" not in err and "Warning" not in err and not Path("out.ply").exists()
 
 
 def pose(V: np.ndarray, *ids: int) -> None:
@@ -95,15 +52,6 @@ def test_count_and_verb_agree(here, count):
         ("face that repeats", "faces that repeat"),
     ):
         assert counted(count, one, several) in err
-
-
-def test_one_vertex_of_a_seam_is_counted_as_one(here):
-    F = BALL.F.copy()
-    F[0, 0] = BALL.n
-    write_mesh("a.ply", np.vstack([BALL.V, BALL.V[BALL.F[0, 0]]]), F)
-    pose(BALL.V, 0, 5, 9)
-    _, _, err = run("sshade deform a.ply pose.json -o out.ply")
-    assert "1 vertex shares its place with another vertex, and moves with it" in err
 
 
 def test_bytes_behind_the_end_of_an_stl_file_stay(here):
