@@ -4,10 +4,9 @@
 
 The sums run over the edges ij of the lattice and the k handle vertices h. w_ij is the number of cubes around
 an edge divided by four, the number around an inner edge. C holds the trilinear weights of the handles.
-w is large; the remaining distance is corrected at the end. Trilinear interpolation prolongs to the surface
-either the positions of the nodes or, more smoothly, their rigid motions as in a deformation graph. The
-surface may intersect itself and have many components. Components in neighbouring cubes move together, and
-limbs closer than a cube merge.
+w is large; the remaining distance is corrected at the end. Trilinear interpolation prolongs the rigid motions
+of the nodes to the surface, as in a deformation graph. The surface may intersect itself and have many
+components. Components in neighbouring cubes move together, and limbs closer than a cube merge.
 
 Proof: closed forms: rigid motions are reproduced on any surface, and both starts come to one minimum
 (tests/baselines/test_lattice_arap.py).
@@ -18,8 +17,6 @@ resolutions on a GPU. The edge weights, the inner cubes and the motions of nodes
 """
 
 from __future__ import annotations
-
-from typing import Literal, get_args
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -38,15 +35,12 @@ from sshade.solver.factorisation import Factorisation
 from sshade.solver.laplacian import laplacian_matrix
 from sshade.solver.run import Stop, run
 
-Carry = Literal["trilinear", "motions"]
-
 
 def lattice_arap(
     task: DeformationTask,
     *,
     cells: int = 64,
     filled: bool = True,
-    carry: Carry = "motions",
     handle_weight: float = 100.0,
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
@@ -64,8 +58,6 @@ def lattice_arap(
         Bounding-box diagonal divided by the side of a cube, at least 2. Raise it if limbs merge.
     filled : bool
         Add the cubes inside the surface to the cubes that it passes through.
-    carry : {"motions", "trilinear"}
-        Quantity of the nodes that trilinear interpolation prolongs: rigid motions or positions.
     handle_weight : float
         w, positive, without unit. Larger values bring handles nearer to their targets.
     tolerance : float
@@ -88,10 +80,10 @@ def lattice_arap(
     InputError
         If a parameter is out of range, a handle is soft, or a component of the lattice has no handle.
     """
-    if cells < 2 or not 0 < handle_weight < np.inf or carry not in get_args(Carry):
+    if cells < 2 or not 0 < handle_weight < np.inf:
         raise InputError(
-            f"cells={cells!r}, handle_weight={handle_weight!r} and carry={carry!r}: the first must be 2 or "
-            "more, the second above 0, the third 'motions' or 'trilinear'"
+            f"cells={cells!r} and handle_weight={handle_weight!r}: the first must be 2 or more, the second "
+            "above 0"
         )
     mesh, handles = task.mesh, task.handles
     require_hard(handles, "Lattice ARAP")
@@ -116,9 +108,7 @@ def lattice_arap(
     state = Plain(advance, q, diagonal=mesh.diagonal)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
-    V = grid.carry @ q
-    if carry == "motions":
-        V = blend(grid.carry, mesh.V, rest=grid.V, nodes=q, R=local.rotations(q))
+    V = blend(grid.carry, mesh.V, rest=grid.V, nodes=q, R=local.rotations(q))
     V, facts = on_targets(mesh, handles, V, nodes=p)
     watch.end("carry")
     return iterated(V, done, watch.seconds, **facts, nodes=p, cubes=len(grid.cubes))

@@ -47,7 +47,6 @@ WRONG = [
     (deformation_graph, {"nodes": 3}, "3 samples cannot hold"),
     (lattice_arap, {"cells": 1}, "cells"),
     (lattice_arap, {"handle_weight": 0.0}, "cells"),
-    (lattice_arap, {"carry": "frames"}, "cells"),
     (lattice_arap, {"start": "guess"}, "start"),
     (neo_hookean, {"poisson": 0.5}, "poisson"),
     (neo_hookean, {"load_steps": 0}, "poisson"),

@@ -10,7 +10,6 @@ from shutil import which
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from baselines import external as module
 from baselines.external import TIME_LIMIT, external, measure_startup, tetrahedron, words_of
@@ -122,6 +121,7 @@ def test_each_failure_has_a_sentence_with_the_last_words(run, text, words):
         ("sh a.sh", "is not a list of words"),
         (["sh", ["a"]], "is not a list of words"),
         (["sh", "{mesh}", "{output}"], "lacks {handles}"),
+        ([__file__], "does not start"),
     ],
 )
 def test_commands_that_are_none_are_refused(task, command, words):
@@ -130,15 +130,8 @@ def test_commands_that_are_none_are_refused(task, command, words):
 
 
 def test_a_command_without_placeholders_gets_the_files_last():
-    words = ["sh", "2", "--o={output}", "{mesh}{handles}"]
-    assert words_of(["sh", 2, *words[2:]]) == words
+    assert words_of(["sh", "--o={output}", "{mesh}{handles}"]) == ["sh", "--o={output}", "{mesh}{handles}"]
     assert words_of(["a", 1.5]) == ["a", "1.5", "{mesh}", "{handles}", "{output}"]
-
-
-def test_a_program_that_does_not_start_is_told(task, tmp_path):
-    (tmp_path / "text").write_text("no program")
-    with pytest.raises(InputError, match="does not start"):
-        external(task, command=[str(tmp_path / "text")])
 
 
 def test_soft_handles_need_json_and_other_formats_are_refused(run, task):
@@ -199,17 +192,16 @@ def test_start_up_is_the_time_on_four_vertices(run, tmp_path, monkeypatch):
 NUMPY = {**TEXTS, "output_format": "npy"}
 
 
-def test_the_example_in_python_needs_no_sshade_and_turns_with_rigid_handles(task):
+def test_the_example_in_python_needs_no_sshade_and_moves_with_its_handles(task):
     script = EXAMPLES / "biharmonic.py"
     assert "sshade" not in re.findall(r"^(?:from|import) (\w+)", script.read_text(), re.M)
     command = [sys.executable, "-I", str(script)]
     result = external(task, command=command, **NUMPY)
     np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
     assert result.iterations == 1 and 0 < result.seconds["reported"] < result.seconds["program"]
-    R, own = Rotation.from_rotvec([0.3, 2.0, -0.5]).as_matrix(), task.handles
-    V = task.mesh.V @ R.T + [1, 2, 3]
-    turned = DeformationTask("turned", task.mesh, Handles(own.index, V[own.index]))
-    np.testing.assert_allclose(external(turned, command=command, **NUMPY).vertices, V, atol=1e-9)
+    V, own = task.mesh.V + [1, 2, 3], task.handles
+    shifted = DeformationTask("shifted", task.mesh, Handles(own.index, V[own.index]))
+    np.testing.assert_allclose(external(shifted, command=command, **NUMPY).vertices, V, atol=1e-9)
 
 
 @pytest.mark.skipif(not which("awk"), reason="there is no awk")
