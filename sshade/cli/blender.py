@@ -19,7 +19,6 @@ import platform
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
@@ -130,15 +129,13 @@ def write_extension(path: Path, wheels: Sequence[Path]) -> None:
 def manifest(wheels: Sequence[str]) -> str:
     """Return the manifest of an extension with wheels of the given names."""
     minimum, maximum = blender_versions()
-    text = MANIFEST.format(
+    return MANIFEST.format(
         version=version("sshade"),
         minimum=minimum,
         maximum=f'blender_version_max = "{maximum}"\n' if maximum else "",
         platform=platform_name(),
         wheels="".join(f'  "./wheels/{name}",\n' for name in wheels),
     )
-    tomllib.loads(text)
-    return text
 
 
 def own_wheel(folder: Path) -> Path:

@@ -83,7 +83,7 @@ def tell(
     snap = max(float(handles.snap_distance.max()) for handles in poses)
     dense = options.method != "interpolate" and are_dense(task)
     for note in [
-        *rounding_notes(file, (options.mesh, options.output), moved=rounding, diagonal=diagonal),
+        *_on_rounding(options.output, rounding / diagonal),
         *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
         *notes(facts, shape.surface, asked=asked, snap=snap, dense=dense),
     ]:
@@ -218,29 +218,10 @@ def warnings_of(error: float, *, rounding: float, exact: bool) -> list[str]:
     return [f"a handle is {100 * error:.2g} % of the diagonal away from its target{advice}"]
 
 
-def rounding_notes(file: MeshFile, paths: tuple[Path, Path], *, moved: float, diagonal: float) -> list[str]:
-    """Return a sentence for the input and the output, if its positions are coarsely rounded.
-
-    Parameters
-    ----------
-    file : MeshFile
-        The input.
-    paths : (path, path)
-        Of the input and of the output.
-    moved : float
-        Largest distance of a position in the output from the computed position.
-    diagonal : float
-    """
-    source, output = paths
-    found = []
-    if file.rounding is not None and (step := float(np.max(file.rounding)) / diagonal) > COARSE:
-        found.append(
-            f"positions in {source} are rounded to steps of {100 * step:.2g} % of the diagonal, because the "
-            "mesh is far from the origin; move it to the origin before it is stored in single precision"
+def _on_rounding(output: Path, moved: float) -> Iterator[str]:
+    """Yield a sentence if a file rounds positions by more than :data:`COARSE` of the diagonal."""
+    if moved > COARSE:
+        yield (
+            f"{output} stores single precision, which moves positions by up to {_percent(moved)}; write .obj "
+            "or .off in double precision, or move the mesh to the origin"
         )
-    if moved > COARSE * diagonal:
-        found.append(
-            f"{output} stores single precision, which moves positions by up to {100 * moved / diagonal:.2g} "
-            "% of the diagonal; write .obj or .off in double precision, or move the mesh to the origin"
-        )
-    return found

@@ -8,9 +8,6 @@ from sshade.core.errors import InputError
 from sshade.mesh.adjacency import edge_graph
 from sshade.mesh.mesh import Mesh
 
-#: Ways to change a selection. The first three take vertices.
-WAYS = ("replace", "add", "remove", "all", "none", "invert", "grow", "shrink", "linked")
-
 
 def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> np.ndarray:
     """Change a selection.
@@ -23,8 +20,8 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     vertices : (k,) int
         Vertices for "replace", "add" and "remove".
     how : str
-        A word of :data:`WAYS`. "grow" adds the neighbours of selected vertices; "shrink" removes selected
-        vertices with a neighbour that is not selected; "linked" adds all vertices of their components.
+        "replace", "add", "remove", "all", "none", "invert", or "linked", which adds all vertices of the
+        components of selected vertices.
 
     Returns
     -------
@@ -39,9 +36,6 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
         chosen[:] = True
     elif how == "invert":
         chosen = ~chosen
-    elif how in ("grow", "shrink"):
-        ends = chosen[mesh.edges]
-        chosen[mesh.edges[ends[:, 0] != ends[:, 1]]] = how == "grow"
     elif how == "linked":
         chosen = np.isin(mesh.component, mesh.component[before])
     return np.flatnonzero(chosen)

@@ -16,7 +16,7 @@
   const lamp = new THREE.DirectionalLight(0xffffff, 1.5);
   scene.add(lamp, lamp.target);
 
-  let renderer = null; // while the view is in sight
+  let renderer = null;
   let shown = null; // the case on the stage
   let framed = false; // whether the camera was placed; a hidden page has no size for it
   let order = 0; // the latest request: one that was overtaken draws nothing
@@ -208,12 +208,6 @@
     draw();
   }
 
-  function end() {
-    renderer.dispose();
-    renderer.forceContextLoss();
-    renderer = null;
-  }
-
   function draw() {
     lamp.position.copy(camera.position);
     lamp.target.position.copy(controls.target);
@@ -235,11 +229,6 @@
     resize();
     draw();
   }).observe(stage);
-  // A notebook may have many views, and browsers draw about 16: a view out of sight makes place for others.
-  new IntersectionObserver((changes) => {
-    const inSight = changes.at(-1).isIntersecting;
-    if (inSight && !renderer) begin();
-    else if (!inSight && renderer) end();
-  }).observe(stage);
+  begin();
   showCase(0, false);
 })();

@@ -7,7 +7,7 @@ import pytest
 
 from sshade import Handles
 from sshade.cli.main import main
-from sshade.files.meshes import read_arrays, read_mesh, write_mesh
+from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
 from tests.robustness.inputs import BODY, pose
 
@@ -77,13 +77,3 @@ def test_far_from_the_origin_the_distance_is_that_of_the_stored_positions(run, s
         assert said_to_be_reached(err) == pytest.approx(largest_error(output, far, BODY.diagonal), rel=0.06)
     assert f"note: {output} stores single precision, which moves positions by up to" in err
     assert "warning" not in err  # the method is exact; only the format rounds
-
-
-def test_a_mesh_that_was_rounded_before_is_noted(run):
-    write_mesh("far.glb", BODY.V + 0.1 * FAR, BODY.F)
-    mesh = read_mesh("far.glb")
-    err = run("out.ply", mesh="far.glb", handles=Handles(POSE.index, mesh.V[POSE.index] + [0.1, 0, 0]))
-    assert "note: positions in far.glb are rounded to steps of" in err
-    write_mesh("near.glb", BODY.V, BODY.F)
-    near = Handles(POSE.index, read_mesh("near.glb").V[POSE.index])
-    assert "single precision" not in run("out.glb", mesh="near.glb", handles=near)

@@ -14,16 +14,9 @@ pytestmark = pytest.mark.usefixtures("here")
 def test_ways_to_pick_are_those_of_sets():
     session, rng = begun(), np.random.default_rng(0)
     a, b = (set(rng.choice(BODY.n, 90, replace=False).tolist()) for _ in range(2))
-    beside = [set() for _ in range(BODY.n)]
-    for i, j in BODY.edges.tolist():
-        beside[i].add(j)
-        beside[j].add(i)
     steps = [
         ("replace", a, a),
         ("add", b, a | b),
-        ("grow", (), {v for v in range(BODY.n) if v in a | b or beside[v] & (a | b)}),
-        ("replace", b, b),
-        ("shrink", (), {v for v in b if beside[v] <= b}),
         ("replace", a, a),
         ("remove", b, a - b),
         ("invert", (), set(range(BODY.n)) - (a - b)),

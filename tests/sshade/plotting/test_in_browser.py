@@ -71,16 +71,6 @@ def test_controls_that_have_no_effect_are_hidden(notebook):
     assert frame.locator("#turn-note").inner_text() == ""
 
 
-def test_more_views_than_a_browser_draws_at_once_all_draw_when_they_are_in_sight(notebook):
-    page = notebook(*[plot(TASK)] * 20)
-    for number in (0, 10, 19, 0):
-        page.locator("iframe").nth(number).scroll_into_view_if_needed()
-        _, view = stage(page, number)
-        page.wait_for_timeout(100)
-        assert drawn(pixels(view)) > 0.02, number
-    assert page.said == []
-
-
 def test_a_saved_page_draws_with_z_upwards(browser, tmp_path):
     shapes = []
     for up in ("y", "z"):
