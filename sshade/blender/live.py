@@ -108,16 +108,6 @@ class Live:
         moved = float(np.abs(self._shape - before).max())
         return BEAT if moved > AT_REST * self.rig.mesh.diagonal else None
 
-    def undone(self) -> None:
-        """Take the handles as they are after an undo, which has restored the shape key, too."""
-        obj = self.object
-        if obj is not None and not edited(obj) and self._same_handles(obj):
-            self.require_unchanged(obj)
-            self._left = 0
-            self._motions = read_motions(obj)
-            self._drag.forget()
-            self.key(obj).points.foreach_get("co", self._shape.ravel())
-
     def finish(self, obj: bpy.types.Object, method: str) -> None:
         """Write the converged shape of the present handles, as the operator Deform computes it."""
         rig = read_rig(obj)  # weights may be others than at the start
@@ -208,12 +198,6 @@ def settle_all() -> float | None:
 
 
 @persistent
-def after_undo(scene: bpy.types.Scene, *_: object) -> None:
-    """Let all live modes take the handles of an earlier state."""
-    _of_all(Live.undone)
-
-
-@persistent
 def forget_all(*_: object) -> None:
     """End all live modes before another file is loaded."""
     RUNNING.clear()
@@ -223,8 +207,8 @@ def forget_all(*_: object) -> None:
 HANDLERS = {
     "depsgraph_update_post": follow_handles,
     "frame_change_post": follow_handles,
-    "undo_post": after_undo,
-    "redo_post": after_undo,
+    "undo_post": follow_handles,
+    "redo_post": follow_handles,
     "load_pre": forget_all,
 }
 

@@ -205,8 +205,3 @@ class Drag:
         for follower, vertex in self._followers:
             follower.follow(handles, vertex, Settings(), self._shape)
         return self.rig.placed(self._shape)
-
-    def forget(self) -> None:
-        """Begin the next step anew, because the motions jump."""
-        for follower, _ in self._followers:
-            follower.forget()

@@ -72,7 +72,7 @@ def test_cancel_restores_the_object(report):
 def test_undo_and_redo(report):
     facts = report["undo"]
     assert (facts["done"], facts["undone"], facts["redone"]) == (2, True, 2)
-    assert facts["moved"] > 0.2 and facts["restored"] == 0 and facts["again"] < 1e-6
+    assert facts["moved"] > 0.2 and facts["restored"] < 0.01 and facts["again"] < 0.01
     assert facts["finished"] == ["FINISHED"]
 
 
