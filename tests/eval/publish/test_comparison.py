@@ -5,7 +5,6 @@ import pytest
 from eval_rows import lost, row, table_of
 
 from eval.publish.tables import to_csv, to_latex, to_markdown
-from sshade.core.errors import InputError
 
 BODIES = "defaust-synthetic/subject_0"
 
@@ -45,13 +44,6 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
     assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of all runs
 
 
-def test_methods_that_lost_as_many_cases_as_each_other_are_kept():
-    """A sweep that has finished two of five cases leaves only two cases to compare."""
-    rows = [r for name, v in (("a", 1.0), ("b", 2.0)) for r in on(name, [v, v, None, None, None])]
-    table = table_of(*rows)
-    assert table.means["volume"].tolist() == [1.0, 2.0] and "means over 2 of 5" in table.notes[0]
-
-
 def test_a_reference_neither_widens_nor_narrows_what_is_common():
     def nothing(cases):
         return on("nothing", cases, method__target="baselines.identity.identity")
@@ -62,19 +54,6 @@ def test_a_reference_neither_widens_nor_narrows_what_is_common():
         assert table.means["volume"].fillna(-1).tolist() == [2.0, 2.0, mean]
         assert table.places.loc["nothing"].isna().all() and "| nothing | *" not in to_markdown(table)
     assert table_of(*nothing([5.0, 7.0])).means.at["nothing", "volume"] == 6.0
-
-
-def test_rows_without_any_result_make_a_table_of_what_became_of_them():
-    text = to_markdown(table_of(lost("a"), lost("b", status="timeout", reason="after 5 s")))
-    assert "| a | 0/1 | failed |" in text and "| b | 0/1 | timeout |" in text
-    assert "- b: 1 timeout (after 5 s): every case." in text and "means over 0 of 1" in text
-
-
-def test_what_is_missing_is_shortened():
-    rows = [row("a", f"t{i}") for i in range(9)] + [row("b", "t8")]
-    rows += [lost("b", f"t{i}", reason="x" * 500 if i else "once") for i in range(8)]
-    (note,) = (note for note in table_of(*rows).notes if note.startswith("b: 8"))
-    assert note == f"b: 8 failed ({'x' * 160}... and other reasons): t0, t1, t2, t3 and 4 more."
 
 
 def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
@@ -120,26 +99,6 @@ def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():
     at = header.index("sd of volume [%]")
     assert [line[at] for line in lines] == ["", "2.12132"]
     assert "sd of" not in to_csv(table_of(*plain)) and "±" not in to_markdown(table_of(*plain))
-
-
-def test_a_case_of_which_a_seed_was_lost_is_lost():
-    seeded = [row("s", f"t{i}", seed=seed) for i in range(4) for seed in (0, 1)]
-    seeded[-1] |= lost("s", "t3") | {"seed": 1}
-    table = table_of(*seeded, *on("a", [1.0] * 4))
-    assert table.lines["cases"].tolist() == [3, 3] and "| s | 7/8 |" in to_markdown(table)
-    assert table.lines.at["s", "converged"] == "6/6"
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"method__version": 2}, "method 'a' has rows of the versions 1 and 2"),
-        ({"measures": 2}, "versions 1 and 2 of the m"),
-    ],
-)
-def test_versions_do_not_mix(change, words):
-    with pytest.raises(InputError, match=words):
-        table_of(row("a"), row("b"), row("a", "t2", **change))
 
 
 def test_the_commit_and_later_versions_stand_under_the_table():

@@ -3,13 +3,10 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from eval.main import main
 from eval.publish.paper import MEASURES, beside
 from eval.rows.files import read_conf
 from eval.rows.frame import to_frame, write_csv
-from sshade.core.errors import InputError
 from tests.eval.eval_rows import lost, row
 
 ROOT = Path(__file__).parents[3]
@@ -41,13 +38,6 @@ def test_the_page_has_each_number_of_the_papers_table_beside_ours():
         both = dict(re.findall(r"([\d.]+) / ([\d.]+)", line))
         numbers = [MEASURES[name].text(value) for name, value in measures.items() if name != "time"]
         assert list(both) == numbers and all(float(ours) > 0 for ours in both.values())
-
-
-def test_rows_of_two_builds_are_refused(tmp_path):
-    two = [row("a", task__checksum=name, task__source=name, key=name) for name in ("one", "two")]
-    write(tmp_path, "one_own", *two)
-    with pytest.raises(InputError, match=r"has two rows of a on t1, .*; remove out/runs/one_own and "):
-        beside({"a": {"EL": 1}}, tmp_path / "one_own.csv")
 
 
 def test_make_verify_runs_each_experiment_of_the_paper():

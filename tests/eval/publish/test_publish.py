@@ -102,9 +102,3 @@ def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_p
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)
     sources = map(json.loads, distinct(rows, "task.source"))
     assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)
-
-
-def test_every_committed_table_has_its_rows():
-    tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
-    of_rows = {f"{path.stem}.{suffix}" for path in ROWS for suffix in FORMATS}
-    assert tables == of_rows | {f"{path.stem}.{suffix}" for path in TIMES for suffix in ("csv", "md")}

@@ -20,19 +20,13 @@ def stage(page) -> np.ndarray:
 
 
 def drag(page, dx: int) -> None:
-    """Drag one finger or the mouse by `dx` pixels from the middle of the 3D view."""
+    """Drag the mouse by `dx` pixels from the middle of the 3D view."""
     box = page.locator("#turn-canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    if page.viewport_size["width"] == 400:
-        session = page.context.new_cdp_session(page)
-        for step, kind in enumerate(["touchStart", *["touchMove"] * 4, "touchEnd"]):
-            points = [] if kind == "touchEnd" else [{"x": x + dx * min(step, 4) / 4, "y": y}]
-            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    else:
-        page.mouse.move(x, y)
-        page.mouse.down()
-        page.mouse.move(x + dx, y, steps=4)
-        page.mouse.up()
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + dx, y, steps=4)
+    page.mouse.up()
     page.wait_for_timeout(50)
 
 

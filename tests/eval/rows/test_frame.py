@@ -1,16 +1,13 @@
 """Rows as a pandas table: types in CSV, reading back, the newest of equal runs, labels."""
 
-import csv
 from pathlib import Path
 
 import pytest
 from eval_rows import frame, row
-from hypothesis import given
-from hypothesis import strategies as st
 
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
-from eval.rows.frame import COUNT, newest, read_csv, records, to_frame, write_csv
+from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.core.errors import InputError
 
@@ -32,18 +29,6 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
     told = r"r.csv: line \d+ is of a file of 12? rows, but this file has 1[12]: it was cut"
     with pytest.raises(InputError, match=told):
         read_csv(path)
-
-
-@pytest.mark.parametrize("column", [COUNT, "schema"])
-def test_a_line_break_in_a_cell_stays_out_of_the_message(column, tmp_path):
-    path = tmp_path / "r.csv"
-    write_csv(path, frame(row(schema=1)))
-    cells = dict(zip(*csv.reader(path.read_text().splitlines()), strict=True)) | {column: "1\n2"}
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([cells, cells.values()])
-    with pytest.raises(InputError) as refused:
-        read_csv(path)
-    assert "\n" not in str(refused.value)
 
 
 def test_rows_of_another_schema_are_refused(tmp_path):
@@ -91,32 +76,14 @@ def test_types_survive(tmp_path):
     assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
 
 
-def test_a_spreadsheet_may_have_saved_the_file(tmp_path):
-    path = tmp_path / "r.csv"
-    write_csv(path, frame(row()))
-    before = records(read_csv(path))
-    text = path.read_text().replace("true", "TRUE").replace("false", "FALSE").replace("\n", "\r\n")
-    path.write_text(text, encoding="utf-8-sig", newline="")
-    assert records(read_csv(path)) == before and before[0]["converged"] is True
-
-
-def test_a_text_may_be_long_and_have_line_breaks_of_any_kind(tmp_path):
-    write_csv(tmp_path / "r.csv", frame(row(reason=140_000 * "x" + "\ry")))
-    assert records(read_csv(tmp_path / "r.csv"))[0]["reason"] == 140_000 * "x" + "\ny"
-
-
-def test_a_label_with_a_bar_fills_one_cell():
-    assert "| a\\|b | 1 |" in to_markdown(make_table(frame(row("a|b")), title="t"))
-
-
-@pytest.mark.parametrize("label", ["5", "5.0", "1e3", "true", "nan", "inf", "007"])
+@pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "007", "a|b"])
 def test_a_label_that_looks_like_a_number_is_a_name(label, tmp_path):
     write_csv(tmp_path / "r.csv", frame(row(label), row("arap")))
     rows = read_csv(tmp_path / "r.csv")
     assert set(rows["method.name"]) == {label, "arap"}
     write_row(tmp_path, row(label))
     assert read_row(tmp_path)["method.name"] == label
-    assert f"| {label} | 1 |" in to_markdown(make_table(rows, title="t"))
+    assert f"| {label.replace('|', chr(92) + '|')} | 1 |" in to_markdown(make_table(rows, title="t"))
 
 
 def test_a_rebuilt_dataset_replaces_the_old_and_copies_of_one_are_one():
@@ -132,11 +99,3 @@ def test_a_newer_version_replaces_an_older_one_whatever_its_date():
     new, late = row(method__version=2), row(date="2026-01-02")
     assert records(newest(frame(new, late))) == [new]
     assert records(newest(frame(row(measures=2), late))) == [row(measures=2)]
-
-
-@given(st.permutations(range(6)))
-def test_the_newest_do_not_depend_on_the_order(order):
-    rows = [
-        row("ab"[i % 2], seed=i % 3, date=f"2026-01-0{i + 1}", task__source=f"s{i % 2}") for i in range(6)
-    ]
-    assert newest(frame(*(rows[i] for i in order))).equals(newest(frame(*rows)))
