@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import psutil
 
-from eval.rows.store import SCHEMA, Row
+from eval.rows.store import Row
 from eval.run.environment import config_hash, environment
 from sshade.core.console import say
 from sshade.core.errors import InputError
@@ -149,7 +149,7 @@ def _repeat(job: Job, *, number: int, least: float) -> Row:
         results.append(job.call())
     after = read_machine()
     seconds, others = after.seconds - before.seconds, used_by_others(before, after)
-    row = job.facts | {"round": number, "calls": len(results), "seed": 0, "schema": SCHEMA}
+    row = job.facts | {"round": number, "calls": len(results), "seed": 0}
     row |= {f"env.{fact}": value for fact, value in environment(jobs=1).items()}
     row |= {"env.cores_used": (after.own - before.own) / seconds} | results[-1]
     row |= {name: float(np.mean([r[name] for r in results])) for name in row if name.startswith("seconds.")}

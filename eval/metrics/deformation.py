@@ -91,7 +91,7 @@ def flips(deformed: Deformed) -> float:
 
 @metric("count", "faces that intersect others in M' and not in M")
 def self_intersections(deformed: Deformed) -> float:
-    """Count faces that intersect other faces in M' but not in M; see :mod:`eval.metrics.intersections`."""
+    """Count faces that intersect other faces in M' but not in M; see :mod:`eval.metrics.shape`."""
     return float(deformed.intersecting.sum())
 
 

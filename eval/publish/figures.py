@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,10 +40,8 @@ PALETTE = (
 )
 MARKERS = "osD^vPX*<>"
 
-Point = tuple[float, float]
 
-
-def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dict[str, Point]:
+def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dict[str, tuple[float, float]]:
     """Return the mean time and the mean distance to the true pose of each method, over their common cases.
 
     Parameters
@@ -84,16 +82,19 @@ def _medians(rows: pd.DataFrame, times: pd.DataFrame) -> pd.Series:
 
 
 @style()
-def _draw_chart(points: dict[str, Point], *, machine: str) -> Figure:
-    """Draw a point for each method; a grey line joins the methods that no other method beats."""
+def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | None:
+    """Return the chart of rows, None where fewer than two methods have a distance to the true pose."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
+    points = time_and_truth(rows, times)
+    if len(points) < 2:
+        return None
     figure = new_figure(4.8, 3.6)
     axes = figure.subplots()
     for i, (method, point) in enumerate(points.items()):
         marker, colour = MARKERS[i // len(PALETTE) % len(MARKERS)], PALETTE[i % len(PALETTE)]
         axes.plot(*point, marker, color=colour, label=method)
-    axes.step(*zip(*unbeaten(points.values()), strict=True), where="post", color="#bbbbbb", zorder=0, lw=1)
+    machine = "; ".join(distinct(rows if times is None else times, "env.machine"))
     axes.set(xscale="log", xlabel="\n".join(["time (s)", *textwrap.wrap(machine, 46)]))
     axes.set(ylabel="distance to the true pose (% of the diagonal)")
     axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -104,26 +105,6 @@ def _draw_chart(points: dict[str, Point], *, machine: str) -> Figure:
     axes.xaxis.set_minor_formatter(NullFormatter())
     figure.legend(loc="outside right upper")
     return figure
-
-
-def unbeaten(points: Iterable[Point]) -> list[Point]:
-    """Return the points that no other point beats, in rising order of the first of two measures.
-
-    A point beats another point if it is smaller in one measure and not larger in the other.
-    """
-    front: list[Point] = []
-    for point in sorted(points):
-        if not front or point[1] < front[-1][1]:
-            front.append(point)
-    return front
-
-
-def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | None:
-    """Return the chart of rows, None where fewer than two methods have a distance to the true pose."""
-    points = time_and_truth(rows, times)
-    if len(points) < 2:
-        return None
-    return _draw_chart(points, machine="; ".join(distinct(rows if times is None else times, "env.machine")))
 
 
 def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) -> list[Case]:
@@ -218,4 +199,4 @@ def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     if any(panel.handles for row in rows for panel in row.panels):
         legend += " Handles: blue fixed, yellow moved."
     title = f"{entry.get('title', folder.name)}\n{legend}"
-    save(panels.draw(rows, title=title, label=panels.error_label(cases[0].task)), out, small=True)
+    save(panels.draw(rows, title=title, label=panels.error_label(cases[0].task)), out)

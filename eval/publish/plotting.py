@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sshade.mesh.mesh import Mesh
 
 #: Formats of figures, by suffix.
-SUFFIXES = (".svg", ".pdf", ".png")
+SUFFIXES = (".svg", ".png")
 
 _STYLE = {
     "font.size": 8,
@@ -31,13 +31,11 @@ _STYLE = {
     "legend.frameon": False,
     "legend.fontsize": 7,
     "svg.hashsalt": "sshade",
-    "pdf.fonttype": 42,
 }
 
 #: Metadata without the time and the version of the library, which would change the bytes.
 _METADATA = {
     ".png": {"Software": None},
-    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     ".svg": {"Date": None, "Creator": None},
 }
 
@@ -61,10 +59,10 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def save(figure: Figure, path: Path, *, small: bool = False) -> None:
-    """Write a figure as .svg, .pdf or .png, by the suffix of the path, and print the path.
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as .svg or .png, by the suffix of the path, and print the path.
 
-    A `small` .png has 256 colours and fewer pixels, and about a third of the bytes.
+    A .png has 256 colours, and about a third of the bytes.
 
     Raises
     ------
@@ -74,8 +72,8 @@ def save(figure: Figure, path: Path, *, small: bool = False) -> None:
     suffix = path.suffix.lower()
     check_suffix(path, SUFFIXES)
     with style(), writing(path) as temporary:
-        figure.savefig(temporary, format=suffix[1:], dpi=150 if small else 200, metadata=_METADATA[suffix])
-        if small and suffix == ".png":
+        figure.savefig(temporary, format=suffix[1:], dpi=150, metadata=_METADATA[suffix])
+        if suffix == ".png":
             _reduce(temporary)
     print(path)  # noqa: T201
 

@@ -11,7 +11,6 @@ import base64
 import html
 import io
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,11 +19,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eval.publish.columns import HEADLINE, TIME, TRUTH, Column, begun
+from eval.metrics import Task
+from eval.publish.columns import HEADLINE, TIME, TRUTH, begun
 from eval.publish.comparison import compare, means
 from eval.publish.figures import chart_of
 from eval.publish.notes import definitions, legend
-from eval.publish.panels import Case, error_label, picture_of, row_of, top_of, what_to_see
+from eval.publish.panels import Case, error_label, picture_of, row_of, task_title, top_of, what_to_see
 from eval.publish.plotting import add_camera, camera, to_svg
 from eval.publish.summary import by_half, make_table
 from eval.publish.tables import TIE, printed
@@ -54,47 +54,32 @@ class ReportCase:
     ----------
     rows : list of rows
         One row per method.
-    title : str
-        The case in words.
+    task : Task, optional
+        None without stored vertices.
     missing : list of str
         Sentences on parts that cannot be shown.
     pictures : list of dict
         Name, caption and image (a data URI) of each picture.
     width : int
         Width of the pictures in pixels.
-    look, label : str
-        What to look at, and the name of the error that the colours show.
     top : float
         Upper end of the colour scale.
-    handles : bool
-        Whether the rest shape shows handles.
     view : dict, optional
         Data of the 3D view.
     """
 
     rows: list[Row]
-    title: str = ""
+    task: Task | None = None
     missing: list[str] = field(default_factory=list)
     pictures: list[dict[str, str]] = field(default_factory=list)
     width: int = 0
-    look: str = ""
-    label: str = ""
     top: float = 1.0
-    handles: bool = False
     view: dict[str, Any] | None = None
 
     @property
-    def name(self) -> str:
-        """The name of the task."""
-        return self.rows[0]["task.name"]
-
-    def numbers(self, columns: Sequence[Column]) -> list[list[str]]:
-        """Return a line for each method: its name, and the printed numbers of columns."""
-        return [
-            [row["method.name"]]
-            + ["n/a" if row.get(c.source) is None else c.text(row[c.source]) for c in columns]
-            for row in self.rows
-        ]
+    def title(self) -> str:
+        """The case in words."""
+        return self.rows[0]["task.name"] if self.task is None else task_title(self.task)
 
 
 def show_case(
@@ -112,7 +97,7 @@ def show_case(
     turnable : bool
         Pack the shapes for the 3D view as well.
     """
-    shown = ReportCase(rows, rows[0]["task.name"])
+    shown = ReportCase(rows)
     found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
     if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
         where = ", ".join(str(root) for root in experiment.runs)
@@ -120,20 +105,12 @@ def show_case(
     if not found:
         return shown
     try:
-        task = load_task(next(row for row in rows if row["method.name"] in found))
+        shown.task = task = load_task(next(row for row in rows if row["method.name"] in found))
     except (InputError, OSError, ImportError) as error:
         shown.missing.append(f"No pictures: {error}.")
         return shown
     row = row_of(Case(task, found, {row["method.name"]: row for row in rows}), towards=towards, up=up)
-    shown.title, shown.look, shown.label, shown.top = (
-        row.title,
-        what_to_see(task),
-        error_label(task),
-        top_of([row]),
-    )
-    handles = getattr(task, "handles", None)
-    shown.handles = handles is not None
-    shown.width = round(DIAGONAL * row.width)
+    shown.width, shown.top = round(DIAGONAL * row.width), top_of([row])
     try:
         for panel in row.panels:
             image = image_uri(picture_of(panel, row.mesh, width=2 * shown.width, top=shown.top))
@@ -142,8 +119,8 @@ def show_case(
         shown.missing.append(f"No pictures: {error}.")
     if turnable:
         shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in row.panels]
-        view = packed_view(task.mesh, shapes, handles=handles, top=shown.top, label=shown.label)
-        shown.view = {**view, "name": shown.name}
+        look = {"handles": getattr(task, "handles", None), "top": shown.top, "label": error_label(task)}
+        shown.view = {**packed_view(task.mesh, shapes, **look), "name": task.name}
     return shown
 
 
@@ -267,6 +244,7 @@ def _render(**names: Any) -> str:
     marks[TIE] = '<i title="may be zero">{}</i>'
     pages.globals["printed"] = partial(printed, marks=marks, not_available="n/a", escape=html.escape)
     pages.globals |= {"legend": legend, "definitions": definitions}
+    pages.globals |= {"what_to_see": what_to_see, "error_label": error_label}
     return pages.get_template("report.html").render(**names)
 
 
@@ -281,13 +259,11 @@ def _section(
     rows, runs = experiment.rows, begun(experiment.rows)
     table = make_table(rows, title=experiment.name)
     groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
-    turnable = set(range(len(groups)))
-    if not cases:
-        turnable = set(np.unique(np.linspace(0, len(groups) - 1, TURNABLE).astype(int)).tolist())
+    turnable = len(groups) if cases else TURNABLE
     shown = []
     for i, group in enumerate(groups):
         progress(experiment.name, i, len(groups), group[0]["task.name"])
-        shown.append(show_case(experiment, group, **camera, turnable=i in turnable))
+        shown.append(show_case(experiment, group, **camera, turnable=i < turnable))
     progress(experiment.name, len(groups), len(groups))
     return {
         "name": experiment.name,

@@ -7,7 +7,6 @@ of the paper's table. A second table holds further measures, a third the differe
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,8 +28,6 @@ from sshade.core.errors import InputError
 NEARER = "nearer"
 #: Key of the mark of a difference whose interval contains zero.
 TIE = -1
-#: The project's packages. Methods from all other packages belong to users.
-OWN = ("sshade", "baselines")
 #: Characters that LaTeX does not print as they are.
 _ESCAPES = str.maketrans(
     {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
@@ -228,14 +225,6 @@ def published_rows(name: str) -> pd.DataFrame:
         raise InputError(
             f"{len(loose)} of {len(new)} rows of {path} come from a checkout with changes that are not "
             "committed, or from no commit: commit, and run them again with run.force=true"
-        )
-    targets = [name for name in new if re.fullmatch(r"method\.(.*\.)?target", name)]
-    users = new[targets].map(lambda target: target is not None and target.split(".")[0] not in OWN)
-    programs = new[[name for name in new if name == "method.command"]].notna()
-    if users.any(axis=None) or programs.any(axis=None):
-        raise InputError(
-            f"{path} has rows of methods or programs that are no part of this project, so that the commit "
-            "does not hold their code: propose the methods as CONTRIBUTING.md describes"
         )
     rows = pd.concat([read_csv(target), new], ignore_index=True) if target.is_file() else new
     latest = rows.groupby("method.name")["method.version"].transform("max")

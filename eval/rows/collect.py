@@ -17,7 +17,7 @@ import pandas as pd
 
 from eval.rows.files import FOLDER_HELP, ROWS, RUNS, add_out, experiment_folder, rows_file
 from eval.rows.frame import method_names, newest, read_csv, records, to_frame, valid, write_csv
-from eval.rows.store import DamagedRun, Row, read_row, read_vertices, run_folder, run_folders
+from eval.rows.store import DamagedRun, Row, read_row, require_vertices, run_folder, run_folders
 from sshade.core.console import say
 from sshade.core.errors import InputError
 
@@ -114,7 +114,7 @@ class Experiment(NamedTuple):
     def vertices(self, row: Row) -> np.ndarray | None:
         """Return the deformed vertices (n, 3) of a row, or None without its run folder."""
         folder = self.folder(row)
-        return None if folder is None else read_vertices(folder, n=row["task.vertices"])
+        return None if folder is None else require_vertices(folder, n=row["task.vertices"]).astype(np.float64)
 
 
 def read_experiments(

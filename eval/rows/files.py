@@ -43,9 +43,8 @@ def experiment_folder(name: Path) -> Path:
         # A folder such as "quick" in the current folder may hold anything; skip it unless it holds runs.
         if next(folder.rglob("row.json"), None) is not None:
             return folder
-    here = ", ".join(sorted(path.name for path in RUNS.glob("*") if has_runs(path.name)))
-    others = f"; {RUNS} has {here}" if here else "; `sshade-eval run -m experiment=...` makes them"
-    raise InputError(f"no runs in {name} or {RUNS / name}{others}")
+    here = ", ".join(sorted(path.name for path in RUNS.glob("*") if has_runs(path.name))) or "none"
+    raise InputError(f"no runs in {name} or {RUNS / name}; {RUNS} has {here}")
 
 
 def has_runs(name: str | os.PathLike[str]) -> bool:

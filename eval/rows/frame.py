@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from eval.rows.files import writing
-from eval.rows.store import VALID, Row, in_order, is_text, row_problem, schema_problem
+from eval.rows.store import VALID, Row, in_order, is_text, row_problem
 from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
@@ -103,7 +103,7 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        When the file is missing or cut, a line is not a row, or the rows have a newer schema.
+        When the file is missing or cut, or a line is not a row.
     """
     path = Path(path)
     if not path.is_file():
@@ -130,8 +130,6 @@ def read_csv(path: str | os.PathLike[str]) -> pd.DataFrame:
                 f"{path}: line {number} is of a file of {written!r} rows, but this file has {len(lines)}: "
                 "it was cut, or edited by hand; collect again"
             )
-        if problem := schema_problem(row):
-            raise InputError(f"{path}: line {number} {problem}")
         if problem := row_problem(row):
             raise InputError(f"{path}: line {number} is not a row ({problem}); collect again")
         rows.append(row)

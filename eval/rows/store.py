@@ -1,7 +1,7 @@
 """The store of runs: one folder per run with ``row.json`` and the deformed vertices.
 
 A row maps the columns ``task.* method.* seed status reason iterations converged metric.* seconds.* peak_mib
-env.* schema key`` to numbers, strings, bools or None.
+env.* measures key`` to numbers, strings, bools or None.
 """
 
 from __future__ import annotations
@@ -21,9 +21,6 @@ from sshade.core.atomic import replacing
 from sshade.core.errors import InputError
 
 Row = dict[str, Any]
-
-#: Version of the columns, part of every key. Increase it when the meaning of a column changes.
-SCHEMA = 1
 
 #: Values of the column ``status``. The first two are valid results.
 STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
@@ -108,19 +105,9 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise DamagedRun(f"{path}: not a row ({error})") from error
-    if isinstance(row, dict) and (problem := schema_problem(row)):
-        raise InputError(f"{path} {problem}")
     if problem := row_problem(row, here=STATUSES):
         raise DamagedRun(f"{path}: not a row ({problem})")
     return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
-
-
-def schema_problem(row: Row) -> str:
-    """Describe why this version of the program cannot read a row; empty if it can."""
-    schema = row.get("schema", SCHEMA)
-    if schema is None or schema == SCHEMA:
-        return ""
-    return f"is of schema {schema!r}, this program reads {SCHEMA}; read it with the version that wrote it"
 
 
 def row_problem(row: Any, *, here: Sequence[str] = STATUSES) -> str:
@@ -140,19 +127,14 @@ def row_problem(row: Any, *, here: Sequence[str] = STATUSES) -> str:
     return ""
 
 
-def read_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
-    """Read the deformed vertices (n, 3) of a run folder as float64.
+def require_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
+    """Return the deformed vertices (n, 3) of a run folder as they are stored; they are read when used.
 
     Raises
     ------
     DamagedRun
         When the file is missing, damaged, or has another shape.
     """
-    return require_vertices(folder, n=n).astype(np.float64)
-
-
-def require_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:
-    """Return the vertices as they are stored, without reading them; raises as :func:`read_vertices`."""
     path = Path(folder, "vertices.npy")
     if not path.is_file():
         raise DamagedRun(f"{path}: no such file; the run left no vertices")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from datetime import timedelta
 from time import perf_counter
 from traceback import walk_tb
 
@@ -141,7 +142,8 @@ def _one_of_many(config: RunConfig, settings: DictConfig) -> None:
     text = f"[{number}/{of}] {row['method.name']} on {row['task.name']}"
     text += f", seed {row['seed']}: {_status(outcome)}" if row["seed"] else f": {_status(outcome)}"
     if _errors is not None and _took and number < of:
-        text += f" (about {_time(sum(_took) / len(_took) * (of - number))} left)"
+        seconds = round(sum(_took) / len(_took) * (of - number))
+        text += f" (about {timedelta(seconds=seconds)} left)"
     print(text, flush=True)  # noqa: T201
     if outcome.failed:
         raise RunFailed(row["reason"])
@@ -157,12 +159,6 @@ def _status(outcome: Outcome) -> str:
     text += f" with a start-up of {startup:.2f} s" if startup is not None else ""
     text += f", {row['iterations']:g} iterations"
     return f"{text}, already there" if outcome.found else text
-
-
-def _time(seconds: float) -> str:
-    """Return a time in a unit that a person would choose."""
-    unit = next((unit for unit in (("h", 3600), ("min", 60)) if seconds >= 1.5 * unit[1]), ("s", 1))
-    return f"{seconds / unit[1]:.0f} {unit[0]}"
 
 
 def _at_once(launcher: DictConfig, runs: int) -> int:

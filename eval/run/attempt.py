@@ -271,8 +271,7 @@ def _peak_mib() -> float:
         return psutil.Process().memory_info().peak_wset / 2**20
     import resource
 
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # macOS counts bytes
 
 
 def _facts(result: DeformationResult, seconds: float, cpu: float) -> Row:

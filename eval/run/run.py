@@ -15,7 +15,6 @@ from typing import NamedTuple
 from eval.metrics import MEASURES, Task, measure
 from eval.rows.splits import require_split
 from eval.rows.store import (
-    SCHEMA,
     TRANSFER,
     VALID,
     DamagedRun,
@@ -121,7 +120,7 @@ def identity(config: RunConfig, task: Task) -> Row:
     version of the measures.
     """
     row = method_facts(config.label, config.method) | task_facts(task) | {"seed": config.seed}
-    row |= {"schema": SCHEMA, "measures": MEASURES, "task.source": json.dumps(config.source)}
+    row |= {"measures": MEASURES, "task.source": json.dumps(config.source)}
     if "note" in config.method:
         row["method.note"] = " ".join(config.method["note"].split())
     row["task.closed"] = task.mesh.is_closed

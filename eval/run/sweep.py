@@ -34,14 +34,9 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     Raises
     ------
     InputError
-        On a flag that replaces the configuration, a key that nothing reads, a deleted setting that every run
-        needs, or a dataset that is missing.
+        On a key that nothing reads, a deleted setting that every run needs, or a dataset that is missing.
     """
     known, _ = get_args_parser().parse_known_intermixed_args(list(arguments))
-    for flag in ("config_path", "experimental_rerun"):
-        if getattr(known, flag) is not None:
-            name = f"--{flag.replace('_', '-')}"
-            raise InputError(f"{name} is not for this program; --config-dir adds configurations of your own")
     flags = [text for text in arguments if text not in known.overrides]
     if known.help or known.hydra_help or known.info is not None or known.shell_completion:
         return [*flags, *known.overrides]

@@ -29,7 +29,7 @@ def tiny_report(tiny, tiny_runs) -> Path:
     out = tiny.parent / "report.html"
     look = ["--towards", "1", "0", "0.2", "--up", "0", "0", "1"]
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("stretching", "with_losses", "failing", "missing_extra"):
+        for name in ("stretching", "with_options", "failing", "missing_extra"):
             patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
         assert call("report", [str(tiny), "-o", str(out), "--runs", str(tiny_runs), *look]) == 0
     return out

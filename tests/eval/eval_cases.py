@@ -137,40 +137,6 @@ def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
     return DeformationResult(V, iterations=0, converged=None)
 
 
-#: Module with a user's method. The method imports two modules and appends `edit` to the module `helper`.
-METHOD = """
-from pathlib import Path
-from eval_cases import stretching
-def method(task, *, seed, factor=1.0, edit='', progress=None):
-    import beside
-    from .helper import FACTOR
-    with Path(__file__).with_name('helper.py').open('a') as file:
-        file.write(edit)
-    return stretching(task, factor=FACTOR, seed=seed)
-"""
-
-
-def write_theirs(folder: Path) -> Path:
-    """Write a user's package, `theirs`, and beside it a module that imports another module."""
-    package = folder / "theirs"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "helper.py").write_text("FACTOR = 2.0\n")
-    (package / "method.py").write_text(METHOD)
-    (package / "broken.py").write_text("no python\n")
-    (folder / "beside.py").write_text("import json, numpy\nfrom far import FAR\n")
-    (folder / "far.py").write_text("FAR = 1\n")
-    return package
-
-
-def with_losses(task, *, seed, progress=silent):
-    """A method that records losses at each step."""
-    curve = np.array([[3.0, 1.0], [0.5, 0.25]], dtype=np.float32)
-    return DeformationResult(
-        task.mesh.V, iterations=2, converged=None, extra={"loss_curve": curve, "rotations": np.eye(3)}
-    )
-
-
 def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:
     """A method that reports its resolved options."""
     options = {"vertices": vertices or 1000, "volume": np.inf, "frames": "blended", "seed": seed}

@@ -14,7 +14,7 @@ from tests.shapes import bumpy
 SOURCE = {"_target_": "eval_cases.bumpy_task", "level": 2}
 METHODS = {
     "arap": {"_target_": "baselines.arap.arap", "max_iterations": 5, "note": "five <iterations> & no more"},
-    "learned": {"_target_": "eval_cases.with_losses"},
+    "learned": {"_target_": "eval_cases.with_options"},
     "stretching": {"_target_": "eval_cases.stretching", "factor": 1.5},
     "failing": {"_target_": "eval_cases.failing"},
     "missing": {"_target_": "eval_cases.missing_extra"},

@@ -98,22 +98,12 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys, name):
     assert bend(golden)["bend"]["edge"] == right
 
 
-def test_a_version_without_its_golden_values_fails(golden, capsys):
-    change(golden, version=0)
-    assert call("check", ["arap"]) == 1
-    told = "has versions {'version': 1, 'measures': 1}, its golden values {'version': 0, 'measures': 1}"
-    assert told in capsys.readouterr().out
-
-
 def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, clock, capsys):
     clock.method = [30.0]
     assert call("check", ["arap"]) == 1
     assert "arap  is too slow; takes 15 iterations of elastic, golden 1.5" in capsys.readouterr().out
     assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
-
-
-def test_a_method_is_given_a_second_chance_to_be_fast(golden, clock):
-    clock.method = [30.0, 2.0, 3.0]  # slow once, the time of Elastic, fast
+    clock.method = [90.0, 2.0, 30.0]  # slow once, the time of Elastic, fast
     assert call("check", ["arap"]) == 0
 
 
@@ -134,11 +124,6 @@ def test_a_method_without_a_result_is_left_out_or_fails_and_keeps_its_values(
     monkeypatch.setattr("baselines.arap.arap", method)
     assert call("check", ["arap"]) == code and line in capsys.readouterr().out
     assert call("check", ["--write", "arap"]) == code and golden.read_text() == text
-
-
-def test_an_unknown_method_is_refused(golden, capsys):
-    assert main(["check", "paper"]) == 2
-    assert "there is no method 'paper' to check" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from eval_program import run_eval
 
 from eval.rows.collect import collect
 from eval.rows.frame import records
-from eval.run.sweep import prepared
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 from tests.files import contents
@@ -35,15 +34,6 @@ def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
         assert done.stderr.count("the volume is not kept") == done.stderr.count(line) == 1
 
 
-def test_a_mesh_of_a_library_is_a_dataset(tmp_path):
-    task = bumpy_task()
-    write_mesh(tmp_path / "body.vtp", task.mesh.V, task.mesh.F)
-    write_handles(tmp_path / "pose.json", task.handles)
-    overrides = ["dataset=mesh", "dataset.mesh=body.vtp", "dataset.handles=pose.json", "method=peer/harmonic"]
-    done = run_eval(tmp_path, *overrides)
-    assert done.returncode == 0 and "harmonic on body/pose: ok" in done.stdout, done.stderr
-
-
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     overrides = ["dataset=bumpy", "dataset.level=2", "method=failing,missing_extra,stretching"]
     first = run_eval(tmp_path, "-m", *overrides)
@@ -52,7 +42,7 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     assert lines[0].startswith(
         "[1/3] failing on bumpy_30: failed (ArithmeticError: this method always fails)"
     )
-    assert lines[0].endswith(" s left)")
+    assert lines[0].endswith(" left)")
     assert lines[1].startswith(
         "[2/3] missing_extra on bumpy_30: skipped (ImportError: torch is not installed"
     )
@@ -61,10 +51,8 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     again = run_eval(tmp_path, "-m", *overrides)
     assert again.returncode == 1
     assert [line.endswith(", already there") for line in again.stdout.splitlines()] == [False, False, True]
-    overrides[2] = "method=stretching"
-    for more in ("run.force=true", r"run.experiment='it\'s\here'"):
-        new = run_eval(tmp_path, "-m", *overrides, more)
-        assert new.returncode == 0 and "already there" not in new.stdout
+    new = run_eval(tmp_path, "-m", *overrides[:2], "method=stretching", "run.force=true")
+    assert new.returncode == 0 and "already there" not in new.stdout
 
 
 def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
@@ -92,29 +80,13 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     done = run_eval(tmp_path, *common, "pose=all")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert [line.split(":")[0] for line in lines] == [
-        *("[1/4] stretching on bumpy_1", "[2/4] stretching on bumpy_2", "[3/4] stretching on bumpy_11"),
-        "[4/4] stretching",
-    ]
+    cases = ["[1/4] stretching on bumpy_1", "[2/4] stretching on bumpy_2", "[3/4] stretching on bumpy_11"]
+    assert [line.split(":")[0] for line in lines] == [*cases, "[4/4] stretching"]
     assert lines[3].endswith("skipped, . has no subject 1, pose 2; it has 3 cases")
     # The dataset's tag gives its runs a separate folder.
     assert {name.split("/")[2] for name in contents(tmp_path)} == {"single_listed"}
-    for other in (["pose=2"], ["subject=1", "pose=all"]):
-        (line,) = run_eval(tmp_path, *common, *other).stdout.splitlines()
-        assert line.startswith("[1/1] stretching on bumpy_") and line.endswith(", already there")
-    tags = run_eval(tmp_path, *common, "pose=1", "dataset.tag=_a,_b")  # a sweep over the same cases
-    assert [line[:5] for line in tags.stdout.splitlines()] == ["[1/4]", "[2/4]", "[3/4]", "[4/4]"]
-    missing = run_eval(tmp_path, *common, "pose=3")
-    assert missing.returncode == 2 and missing.stderr == "error: there is no pose 3\n"
-
-
-def test_hydra_composes_each_run_when_it_begins_and_all_runs_for_other_launchers():
-    """Hydra composes a batch before its first run, which takes minutes for hundreds of runs."""
-    sweep = ["-m", "dataset=hairpin", "method=identity,arap"]
-    assert prepared(sweep) == [*sweep, "hydra.sweeper.max_batch_size=1", "run.of=2"]
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher", reason="the extra joblib is not installed")
-    joblib = "hydra/launcher=joblib"
-    assert prepared([*sweep, joblib]) == [*sweep, joblib, "run.of=2"]
+    (line,) = run_eval(tmp_path, *common, "pose=2").stdout.splitlines()
+    assert line.startswith("[1/1] stretching on bumpy_") and line.endswith(", already there")
 
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
@@ -126,12 +98,8 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     assert sorted(row["method.name"] for row in rows) == ["fine", "fine_free"]
     assert all((row["method.polish_iterations"], row["method.stiffness"]) == (1, 0.5) for row in rows)
     assert not any(row["env.warmed_up"] for row in rows)
-    others = ["method=arap_sr,accelerated_arap_sr", "method.alpha=0.1", "solver.max_iterations=2"]
-    assert run_eval(tmp_path, *sweep[:3], *others).returncode == 0
-    for setting in ("method.polish_iterations=3", "method.vertices=", "+method.nothing=1"):
-        wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", setting)
-        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1), wrong.stderr
-        assert "choice" not in wrong.stderr
+    wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", "method.polish_iterations=3")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1) and "choice" not in wrong.stderr
 
 
 @pytest.mark.parametrize(
@@ -144,22 +112,11 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
         (["-m", "dataset=bumpy", "method.vertices=(1"], "method.vertices=(1 is not understood"),
         (["dataset=listed", "dataset.root=2026"], "dataset.root=2026 is no folder; give a name, such as ./2"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
-        (["-m", "dataset=listed", "subject=[0,1]", "pose=1"], "subject=[0, 1] does not fit"),
-        (["dataset=bumpy", "method=stretching", "method.factor=nan"], "method.factor is NaN"),
         (["dataset=listed", "subject=1", "pose=2"], ". has no subject 1, pose 2; it has 3 cases"),
-        (
-            ["dataset=bumpy", "solver.tolerence=1"],
-            "no setting solver.tolerence; did you mean 'tolerance'?",
-        ),
-        (["dataset=bumpy", "+solver.colour=1"], "there is no setting solver.colour"),
+        (["dataset=bumpy", "solver.tolerence=1"], "solver.tolerence; did you mean 'tolerance'?"),
         (["dataset=bumpy", "+run.forc=true"], "there is no setting run.forc; did you mean 'force'?"),
-        (["dataset=bumpy", "+hydra.verbos=true"], "setting hydra.verbos; did you mean 'verbose'?"),
         (["dataset=bumpy", "+dataset.levl=2"], "no parameter 'levl'; did you mean 'level'?"),
-        (
-            ["-m", "dataset=bumpy", "method=fast,paper", "method.vertces=9"],
-            "there is no setting method.vertces; did you mean 'vertices'?",
-        ),
-        (["dataset=bumpy", "method.verts=9"], "there is no setting method.verts"),
+        (["-m", "dataset=bumpy", "method=fast,paper", "method.vertces=9"], "did you mean 'vertices'?"),
         (["dataset=bumpy", "~seed"], "~seed deletes a setting that every run needs"),
     ],
 )

@@ -1,7 +1,6 @@
 """One run, one row: clock, statuses, keys, the store."""
 
 import json
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +13,7 @@ from eval_cases import bumpy_task, run
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS, measure
-from eval.rows.store import read_row, run_folders, write_run
+from eval.rows.store import read_row, run_folders
 from eval.run import environment
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
@@ -31,13 +30,13 @@ def task():
 
 def test_a_row_holds_everything(task, tmp_path):
     source = {"_target_": "eval_cases.bumpy_task", "level": 2}
-    outcome = run(task, ARAP, name="arap", root=tmp_path, seed=4, source=source)
+    noted = ARAP | {"note": "after the\n  paper"}
+    outcome = run(task, noted, name="arap", root=tmp_path, seed=4, source=source)
     row = read_row(outcome.folder)
-    assert row == outcome.row
-    assert not outcome.found and not outcome.failed
+    assert row == outcome.row and not outcome.found and not outcome.failed
     assert row["status"] == "not_converged" and row["converged"] is False and row["iterations"] == 5
     assert row["method.name"] == "arap" and row["method.max_iterations"] == 5 and row["seed"] == 4
-    assert row["method.target"] == "baselines.arap.arap"
+    assert row["method.target"] == "baselines.arap.arap" and row["method.note"] == "after the paper"
     assert not any(column.startswith("method.warm_up") for column in row)
     assert row["task.name"] == "bumpy_30" and row["task.vertices"] == 162 and row["task.meta.angle"] == 30
     assert json.loads(row["task.source"]) == source
@@ -45,22 +44,18 @@ def test_a_row_holds_everything(task, tmp_path):
     assert {name for name in row if name.startswith("metric.")} == {f"metric.{name}" for name in given}
     assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0
     assert row["env.cores_used"] == pytest.approx(row["seconds.cpu"] / row["seconds.total"], abs=1e-3)
-    for library in ("libigl", "pymeshlab", "pandas", "hydra-core"):
-        assert row[f"env.version.{library}"] == environment.version_of(library)
-    assert re.fullmatch(r"\S+ [\d.]+\S*", row["env.version.blas"])
-    assert row["env.machine"] and row["env.cores"] >= 1
-    assert row["peak_mib"] is None
-    json.loads((outcome.folder / "row.json").read_text(), parse_constant=pytest.fail)
+    assert row["env.version.libigl"] == environment.version_of("libigl") and row["env.version.blas"]
+    assert row["env.machine"] and row["env.cores"] >= 1 and row["peak_mib"] is None
 
 
-def test_scalars_and_a_note_reach_the_row_and_infinities_do_not(task, tmp_path):
-    plain = run(task, STRETCHING, name="s", root=tmp_path / "plain")
-    assert plain.row["extra.residual"] is None and "extra.rotations" not in plain.row
-    assert plain.row["metric.volume"] == pytest.approx(700)
-    noted = run(task, {**STRETCHING, "note": "after the\n  paper"}, name="s", root=tmp_path / "noted")
-    assert noted.row["method.note"] == "after the paper" and "method.note" not in plain.row
-    assert noted.row["key"] == plain.row["key"] and noted.row["method.hash"] == plain.row["method.hash"]
-    assert run(task, {**STRETCHING, "note": "another"}, name="s", root=tmp_path / "noted").found
+def test_what_a_method_tells_reaches_the_row_but_neither_arrays_nor_infinities_nor_its_seed(task, tmp_path):
+    row = run(task, STRETCHING, name="s", root=tmp_path).row
+    assert row["extra.residual"] is None and "extra.rotations" not in row
+    assert row["metric.volume"] == pytest.approx(700)
+    method = {"_target_": "eval_cases.with_options", "vertices": None, "warm_up": None}
+    row = run(task, method, name="o", root=tmp_path).row
+    assert (row["method.vertices"], row["method.volume"], row["method.frames"]) == (1000, np.inf, "blended")
+    assert row["seed"] == 0 and not {"extra.options", "method.seed"} & row.keys()
 
 
 def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
@@ -118,16 +113,6 @@ def test_what_a_method_leaves_behind_changes_neither_result_nor_name_nor_clock(t
     assert row["seconds.solve"] == 1.0 and row["seconds.total"] > 0 < row["seconds.cpu"]
 
 
-def test_an_interrupt_in_a_compiled_function_leaves_no_row(task, tmp_path, monkeypatch):
-    def interrupted(task, *, seed, progress=silent):
-        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
-
-    monkeypatch.setattr("eval_cases.stretching", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)
-    assert not run_folders(tmp_path)
-
-
 def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, monkeypatch):
     def key(task=task, method=STRETCHING, **options):
         return run(task, method, name="s", root=tmp_path, **options).row["key"]
@@ -142,14 +127,6 @@ def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, mo
     assert key(method={**STRETCHING, "version": 1}) == keys[0] != key(method={**STRETCHING, "version": 2})
     monkeypatch.setattr(run_module, "MEASURES", 2)
     assert key() not in keys
-
-
-def test_options_as_a_method_resolved_them_reach_the_row(task, tmp_path):
-    method = {"_target_": "eval_cases.with_options", "vertices": None, "warm_up": None}
-    row = run(task, method, name="o", root=tmp_path).row
-    assert (row["method.vertices"], row["method.volume"], row["method.frames"]) == (1000, np.inf, "blended")
-    assert row["method.target"] == "eval_cases.with_options"
-    assert row["seed"] == 0 and not {"extra.options", "method.seed"} & row.keys()
 
 
 def test_a_fresh_process_gives_the_same_result_and_a_peak_of_memory(task, tmp_path):
@@ -179,12 +156,6 @@ def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
     assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 2 s")
 
 
-@pytest.mark.parametrize("version", [0, 1.5, "2"])
-def test_a_version_is_a_number_from_1_on(task, tmp_path, version):
-    with pytest.raises(InputError, match=f"method.version={version} does not fit"):
-        run(task, {**STRETCHING, "version": version}, name="s", root=tmp_path)
-
-
 @pytest.mark.parametrize("name", ["row.json", "vertices.npy"])
 def test_a_damaged_file_is_made_again_with_a_note(task, tmp_path, name, capfd):
     first = run(task, STRETCHING, name="s", root=tmp_path)
@@ -203,19 +174,20 @@ def known_task(level: int) -> DeformationTask:
     return replace(task, truth=task.mesh.V)
 
 
-def test_a_dataset_that_gives_the_truth_unasked_is_refused(task, tmp_path):
-    source = {"_target_": "test_eval_run.known_task", "level": 2}
-    with pytest.raises(
-        InputError, match="known_task gives the true pose before the method runs; let a param"
-    ):
-        run(task, STRETCHING, name="s", root=tmp_path, source=source)
+@pytest.mark.parametrize(
+    ("method", "source", "words"),
+    [
+        ({}, {"_target_": "test_eval_run.known_task", "level": 2}, "known_task gives the true pose before"),
+        ({"version": 1.5}, None, "method.version=1.5 does not fit"),
+        ({"version": 0}, None, "method.version=0 does not fit"),
+        ({"factor": np.nan}, None, "method.factor is NaN"),
+        ({"_target_": "sshade.method.transfer.transfer"}, None, "has no option 'factor'"),
+    ],
+)
+def test_a_configuration_that_no_run_can_follow_is_refused(task, tmp_path, method, source, words):
+    with pytest.raises(InputError, match=words):
+        run(task, STRETCHING | method, name="s", root=tmp_path, source=source)
     assert not run_folders(tmp_path)
-
-
-def test_a_write_that_fails_leaves_no_row(tmp_path):
-    with pytest.raises(ValueError, match="could not convert"):
-        write_run(tmp_path / "run", {"status": "ok"}, vertices=[["none"]])
-    assert (tmp_path / "run").is_dir() and run_folders(tmp_path) == []
 
 
 def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypatch):

@@ -81,7 +81,6 @@ METHODS = {
     "~seed": ("~seed deletes a setting that every run needs",),
     "method._target_=baselines.arap.magic": ("no function 'magic'",),
     "'proxy.vertices=[1'": ("proxy.vertices=[1 is not understood; close its brackets",),
-    "--config-path configs": ("--config-path is not for this program; --config-dir adds",),
     "arap": ("arap is not understood; write settings as key=value",),
     "method._target_=magic": ("_target_ 'magic' is no function; write package.module.function",),
     "method=external method.command=sh": ("command='sh' does not fit; it takes list[str]",),

@@ -1,6 +1,5 @@
 """The benchmark command on a small mesh: every kind writes its rows, and a mistake gives one sentence."""
 
-import os
 import shlex
 from pathlib import Path
 
@@ -10,11 +9,11 @@ import pytest
 from eval.bench.jobs import in_new_process
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
-from eval.run.warmup import tiny_task
 from sshade.core.errors import InputError
 from sshade.files.meshes import read_mesh
 
 ONE = "paper-1=paper samplings=1 vertices=150"
+TOTAL = "seconds.total"
 
 
 def bench(kind, *arguments):
@@ -27,40 +26,31 @@ def test_a_line_a_repeat(machine, case):
     rows = bench("speed", "--methods", "elastic max_iterations=20", ONE, "--cases", case, "--rounds", "2")
     assert rows["method.name"].tolist() == ["elastic", "elastic", "paper-1", "elastic", "paper-1"]
     assert rows["kept"].tolist() == [False, True, True, True, True]
-    assert rows["round"].tolist() == [1, 1, 1, 2, 2]
-    assert (rows["task.vertices"] == 642).all() and rows["env.commit"].nunique() <= 1
+    assert rows["round"].tolist() == [1, 1, 1, 2, 2] and (rows["task.vertices"] == 642).all()
     assert (rows["method.samplings"].dropna() == 1).all() and "extrapolated_to" not in rows
-    stages = numbers(rows, "seconds.precompute") + numbers(rows, "seconds.solve")
-    whole = numbers(rows, "seconds.total")
+    stages, whole = numbers(rows, "seconds.precompute") + numbers(rows, "seconds.solve"), numbers(rows, TOTAL)
     own = rows["method.name"] == "elastic"
     assert (stages[own] <= whole[own]).all() and (whole <= numbers(rows, "seconds.repeat")).all()
-    assert (numbers(rows, "env.cores_used") > 0).all()
 
 
 def test_iterations_are_extrapolated(machine, case):
     rows = bench("speed", "--methods", "arap", "--extrapolate", "arap", "--cases", case)
     assert (rows["iterations"] == 10).all() and (rows["extrapolated_to"] == 1000).all()
-    rest = numbers(rows, "seconds.total") - numbers(rows, "seconds.solve")
+    rest = numbers(rows, TOTAL) - numbers(rows, "seconds.solve")
     assert (rest >= numbers(rows, "seconds.precompute")).all()
     measured = (rest + numbers(rows, "seconds.solve") * 10 / 1000) * numbers(rows, "calls")
     assert (measured / numbers(rows, "seconds.repeat")).between(0.3, 1.0).all()
 
 
-@pytest.mark.parametrize("method", [f"{ONE} solver.start=rest", "fast"])
-def test_a_drag(machine, case, method):
-    rows = bench("drag", "--methods", method, "--cases", case, "--rounds", "1")
+def test_a_drag(machine, case):
+    rows = bench("drag", "--methods", f"{ONE} solver.start=rest", "--cases", case, "--rounds", "1")
     (row,) = rows.to_dict("records")
-    stages = [row[f"seconds.{name}"] for name in ("bind", "first", "step", "step_95")]
-    assert min(stages) > 0 and row["seconds.step"] <= row["seconds.step_95"]
-    assert row["seconds.bind"] + row["seconds.first"] + 60 * row["seconds.step"] < row["seconds.total"]
-    assert 0 <= row["drag.return"] < 1
+    assert 0 < row["seconds.step"] <= row["seconds.step_95"] and row["seconds.settle"] > 0
+    assert row["seconds.bind"] + row["seconds.first"] + 60 * row["seconds.step"] < row[TOTAL]
     parts = [row[f"seconds.step_{name}"] for name in ("solve", "carry", "output")]
-    assert min(parts) > 0 and max(parts) < row["seconds.step_95"]
-    assert row["seconds.rebind"] > 0 and row["seconds.settle"] > 0
-    # A ball with four handles can fold in several ways. Only the published energy has a single minimum here.
-    assert 0 <= row["drag.settled"] < (0.1 if "rest" in method else 10)
+    assert min(parts) > 0 and max(parts) < row["seconds.step_95"] and row["seconds.rebind"] > 0
+    assert 0 <= row["drag.settled"] < 0.1 and 0 <= row["drag.return"] < 1
     assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
-    assert "new handles (s)" in Path("out/tables/drag.md").read_text()
 
 
 def test_subdivisions_and_their_memory(machine, case):
@@ -68,25 +58,18 @@ def test_subdivisions_and_their_memory(machine, case):
     rows = bench("scaling", "--methods", ONE, "--cases", case, *sizes, "--rounds", "1")
     assert rows["task.vertices"].tolist() == [642, 2562]  # 2500 and 2600 give the same mesh
     assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
-    assert "bytes a vertex" in Path("out/tables/scaling.md").read_text()
 
 
-def test_a_process_of_its_own_hands_back_results_and_refusals():
-    assert in_new_process(os.getpid) != os.getpid()
+def test_a_process_of_its_own_hands_back_refusals():
     with pytest.raises(InputError, match=r"nowhere\.ply"):
         in_new_process(read_mesh, "nowhere.ply")
 
 
-def test_the_command_line(machine, case):
+def test_the_command_line(machine):
     rows = bench("whole", "--methods", "paper", "--rounds", "1")
     assert rows["method.name"].tolist() == ["sshade deform --method paper"]
-    assert rows["task.vertices"].tolist() == [tiny_task().mesh.n]
-    rows = bench("whole", "--methods", "paper", "--cases", case, "--sizes", "2500", "--rounds", "1")
-    assert rows["task.vertices"].tolist() == [2562]
-    assert (numbers(rows, "seconds.method") > 0).all()
-    assert (numbers(rows, "seconds.method") < numbers(rows, "seconds.total")).all()
-    assert (numbers(rows, "peak_mib") > 50).all()  # numba and SciPy alone need more
-    assert main(["bench", "whole", "--methods", "sshod"]) == 2
+    assert (numbers(rows, "seconds.method") > 0).all() and (numbers(rows, "peak_mib") > 50).all()
+    assert (numbers(rows, "seconds.method") < numbers(rows, TOTAL)).all()
 
 
 CASE = "'mesh mesh=rest.ply handles=pose.json'"
@@ -98,10 +81,8 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
     [
         (f"speed --methods elastik --cases {CASE}", "there is no method 'elastik'"),
         (f"speed --methods 'elastic tol=1' --cases {CASE}", "there is no setting method.tol"),
-        (f"speed --methods 'elastic start' --cases {CASE}", "'start' in 'elastic start'"),
         (f"{ARAP} 'arap start=rigid'", "two methods are named 'arap'"),
         (f"speed --methods transfer/paper --cases {CASE}", "takes a TransferTask"),
-        ("speed --methods arap --cases 'mash x=1'", "there is no dataset 'mash'"),
         ("speed --methods arap --cases 'mesh mesh=rest.ply'", "mesh needs handles=..."),
         ("whole --methods paper --sizes 9", "whole needs --cases"),
         (f"{ARAP} --extrapolate x", "none of the methods"),
@@ -128,22 +109,12 @@ def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(
-    ("choice", "fail", "reason"),
-    [
-        ("arap warm_up=null", ArithmeticError, "ArithmeticError"),
-        ("arap warm_up=null", lambda: None, "NoneType"),
-        ("arap", lambda: ImportError("torch is not installed"), ": ImportError: torch is not installed"),
-    ],
-)
-def test_a_method_that_fails_is_named(machine, case, capsys, monkeypatch, choice, fail, reason):
+def test_a_method_that_fails_is_named(machine, case, capsys, monkeypatch):
     def method(task, *, seed, progress=None, **options):
-        failure = fail()
-        if failure is not None:
-            raise failure
+        raise ArithmeticError("no")
 
     monkeypatch.setattr("baselines.arap.arap", method)
-    assert main(["bench", "speed", "--methods", choice, "--cases", case]) == 2
+    assert main(["bench", "speed", "--methods", "arap warm_up=null", "--cases", case]) == 2
     told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith("error: arap cannot be timed on ") and reason in told
+    assert told.startswith("error: arap cannot be timed on ") and "ArithmeticError" in told
     assert not Path("out").exists()

@@ -43,22 +43,15 @@ def test_median_range_and_ratio_of_the_kept_repeats():
     assert fast["speed_up"] == pytest.approx(200 / 0.41) and elastic["speed_up"] == 1
     assert elastic["extrapolated"] == "from 3 x 10 iterations" and elastic["iterations"] == 1000
     assert pd.isna(fast["extrapolated"]) and fast["iterations"] == 10
-    told = " ".join(notes(rows()))
-    assert "Commit abcdef0123, 2026-01-02" in told
-    assert "Machine: box; numba_threads 2" in told
-    assert "rejected repeats: 1 (noise)" in told
+    assert "rejected repeats: 1 (noise)" in " ".join(notes(rows()))
 
 
-def test_both_factors_of_speed_are_columns(tmp_path):
+def test_both_factors_of_speed_are_columns():
     """A method against 1,000 iterations of libigl, and against the accelerated Elastic at its minimum."""
     both = pd.concat([rows(), to_frame([row("accelerated_elastic", 16.4)])], ignore_index=True)
     lines = time_lines(both).set_index("method")
     assert lines.at["fast", "speed_up"] == pytest.approx(200 / 0.41)
     assert lines.at["fast", "speed_up_accelerated"] == pytest.approx(16.4 / 0.41)
-    text = write_tables(both, tmp_path / "speed")
-    head = next(line for line in text.splitlines() if line.startswith("| method"))
-    for heading in ("times faster", "times faster than accelerated", "iterations", "cores used"):
-        assert f"| {heading} |" in head
     assert "speed_up_accelerated" not in time_lines(rows())
 
 
@@ -67,26 +60,6 @@ def test_cases_are_compared_each_with_its_own_reference():
     small["seconds.total"] = small["seconds.total"].where(small["method.name"] == "fast", 41.0)
     lines = time_lines(pd.concat([rows(), small], ignore_index=True))
     assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3), 1, 100]
-
-
-def test_cases_with_equal_arrays_are_compared_each_with_its_own_reference():
-    both = pd.concat([rows(), rows(**{"task.name": "copy"})], ignore_index=True)
-    assert time_lines(both)["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3)] * 2
-
-
-def test_notes_name_the_first_and_the_last_day_and_calls_that_ran_once():
-    found = rows()
-    found["date"] = [f"2026-01-{day:02}T00:00:00.000000Z" for day in range(9, 9 + len(found))]
-    told = " ".join(notes(found))
-    assert ", 2026-01-09 to 2026-01-15." in told and "ran once" not in told
-    assert "A call of more than 60 s ran once" in " ".join(notes(found[:1]))
-
-
-def test_memory_is_told_by_vertex():
-    sizes = {100_000: 1.0, 400_000: 2.0}
-    facts = {"kind": "scaling", "peak_mib": 8.0}
-    own = [row("fast", s, **facts, **{"task.vertices": n, "task.checksum": str(n)}) for n, s in sizes.items()]
-    assert time_lines(to_frame(own))["bytes_per_vertex"].tolist() == [8 * 2**20 / n for n in sizes]
 
 
 PUBLISHED = sorted((RESULTS / "timing").glob("*.csv"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from eval.metrics.intersections import intersecting_faces
+from eval.metrics.shape import intersecting_faces
 
 TWO = np.array([[0, 1, 2], [3, 4, 5]])
 WALL = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]

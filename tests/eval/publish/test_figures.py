@@ -11,7 +11,7 @@ from PIL import Image
 from eval import CONFIGURATION
 from eval.main import call
 from eval.publish import figures, panels
-from eval.publish.figures import chart_of, read_cases, read_picture, time_and_truth, unbeaten
+from eval.publish.figures import chart_of, read_cases, read_picture, time_and_truth
 from eval.publish.plotting import new_figure, save
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
@@ -75,7 +75,7 @@ def test_a_small_picture_has_few_colours_and_keeps_the_rare_ones(tmp_path):
     pixels[:6, :6] = [0.13, 0.40, 0.67]
     figure = new_figure(4, 3)
     figure.figimage(pixels)
-    save(figure, tmp_path / "small.png", small=True)
+    save(figure, tmp_path / "small.png")
     with Image.open(tmp_path / "small.png") as image:
         few = np.asarray(image.convert("RGB")).astype(int)
     assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 256
@@ -130,11 +130,3 @@ def test_a_chart_needs_two_methods_with_a_truth():
         "a": [1.0, 2.0],
         "b": [9.0, 1.0],
     }
-
-
-def test_unbeaten_points_are_smaller_in_one_measure():
-    assert unbeaten([(3.0, 1.0), (1.0, 2.0), (2.0, 2.0), (4.0, 0.5), (5.0, 9.0)]) == [
-        (1, 2),
-        (3, 1),
-        (4, 0.5),
-    ]

@@ -31,15 +31,6 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
         read_csv(path)
 
 
-def test_rows_of_another_schema_are_refused(tmp_path):
-    write_csv(tmp_path / "r.csv", frame(row(schema=1), row("b", schema=2)))
-    with pytest.raises(InputError, match=r"line 3 is of schema 2, this program reads 1; read it with"):
-        read_csv(tmp_path / "r.csv")
-    write_row(tmp_path, row(schema=2))
-    with pytest.raises(InputError, match=r"row.json is of schema 2"):
-        read_row(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
