@@ -103,10 +103,11 @@ def main() -> None:
     pictures = frames()
     some = np.concatenate([np.asarray(picture) for picture in pictures[::25]])
     palette = Image.fromarray(some).quantize(COLOURS, kmeans=1)
-    colours = np.reshape(palette.getpalette(), (-1, 3))
-    colours[palette.getpixel((0, 0))] = 255  # so that the background is white
-    palette.putpalette(colours.ravel().tolist())
     first, *others = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    colours = np.reshape(palette.getpalette(), (-1, 3))
+    colours[first.getpixel((0, 0))] = 255  # so that the background is white
+    for picture in (first, *others):
+        picture.putpalette(colours.ravel().tolist())
     first.save(PICTURE, save_all=True, append_images=others, duration=round(1000 / RATE), loop=0)
     say(f"{PICTURE}: {PICTURE.stat().st_size / 1e6:.1f} MB")
 

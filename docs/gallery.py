@@ -89,7 +89,7 @@ EXAMPLES = {
     "cactus": Example(
         "A cactus",
         "sshade deform shapes/subject_03/rest.ply shapes/subject_03/pose_1.json -o cactus.ply",
-        "The foot is fixed, and the top is bent.",
+        "The foot is fixed, and the top moves and turns.",
         towards=(0.3, -1.0, 0.2),
         up=(0.0, 0.0, 1.0),
     ),
@@ -107,7 +107,7 @@ EXAMPLES = {
     "clothes": Example(
         "Clothes",
         "sshade deform example/rest.ply example/pose_8.json -o dressed.ply --with shirt.ply skirt.ply",
-        "The shirt and the skirt are meshes of their own. They need no handles.",
+        "The shirt and the skirt are separate meshes without handles.",
         clothes=(("shirt", "#7d9cc0"), ("skirt", "#c08a7d")),
     ),
 }
@@ -222,10 +222,9 @@ def main(folder: Path) -> None:
     for name, example in EXAMPLES.items():
         seconds = min(run(example.command, folder) for _ in range(REPEATS))
         say(f"{example.command}: {seconds:.1f} s")
-        picture = drawn(example, folder, PICTURE)
-        save(picture, FIGURES / f"gallery_{name}.png")
+        pictures[name] = drawn(example, folder, PICTURE)
+        save(pictures[name], FIGURES / f"gallery_{name}.png")
         sections.append(section(name, folder, seconds))
-        pictures[name] = picture
     save(titled({EXAMPLES[name].title: pictures[name] for name in README}), FIGURES / "gallery.png")
     sections.append(f"Machine of the times: {environment(jobs=1)['machine']}.")
     fill(PAGE, "examples", "\n\n".join(sections))

@@ -53,7 +53,7 @@ def test_the_page_lists_all_published_rows():
 
 def test_the_numbers_of_the_readme_are_those_of_the_rows():
     words = " ".join(README.split())
-    for name, pose in (("speed", "an easy pose"), ("speed_hard", "a hard one")):
+    for name, pose in (("speed", "an easy pose"), ("speed_hard", "a hard pose")):
         times = read_csv(ROOT / "results/timing" / f"{name}.csv")
         seconds = numbers(times, "seconds.total").groupby(times["method.name"]).median()
         others = "elastic", "accelerated_elastic"
