@@ -5,10 +5,10 @@ import pytest
 
 from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays
-from tests.browser import changed, opened, pixels
+from tests.browser import opened
 from tests.sshade.edit.lent import lent
 from tests.sshade.edit.sessions import BODY, ready, upright
-from tests.sshade.edit.test_page import BACKGROUND, asked, drag, release, tool, where
+from tests.sshade.edit.test_page import asked, drag, release, tool, where
 
 
 @pytest.fixture
@@ -114,21 +114,3 @@ def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
     page.locator("#group summary").click()
     asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
     assert np.array_equal(session.state.selection, session.state.groups[1].vertices)
-
-
-def test_the_up_axis_and_the_floor_change_the_view_alone(page, session):
-    stage, state = page.locator("#stage"), session.state
-
-    def shown() -> np.ndarray:
-        page.wait_for_timeout(250)
-        return pixels(stage)[60:]  # without the buttons at the top
-
-    page.get_by_text("Options, method fast").click()
-    before = shown()
-    lines = np.abs(before - BACKGROUND).max(axis=2) > 20
-    assert lines[-200:-100, 50:-150].mean() > 0.02  # of the floor
-    page.get_by_label("up axis").select_option("z")
-    lying = shown()
-    assert changed(before, lying) > 0.02
-    page.get_by_label("up axis").select_option("y")
-    assert changed(before, shown()) < 0.002 and session.state is state
