@@ -6,8 +6,10 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
+from unittest import mock
 from urllib.request import urlopen
 
 import numpy as np
@@ -18,6 +20,7 @@ from docs.pages import BLOCK
 from eval import CONFIGURATION
 from eval.rows.frame import numbers, read_csv
 from eval.rows.splits import HELD_OUT, read_splits, split_of
+from tests.robustness.case import run
 
 ROOT = Path(__file__).parents[1]
 README, START, LIST, RESULTS, MAKEFILE, PROJECT = (
@@ -87,7 +90,9 @@ def folder(tmp_path_factory):
         elif "edit" in arguments:
             edit(line, cwd=path, env=os.environ | programs)
         else:
-            subprocess.run(line, shell=True, cwd=path, env=os.environ | programs, check=True)
+            with chdir(path), mock.patch("webbrowser.open"):
+                code, _, said = run(line)
+            assert code == 0, said
     return path
 
 

@@ -89,6 +89,13 @@ def test_binding_equals_plain_loops(name, blended):
         np.testing.assert_allclose(bound.data[own], phi, atol=1e-12)
 
 
+def test_nodes_equally_far_count_the_same():
+    mesh = strip(2, 2)  # all four nodes are at distance 1 from the centre, vertex 4
+    graph, fronts = sampled(mesh, 4, first=(1, 3, 5, 7))
+    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts), blended=3)
+    np.testing.assert_allclose(bound.data[slice(*bound.indptr[4:6])], np.full(3, 1 / 3))
+
+
 def reference(task, *, nodes, iterations):
     """Solve the graph by local/global with dense matrices and LAPACK's SVD, then blend vertex by vertex."""
     mesh, h = task.mesh, len(task.handles)

@@ -129,6 +129,12 @@ def test_commands_that_are_none_are_refused(task, command, words):
         external(task, command=command)
 
 
+def test_pickled_arrays_are_not_loaded(run):
+    program = "import numpy, sys; numpy.save(sys.argv[1], numpy.array([{}], dtype=object))"
+    with pytest.raises(ProgramFailed, match="allow_pickle"):
+        run(f'{sys.executable} -c "{program}" "$3"', output_format="npy")
+
+
 def test_a_command_without_placeholders_gets_the_files_last():
     assert words_of(["sh", "--o={output}", "{mesh}{handles}"]) == ["sh", "--o={output}", "{mesh}{handles}"]
     assert words_of(["a", 1.5]) == ["a", "1.5", "{mesh}", "{handles}", "{output}"]

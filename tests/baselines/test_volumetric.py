@@ -127,6 +127,16 @@ def test_handles_that_move_rigidly_apart_become_parts():
     np.testing.assert_allclose(moved, target[index], atol=1e-9)
 
 
+def test_groups_stay_parts_and_what_shares_no_motion_is_one():
+    mesh = bumpy(2)
+    index = np.argsort(mesh.V[:, 2])[:6]
+    apart = Handles(index, mesh.V[index] + [0, 0, 1], group=[0, 0, 0, 1, 1, 1])
+    assert rigid_parts(mesh, apart).part.tolist() == [0, 0, 0, 1, 1, 1]
+    rng = np.random.default_rng(0)
+    wild = Handles(index, mesh.V[index] + rng.normal(size=(6, 3)))
+    assert rigid_parts(mesh, wild).part.tolist() == [0] * 6
+
+
 def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
     task = held_ends(bumpy(2))
     # libigl fits rotations in float32, so the residual does not fall far below that precision.

@@ -70,7 +70,9 @@ def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_
     for k, name in enumerate(["run_1", "run_2", "run_10", "idle"]):
         write(tmp_path / "run", name, bent(ball, k), ball.F, kind=".ply")
     (tmp_path / "run/._run_1.ply").write_text("what macOS leaves")
+    (tmp_path / "run/run_1.off").write_text("PLY takes precedence")
     source = sequence(tmp_path / "run")
+    assert list(source.checksums([0])) == ["idle.ply", "run_1.ply", "run_2.ply", "run_10.ply"]
     assert source.subjects == (0,) and source.provenance["classes"] == ["sequence"]  # not the folder's name
     assert source.provenance["rest_poses"] == ["idle"]  # the first by name
     assert [p.name for p in source.poses(0)] == ["run_1", "run_2", "run_10"]
