@@ -70,7 +70,7 @@ class Live:
         return key
 
     def follow(self) -> bool:
-        """Take a step if a handle has moved; return whether one has.
+        """Take a step if a handle has moved; return whether it has.
 
         A motion that is not rigid is reported and left out, so that the user can correct it.
 
@@ -122,7 +122,7 @@ class Live:
             key.value = self._earlier.get(key.name, key.value)
 
     def require_unchanged(self, obj: bpy.types.Object) -> None:
-        """Raise InputError if the mesh is not the one that was bound."""
+        """Raise InputError if the mesh changed since it was bound."""
         mesh = obj.data
         same = len(mesh.vertices) == len(self.rig.V) and np.array_equal(corners(mesh), self._corners)
         if same and np.array_equal(rest_positions(mesh), self.rig.V):

@@ -66,7 +66,7 @@ def _add_overwrite(parser: argparse.ArgumentParser, inputs: Iterable[str]) -> No
 
 
 def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> None:
-    """Raise InputError unless the named outputs have one of the suffixes, can be written, and are no inputs.
+    """Raise InputError unless the named outputs have known suffixes, can be written, and are no inputs.
 
     Outputs that are None are skipped. With --overwrite an output may be an input.
     """

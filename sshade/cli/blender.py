@@ -85,7 +85,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def blender_versions() -> tuple[str, str | None]:
-    """Return the first Blender that runs this Python, and the first one that does not, None if unknown.
+    """Return the first Blender that runs this Python, and the first later Blender that does not, or None.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from sshade.files.mesh_file import MeshFile
 if TYPE_CHECKING:
     from sshade.files.door import OpenShape
 
-#: How much longer the edges of a mesh may be in another shape than the other shape's own edges.
+#: Largest ratio of the mean edge lengths of two lists of faces in one shape.
 LONGER = 2.0
 
 

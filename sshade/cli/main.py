@@ -5,7 +5,7 @@
   sshade deform body.ply pose.json -o posed.ply
   sshade show body.ply pose.json posed.ply
 
-`defaust example DIR` writes such a body and handle files, to try.
+`defaust example DIR` writes a body and handle files, to try.
 
 `sshade COMMAND --help` describes a command. Exit codes: 0 on success; 2 for a mistake in the arguments or the
 files, reported in one sentence; 130 after Ctrl-C, and 143 after SIGTERM.

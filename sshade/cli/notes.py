@@ -68,7 +68,7 @@ def tell(
     options : Namespace
     opened : OpenTask
     facts : Facts
-        Of the result. Of a sequence those of the first pose, with the largest gaps of all poses.
+        Facts of the result. A sequence has the facts of its first pose, with the largest gaps of all poses.
     asked : int
         Wanted number of samples.
     error : float

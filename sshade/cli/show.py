@@ -1,8 +1,8 @@
 """Show shapes in the browser, or write a page or a picture with -o.
 
-FILES are the mesh, shapes with the same vertices such as a result, and a handle file, or two landmark files
-of the rest shape and of the target. Buttons on the page switch between the shapes. Handles are dots, in blue
-(fixed) and yellow (moved), with pale targets.
+FILES are the mesh, shapes with the same vertices, such as a result, and a handle file. Two landmark files, of
+the rest shape and the target, may replace the handle file. Buttons on the page switch between the shapes.
+Handles are dots, in blue (fixed) and yellow (moved), with pale targets.
 
 examples:
   sshade show body.ply

@@ -60,7 +60,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _target(path: Path) -> tuple[Path, os.stat_result | None]:
-    """Return the path without links, and the state of the regular file there, None if there is no file.
+    """Return the path without links, and the state of the file there, or None.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def check_output(
     inputs: Iterable[str | os.PathLike[str] | None] = (),
     overwrite: bool | None = False,
 ) -> None:
-    """Raise InputError unless `path` has one of the suffixes and a file can be written there.
+    """Raise InputError unless `path` has a known suffix and a file can be written there.
 
     Commands call this before long computations.
 
@@ -210,6 +210,6 @@ def is_same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) ->
 
 
 def check_suffix(path: Path, suffixes: Collection[str]) -> None:
-    """Raise InputError unless `path` ends with one of the suffixes; case does not matter."""
+    """Raise InputError unless `path` ends with a known suffix; case does not matter."""
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: unknown format {path.suffix!r}; use {', '.join(suffixes)}")

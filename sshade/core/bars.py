@@ -17,7 +17,7 @@ ENDED = 5
 def stage_bars(**options: Any) -> Bars:
     """Return progress bars of rich for standard error. They vanish at the end of a ``with`` block.
 
-    They show no remaining time, because an iteration may converge at any time. `options` are those of
+    They show no remaining time, because an iteration may converge at any time. `options` go to
     ``rich.progress.Progress``.
     """
     from rich import progress as rich

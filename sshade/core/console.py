@@ -1,8 +1,7 @@
 """Programs with sub-commands: what they print, their arguments, and how they end.
 
-The module of a sub-command is imported only when the sub-command is called. Such a module has a docstring,
-which is the help text, and functions ``add_arguments(parser)`` and ``command(options)``, which returns the
-exit code.
+The module of a sub-command is imported only when the sub-command is called. Its docstring is the help text.
+It has a function ``add_arguments(parser)``, and a function ``command(options)`` that returns the exit code.
 """
 
 from __future__ import annotations
@@ -287,7 +286,7 @@ class Program(NamedTuple):
         return module.command(self.parser(name).parse_args(arguments))
 
     def parser(self, name: str) -> argparse.ArgumentParser:
-        """Return the parser of a sub-command that is no Hydra program."""
+        """Return the parser of a sub-command; a Hydra program has none."""
         module = import_module(self.commands[name][0])
         parser = CommandParser(
             prog=f"{self.name} {name}",

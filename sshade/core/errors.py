@@ -9,7 +9,7 @@ from difflib import get_close_matches
 class InputError(ValueError):
     """Input that cannot be used as it is.
 
-    The message says what was found and what to do. The command line prints it without a traceback and exits
+    The message names the mistake and the remedy. The command line prints it without a traceback and exits
     with code 2.
     """
 

@@ -20,7 +20,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function that Python calls by numba, without the GIL, and keep its machine code in the store.
 
     A kernel must not call a compiled function of another file, because the store notices changes of its own
-    file only. `options` are those of ``numba.njit``.
+    file only. `options` go to ``numba.njit``.
     """
     if function is None:
         return partial(kernel, **options)
@@ -34,7 +34,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 def _undisturbed(load: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
     """Load or compile a kernel out of the main thread, where a signal may raise, such as an interrupt.
 
-    An exception inside of numba may leave one of its locks taken, for which all other threads would wait.
+    An exception inside of numba may leave a lock taken, and all other threads would wait.
     """
     if threading.current_thread() is not threading.main_thread():
         return load(*arguments, **keywords)

@@ -10,7 +10,7 @@ class Progress(Protocol):
 
     A stage has ended when all its steps are done. A stage that may end early, as an iteration that converges,
     reports the number of its steps as the total at its end. Threads of the computation call it, at times
-    several of them at once. An exception of the callback ends the computation, at the latest after the solves
+    at once. An exception of the callback ends the computation, at the latest after the solves
     that other threads have begun.
     """
 

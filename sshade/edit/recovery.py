@@ -23,7 +23,7 @@ from sshade.edit.state import EditState, Settings
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import require_method
 
-#: What a recovery file is, in messages.
+#: How messages name a recovery file.
 WHAT = "a recovery file of `sshade edit`"
 #: Fields of a group that its record in a recovery file has under the same name.
 FIELDS = ("name", "kind", "is_prescribed")
@@ -47,7 +47,7 @@ class Offer(NamedTuple):
 
 
 class Recovery:
-    """The recovery file of a session, and those that earlier sessions of the mesh left.
+    """The recovery file of a session, and recovery files of earlier sessions of the mesh.
 
     Several editors may have one mesh open: each writes a file of its own, and offers no file of an editor
     that still runs.

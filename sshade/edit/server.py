@@ -1,9 +1,9 @@
 """HTTP server that connects a session with one page in a browser of this machine.
 
 The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes per vertex
-suffice, have no brush or lasso, and answer any page of the browser. The page asks for one step of a drag
-after the other, so that it draws every computed step. The request "alive" never ends: its answer reports the
-progress of computations. A page that is closed may come back at any time.
+suffice, have no brush or lasso, and answer any page of the browser. The page asks for the next step of a
+drag when it has the last one, so that it draws every computed step. The request "alive" never ends: its
+answer reports the progress of computations. A page that is closed may come back at any time.
 
 The server answers a request only if the address contains the secret token, the Host header names this
 machine (which protects against DNS rebinding), and no page of another origin sent the request.

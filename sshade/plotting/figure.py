@@ -164,8 +164,7 @@ def figure_of(
     handles : Handles, optional
     poses : mapping of (n, 3) float64
     colour : str, optional
-        What the colours of the poses show, a key of :data:`sshade.plotting.pictures.COLOUR_LABELS`. By
-        default shapes are plain.
+        A key of :data:`sshade.plotting.pictures.COLOUR_LABELS`. By default shapes are plain.
     towards, up : (3,) float
         Direction to the camera, and upward direction.
 

@@ -180,7 +180,7 @@ def draw(
     handles : Handles, optional
     poses : sequence of (n, 3) float64
     colour : str, optional
-        What colours show, a key of :data:`COLOUR_LABELS`. By default shapes are plain.
+        A key of :data:`COLOUR_LABELS`. By default shapes are plain.
     **look
         The directions `towards` and `up` of :meth:`View.of`.
     """
