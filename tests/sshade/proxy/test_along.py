@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationResult, InputError, Mesh, move_along
-from sshade.proxy.along import FARTHEST, NEAREST
+from sshade.proxy.along import BEYOND, FARTHEST, NEAREST, REACH
+from sshade.proxy.blended import nearest_rotations
+from sshade.proxy.vertex_maps import VertexMaps
 from tests.shapes import beside, bumpy, icosphere, jittered, shifted, tube
 from tests.sshade.mesh.test_cutting import t_fin
 
@@ -68,6 +70,19 @@ def test_cloth_between_two_balls_stretches_where_the_nearest_sample_alone_would_
     assert abs(moved[:2] - V[:2]).max() < 1e-12 and abs(moved[-2:] - V[-2:] - [0, 1, 0]).max() < 1e-12
 
 
+def test_points_move_with_the_weighted_motions_of_the_samples_near_them():
+    """All vertices of the ball are samples."""
+    posed, X, spacing = rod_bent(BALL.V), around(20), np.sqrt(BALL.area / BALL.n)
+    R = nearest_rotations(VertexMaps.at_rest(BALL)(posed)[0])
+    for x, moved in zip(X, move_along(BALL, posed, X), strict=True):
+        d = np.linalg.norm(x - BALL.V, axis=1)
+        weight = (
+            np.maximum(1 - d / min(BEYOND * np.sort(d)[NEAREST - 1], REACH * (d.min() + spacing)), 0) ** 2
+        )
+        motions = np.einsum("kij,kj->ki", R, x - BALL.V) + posed
+        assert moved == pytest.approx(np.average(motions, axis=0, weights=weight), abs=1e-12)
+
+
 def test_a_point_as_far_from_all_samples_moves_with_their_mean():
     ball = icosphere(3)
     assert ball.n > NEAREST
@@ -93,7 +108,7 @@ def test_bad_points_and_poses_are_refused():
     with pytest.raises(InputError, match="point 1 has a NaN"):
         move_along(BALL, BALL.V, [[0, 0, 0], [np.nan, 0, 0]])
     far = (FARTHEST + 0.01) * BALL.diagonal
-    with pytest.raises(InputError, match=r"1 of 2 points are too far .* point 1 by"):
+    with pytest.raises(InputError, match=r"1 of 2 points is too far .* point 1 by"):
         move_along(BALL, BALL.V, [[0, 0, 1], [0, 0, 1 + far]])
     with pytest.raises(InputError, match="pose has shape"):
         move_along(BALL, BALL.V[1:], around())
