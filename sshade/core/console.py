@@ -117,7 +117,7 @@ def compilation_told() -> Iterator[None]:
 
 
 def missing_library(error: BaseException, extras: Mapping[str, str] | None = None) -> str | None:
-    """Return what to install if this package or a library of an extra is missing; None otherwise.
+    """Return what to install if a library of an extra is missing; None otherwise.
 
     Parameters
     ----------
@@ -125,8 +125,6 @@ def missing_library(error: BaseException, extras: Mapping[str, str] | None = Non
     extras : mapping, optional
         Extras that bring further libraries than :data:`EXTRAS`, by the module that is imported.
     """
-    if isinstance(error, ModuleNotFoundError) and error.name == "sshade":  # a clone asks for its version
-        return "sshade is not installed; install it with pip install . in the clone"
     library = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     extra = {**EXTRAS, **(extras or {})}.get(library)
     return f"{library} is not installed; {how_to_install(extra)}" if extra else None

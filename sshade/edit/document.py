@@ -26,8 +26,6 @@ from sshade.problem.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
 FORMATS = {"handles": (".json",), "mesh": WRITABLE}
-#: Greatest length of a file name, which every file system accepts.
-LONGEST = 120
 
 
 class FileExists(InputError):
@@ -139,8 +137,7 @@ class Document:
         FileExists
             When the file exists, unless this editor wrote it or its path was given in advance.
         """
-        plain = Path(name).name == name and "\\" not in name and ":" not in name and name.isprintable()
-        if not (name and plain) or name.startswith(".") or len(name) > LONGEST:
+        if not name or Path(name).name != name or not name.isprintable():
             raise InputError(f"{name!r}: give the name of a file alone, without a folder")
         path = self.outputs[content].with_name(name)
         self._check(content, path)

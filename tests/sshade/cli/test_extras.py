@@ -4,14 +4,13 @@ import json
 import os
 import subprocess
 import sys
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 
 from defaust.cli import EXTRAS as OF_DEFAUST
 from eval import EXTRAS as OF_EVAL
-from sshade.core.console import EXTRAS, run_command, version_of
+from sshade.core.console import EXTRAS, run_command
 
 #: A Python in which no library of an extra can be imported.
 REFUSE = f"""\
@@ -72,12 +71,3 @@ def test_the_extra_is_named_in_one_sentence(sound, program):
 def test_another_missing_module_is_an_error_of_the_program():
     with pytest.raises(ModuleNotFoundError, match="no_such_library"):
         run_command(lambda: __import__("no_such_library"))
-
-
-def test_a_clone_that_is_not_installed_says_so(capsys, monkeypatch):
-    def absent(name):
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr("importlib.metadata.version", absent)
-    assert run_command(lambda: version_of("sshade")) == 2
-    assert capsys.readouterr().err.startswith("error: sshade is not installed; ")
