@@ -13,10 +13,8 @@ import numpy as np
 
 from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
-from sshade.core.errors import InputError
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.mesh_file import MeshFile, listed
-from sshade.mesh.weld import check_weld
 from sshade.problem.options import described, help_text
 
 if TYPE_CHECKING:
@@ -84,11 +82,8 @@ def input_paths(options: argparse.Namespace) -> list[Path | None]:
 
 
 def has_number(path: Path) -> bool:
-    """Whether a name has a place for a number, and raise InputError on two places, or one such as ``%4d``."""
-    places = re.findall(r"%\d*d", path.name)
-    if places and (len(places) > 1 or not NUMBER.fullmatch(places[0])):
-        raise InputError(f"{path}: a pattern has one place for the number, such as out_%04d.ply")
-    return bool(places)
+    """Whether a name has a place for a number."""
+    return NUMBER.search(path.name) is not None
 
 
 def add_flags(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
@@ -102,19 +97,10 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
     text = "largest distance of a copy of a vertex from its place, as a fraction of the diagonal; "
     text += "copies along a seam move as one (default: 1e-9, or two rounding steps of a file in single "
     text += "precision; 0 for exact copies alone)"
-    parser.add_argument("--weld", type=_weld, metavar="W", help=text)
+    parser.add_argument("--weld", type=_number, metavar="W", help=text)
     text = "weld all copies of a vertex, along seams or not, and drop faces that are there twice; the output "
     text += "still has all vertices of the input"
     add_flags(parser, {"--repair": text})
-
-
-def _weld(text: str) -> float:
-    weld = _number(text)
-    try:
-        check_weld(weld)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-    return weld
 
 
 def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:

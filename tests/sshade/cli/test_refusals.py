@@ -105,7 +105,6 @@ LIGHT = {
     "edit body.ply pose.json --no-browser --handles-out pose.json": "pose.json: is the input pose.json",
     "edit body.ply --port 70000": "a port is a number up to 65535, not 70000",
     "deform body.ply pose.json pose.json -o out.ply": "out.ply: one such file cannot hold a sequence; number",
-    "deform body.ply pose.json pose.json -o o%d_%d.ply": "one place for the number, such as out_%04d.ply",
     "deform body.ply pose.json pose.json -o out_%d.xyz": "unknown format '.xyz'",
     "deform body.ply pose.json pose.json -o out_%d.ply --fps -1": "--fps takes a number above 0",
     "deform body.ply pose.json -o out.ply --fps 10": "--fps applies to sequences",
