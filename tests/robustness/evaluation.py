@@ -73,6 +73,14 @@ NAMED = {
 }
 
 METHODS = {
+    "method=arap method.start=middle": ("start must be rest or rigid, not 'middle'",),
+    "run.speed=1": ("no setting run.speed",),
+    "seed=-1": ("seed=-1",),
+    "run.split=half": ("it takes tuning, held_out, both or null",),
+    "run.jobs=0": ("run.jobs=0",),
+    "run.experiment=../tiny": ("run.experiment=../tiny is no name of a folder",),
+    "method._target_=magic.magic": ("no module 'magic'",),
+    "dataset._target_=os.getcwd": ("os.getcwd has no parameter",),
     "method=magic": ("there is no method 'magic'; choose one of acc",),
     "method=arap +method.colour=red": ("has no option 'colour'",),
     "method=arap method.max_iterations=many": ("max_iterations must be a whole number", "'many'"),

@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -13,10 +14,13 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.main import PROGRAM, main
+from sshade.cli.notes import notes
 from sshade.core.bars import ENDED, stage_bars, stage_progress
 from sshade.core.console import progress_bar, run_command
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import read_handles, write_handles
+from sshade.mesh.surface import Surface, SurfaceFacts
+from sshade.problem.facts import Facts
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted
@@ -156,6 +160,28 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
     assert "note: the rotation or scale of entry 1 is about the origin, which lies outside" in err
 
 
+PLAIN = Facts(samples=100, options={"coarser": 4})
+
+
+@pytest.mark.parametrize(
+    ("facts", "surface", "dense", "words"),
+    [
+        ({"samples": 99, "components": 3}, {}, False, None),  # rounding
+        ({"samples": 40}, {}, False, "40 samples instead of 100: a component has at most one for every 4"),
+        ({"samples": 130}, {}, False, "130 samples instead of 100: a component needs one for each"),
+        ({"samples": 0}, {}, False, "no proxy was made: the handles alone determine the result"),
+        ({"opening": 0.11}, {}, False, "parts of the mesh that touched came apart by 11 % of the diagonal"),
+        ({"opening": 1e-9}, {}, False, None),
+        ({}, {"near": 3, "tolerance": 1e-3}, False, "3 vertices lie near another vertex"),
+        ({}, {}, True, "the handles are dense: --method interpolate"),
+    ],
+)
+def test_facts_in_words(facts, surface, dense, words):
+    whole = Surface(BODY, np.arange(BODY.n), SurfaceFacts(**surface))
+    found = list(notes(replace(PLAIN, **facts), whole, asked=100, snap=0.0, dense=dense))
+    assert len(found) == bool(words) and (words or "") in "".join(found)
+
+
 def test_it_tells_its_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"sshade {version('sshade')}\n"
@@ -188,6 +214,11 @@ def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(ca
     assert capsys.readouterr().err == said
     with pytest.raises(ValueError, match="a bug"):
         run_command(command)
+
+
+def test_a_command_leaves_the_handling_of_signals_as_it_was():
+    before = signal.getsignal(signal.SIGTERM)
+    assert run_command(lambda: 0) == 0 and signal.getsignal(signal.SIGTERM) == before
 
 
 #: Writes a file, says so, and works until it is ended.

@@ -5,7 +5,7 @@ import pytest
 
 from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays
-from tests.browser import opened
+from tests.browser import changed, opened, pixels
 from tests.sshade.edit.lent import lent
 from tests.sshade.edit.sessions import BODY, ready, upright
 from tests.sshade.edit.test_page import asked, drag, release, tool, where
@@ -114,3 +114,14 @@ def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
     page.locator("#group summary").click()
     asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
     assert np.array_equal(session.state.selection, session.state.groups[1].vertices)
+
+
+def test_the_up_axis_changes_the_view_alone(page, session):
+    stage, state = page.locator("#stage"), session.state
+    page.get_by_text("Options, method fast").click()
+    seen = [pixels(stage)]
+    for axis in "z", "y":
+        page.get_by_label("up axis").select_option(axis)
+        page.wait_for_timeout(250)
+        seen.append(pixels(stage))
+    assert changed(seen[0], seen[1]) > 0.02 and changed(seen[0], seen[2]) < 0.002 and session.state is state

@@ -76,6 +76,7 @@ def test_a_view_says_what_it_leaves_out(monkeypatch):
     facts = packed_view(mesh, [ViewShape("rest", "", mesh.V)], handles=handles, label="x")
     assert facts["note"] == "20 of 50 handles are shown."
     assert len(facts["handles"]) == len(facts["dynamic"]) == len(facts["targets"]) == 20
+    assert np.abs(np.array(facts["low"]) + np.array(facts["span"]) / 2).max() < 1e-9  # about the centre
     assert np.ptp(facts["handles"]) == 49 and np.linalg.norm(facts["span"]) == pytest.approx(1)
 
 
