@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,6 @@ from sshade.core.errors import InputError, meant
 OWN = "_"
 #: Greatest length of a key in a message.
 LONGEST = 40
-#: Names of types in JSON that are no numbers.
-ODD = {str: "a text", bool: "true or false", type(None): "null"}
 
 
 def require_known(keys: Iterable[Any], known: tuple[str, ...], ignored: tuple[str, ...] = ()) -> None:
@@ -99,14 +96,7 @@ def as_ids(values: Any, name: str) -> np.ndarray:
     InputError
         When it is no list of integers, or empty.
     """
-    require_numbers(values, name, 1)
-    try:
-        ids = np.asarray(values)
-    except (ValueError, OverflowError):  # lists of several lengths, and integers of many digits
-        ids = np.zeros(0)
-    if ids.ndim != 1 or ids.size == 0 or ids.dtype.kind != "i":
-        raise InputError(f"{name} must be a list of integers, at least one")
-    return ids.astype(np.int64)
+    return _numbers(values, name, (None,), "a list of integers, at least one", kinds="i").astype(np.int64)
 
 
 def as_points(values: Any, name: str) -> np.ndarray:
@@ -144,30 +134,20 @@ def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -
     InputError
         When the numbers have another shape or are not finite.
     """
-    require_numbers(values, name, len(shape))
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except OverflowError as error:
-        raise InputError(f"{name} has a number that is too large") from error
-    except (TypeError, ValueError):
-        array = np.zeros(0)
-    fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))
-    if not fits or array.size == 0:
-        raise InputError(f"{name} must be {form}")
+    array = _numbers(values, name, shape, form, kinds="iuf").astype(np.float64)
     if not np.isfinite(array).all():
         raise InputError(f"{name} has a NaN or infinite position")
     return array
 
 
-def require_numbers(values: Any, name: str, depth: int) -> None:
-    """Raise InputError if lists of lists, `depth` deep, hold a text, true, false or null."""
-    flat: Iterable[Any] = values if isinstance(values, list) else []
+def _numbers(values: Any, name: str, shape: tuple[int | None, ...], form: str, *, kinds: str) -> np.ndarray:
+    """Return lists of numbers as an array; raise InputError on another shape, or another kind of NumPy's."""
     try:
-        for _ in range(depth - 1):
-            flat = chain.from_iterable(flat)
-        types = set(map(type, flat))
-    except TypeError:  # a number in place of a list: the caller checks the shape
-        return
-    for kind, found in ODD.items():
-        if kind in types:
-            raise InputError(f"{name} has {found} in place of a number")
+        array = np.asarray(values)
+    except ValueError:  # lists of several lengths
+        array = np.zeros(0)
+    fits = array.ndim == len(shape) and all(a in (None, b) for a, b in zip(shape, array.shape, strict=True))
+    # Texts, true, null, and integers of many digits make arrays of other kinds.
+    if not fits or array.size == 0 or array.dtype.kind not in kinds:
+        raise InputError(f"{name} must be {form}")
+    return array

@@ -15,10 +15,12 @@ def moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
     written, names = _libraries(line, source)
     # Materials go along with all their textures, or stay where they are.
-    along = {
-        name for name in names if all(goes_along(file, source, path) for file in _files_of(name, source))
-    }
-    moved = [name if name in along else moved_reference(name, source, path, along=False) for name in names]
+    moved = [
+        name
+        if all(goes_along(file, source, path) for file in _files_of(name, source))
+        else moved_reference(name, source, path, along=False)
+        for name in names
+    ]
     if moved == names:
         return line
     return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[len(written.rstrip()) :]
