@@ -14,7 +14,6 @@ from sshade.files.task_files import write_handles
 from sshade.proxy.binding_file import load_binding, save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal
-from tests.robustness.case import limited
 from tests.shapes import bumpy, rotation
 
 BODY = bumpy(2)
@@ -154,12 +153,3 @@ def test_a_result_of_a_sequence_may_be_changed():
         result.vertices[:] = 0
     kept = [result.vertices for result in sshade.deform_sequence(task(), poses, vertices=40)]
     np.testing.assert_array_equal(changed, kept)
-
-
-def test_a_binding_that_cannot_be_saved_leaves_the_old_file(tmp_path):
-    bound = sshade.bind(BODY, 40)
-    save_binding(tmp_path / "a.npz", bound)
-    before = (tmp_path / "a.npz").read_bytes()
-    with limited(60), pytest.raises(InputError, match="cannot be written"):
-        save_binding(tmp_path / "a.npz", bound)
-    assert (tmp_path / "a.npz").read_bytes() == before
