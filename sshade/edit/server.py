@@ -2,8 +2,9 @@
 
 The server uses the standard library alone. Viewers such as viser send whole meshes where 12 bytes per vertex
 suffice, have no brush or lasso, and answer any page of the browser. The page asks for the next step of a
-drag when it has the last one, so that it draws every computed step. The request "alive" never ends: its
-answer reports the progress of computations. A page that is closed may come back at any time.
+drag when it has the last one, so that it draws every computed step. The request "progress"
+reports the progress of computations, and that the program still runs. A page that is closed may come back at
+any time.
 
 The server answers a request only if the address contains the secret token, the Host header names this
 machine (which protects against DNS rebinding), and no page of another origin sent the request.
@@ -14,12 +15,10 @@ from __future__ import annotations
 import json
 import logging
 import secrets
-import socket
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from select import select
-from threading import Condition, Thread
+from threading import Thread
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
@@ -50,8 +49,8 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-#: Seconds between signs of life to a page, and until an incomplete request is dropped.
-BEAT, PATIENCE = 0.5, 60.0
+#: Seconds until an incomplete request is dropped.
+PATIENCE = 60.0
 
 
 class Server(ThreadingHTTPServer):
@@ -70,6 +69,8 @@ class Server(ThreadingHTTPServer):
     session : Session
     address : str
         Address to open in a browser.
+    stage : str
+        Progress of the current computation.
 
     Raises
     ------
@@ -90,34 +91,15 @@ class Server(ThreadingHTTPServer):
             raise InputError(f"port {port} of this machine cannot be used ({why})") from error
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
-        self._changed = Condition()
-        self._stage: dict[str, Any] | None = None
-        self._closed = False
+        self.stage = ""
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
         """Report the progress of a computation to the page."""
-        with self._changed:
-            self._stage = {"stage": stage, "done": done, "total": total, "note": note}
-            self._changed.notify_all()
+        self.stage = f"{stage} {done}/{total} {note}"
 
     def close(self) -> None:
         """End :meth:`serve_forever`. Any thread may call this, also repeatedly."""
-        with self._changed:
-            already, self._closed = self._closed, True
-            self._changed.notify_all()
-        if not already:
-            Thread(target=self.shutdown, daemon=True).start()
-
-    def stages(self, write: Any) -> None:
-        """Write each new stage, and an empty line from time to time, to one page."""
-        last = None
-        while not self._closed:
-            with self._changed:
-                if self._stage is last:
-                    self._changed.wait(BEAT)
-                now = self._stage
-            write((json.dumps(now) if now is not last else "").encode() + b"\n")
-            last = now
+        Thread(target=self.shutdown, daemon=True).start()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore lost connections, which browsers cause all the time."""
@@ -169,10 +151,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(getattr(self.server.commands, name)())
         elif name in ANSWERS_TO_QUERIES:
             self._send(getattr(self.server.commands, name)(self._query))
-        elif name == "alive":
-            self.close_connection = True
-            self._begin(HTTPStatus.OK, {"Content-Type": "text/plain; charset=utf-8"})
-            self.server.stages(self._beat)
+        elif name == "progress":
+            self._send(json.dumps(self.server.stage).encode(), "application/json")
         else:
             raise _Refused(HTTPStatus.NOT_FOUND, f"the editor has no page {name!r}")
 
@@ -185,7 +165,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(b"{}", "application/json")
             self.server.close()
         else:
-            self._send(commands(name, json.loads(content or b"{}")))
+            answer = commands(name, json.loads(content or b"{}"))
+            self.server.stage = ""
+            self._send(answer)
 
     @property
     def _query(self) -> dict[str, str]:
@@ -215,13 +197,6 @@ class _Handler(BaseHTTPRequestHandler):
             raise ConnectionResetError
         return content
 
-    def _beat(self, line: bytes) -> None:
-        """Write a line; raise OSError if the page was closed."""
-        readable, _, _ = select([self.connection], [], [], 0)
-        if readable and not self.connection.recv(1, socket.MSG_PEEK):
-            raise ConnectionResetError
-        self.wfile.write(line)
-
     def _refuse(self, status: HTTPStatus, sentence: str, **facts: Any) -> None:
         self.close_connection = True  # the rest of the request is not read
         self._send(json.dumps({"error": sentence, **facts}).encode(), "application/json", status)
@@ -229,16 +204,13 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(
         self, content: bytes, kind: str = "application/octet-stream", status: HTTPStatus = HTTPStatus.OK
     ) -> None:
-        self._begin(status, {"Content-Type": kind, "Content-Length": str(len(content))})
-        self.wfile.write(content)
-
-    def _begin(self, status: HTTPStatus, headers: dict[str, str]) -> None:
         self.send_response(status)
-        for name, value in {**HEADERS, **headers}.items():
+        for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(content))}.items():
             self.send_header(name, value)
         if self.close_connection:
             self.send_header("Connection", "close")
         self.end_headers()
+        self.wfile.write(content)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Do not log requests, because their address contains the token."""

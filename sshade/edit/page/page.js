@@ -324,18 +324,11 @@ function ended(sentence) {
   say(sentence);
 }
 
-// This request is answered until the editor ends, with the progress of computations. A browser may drop the
-// connection of a page in the background, so it is asked again as long as there is an answer.
-async function listen() {
-  for (let answer; (answer = await fetch("alive").catch(() => null))?.ok; ) {
-    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-    for (let text = "", part; (part = await reader.read().catch(() => null)) && !part.done; ) {
-      const lines = (text + part.value).split("\n");
-      text = lines.pop();
-      for (const { stage: at, done, total, note } of lines.filter(Boolean).map(JSON.parse)) {
-        byId("busy").textContent = `${at} ${done}/${total} ${note}`;
-      }
-    }
+// Show the progress of computations, until the editor ends.
+async function watch() {
+  for (let answer; (answer = await fetch("progress").catch(() => null))?.ok; ) {
+    byId("busy").textContent = (await answer.json()) || "solving";
+    await new Promise((next) => setTimeout(next, 500));
   }
   if (document.body.classList.contains("ended")) return;
   ended("The editor has ended. Start sshade edit again; it offers work that was not saved.");
@@ -359,4 +352,4 @@ request("whole")
     take(said);
   })
   .catch(complain);
-listen();
+watch();

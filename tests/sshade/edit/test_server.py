@@ -2,14 +2,13 @@
 
 import logging
 import socket
-import time
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 
 from sshade import Mesh
-from sshade.edit import server as serving
 from sshade.edit.server import PAGE, Server
 from tests.sshade.edit.lent import ask, command, lent, mark, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
@@ -171,37 +170,19 @@ def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(scale, shift):
     assert np.abs(seen[0] - seen[1]).max() < 1e-5
 
 
-def beat(server: Server) -> socket.socket:
-    """Open a connection like a page does, and return it after the first answer."""
-    connection = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
-    host = f"127.0.0.1:{server.server_port}"
-    connection.sendall(f"GET /{server.token}/alive HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
-    while b"\r\n\r\n" not in connection.recv(65536):
-        pass
-    return connection
-
-
-def test_it_outlives_its_pages_and_tells_progress_to_the_next(monkeypatch):
-    monkeypatch.setattr(serving, "BEAT", 0.05)
+def test_a_page_asks_for_progress():
     with lent(begun()) as server:
-        first = beat(server)
-        first.close()
-        time.sleep(0.5)
-        second = beat(server)
-        server.progress("binding", 1, 3)
-        heard = b""
-        while b"binding" not in heard:
-            heard += second.recv(4096)
-        second.close()
-        time.sleep(0.5)
-        assert not server._closed and post(server, "undo") == 200
+        server.progress("binding", 1, 3, "of two")
+        for _ in range(2):
+            status, _, content = ask(server, "GET", f"/{server.token}/progress")
+            assert (status, content) == (200, b'"binding 1/3 of two"')
 
 
 def test_it_ends_when_the_page_says_so():
-    with lent(begun()) as server:
-        page = beat(server)
+    server = Server(begun())
+    thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    with server:
         assert ask(server, "POST", f"/{server.token}/quit", b"")[0] == 200
-        while page.recv(4096):  # until the server closes the connection of the open page
-            pass
-        page.close()
-        assert server._closed
+        thread.join(10)
+        assert not thread.is_alive()
