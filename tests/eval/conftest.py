@@ -3,18 +3,38 @@
 from pathlib import Path
 
 import pytest
-from report_runs import make_runs
+from eval_cases import bumpy_task, run
 
 from eval.main import call
+from eval.rows.collect import collect
+from eval.rows.frame import write_csv
 from eval.run.warmup import tiny_task
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 
+METHODS = {
+    "arap": {"_target_": "baselines.arap.arap", "max_iterations": 5, "note": "five <iterations> & no more"},
+    "learned": {"_target_": "eval_cases.with_options"},
+    "stretching": {"_target_": "eval_cases.stretching", "factor": 1.5},
+    "failing": {"_target_": "eval_cases.failing"},
+    "missing": {"_target_": "eval_cases.missing_extra"},
+}
+
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory) -> Path:
-    """Return the CSV of a small experiment, whose run folders lie in runs/tiny beside the CSV."""
-    return make_runs(tmp_path_factory.mktemp("tiny"))
+    """Run a small experiment with results, a failure and a skipped run; return the CSV of its rows.
+
+    The run folders lie in runs/tiny beside the CSV.
+    """
+    folder = tmp_path_factory.mktemp("tiny")
+    for angle in (10.0, 40.0):
+        source = {"_target_": "eval_cases.bumpy_task", "level": 2, "angle": angle}
+        for method, config in METHODS.items():
+            task = bumpy_task(level=2, angle=angle)
+            run(task, config, name=method, root=folder / "runs" / "tiny", source=source)
+    write_csv(folder / "tiny.csv", collect(folder / "runs" / "tiny"))
+    return folder / "tiny.csv"
 
 
 @pytest.fixture(scope="session")

@@ -103,8 +103,6 @@ def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, clock, caps
     assert call("check", ["arap"]) == 1
     assert "arap  is too slow; takes 15 iterations of elastic, golden 1.5" in capsys.readouterr().out
     assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
-    clock.method = [90.0, 2.0, 30.0]  # slow once, the time of Elastic, fast
-    assert call("check", ["arap"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -159,15 +157,3 @@ def test_every_method_has_committed_values_of_its_version():
             "time" for c in cases if c.timed
         }
         assert yaml.safe_load((folder / f"{name}.yaml").read_text()).get("version", 1) == entry["version"]
-
-
-def test_a_new_measure_gains_golden_values_and_changes_no_other(golden, capsys):
-    """No result changed, so no version rises; a result that changed as well is still refused."""
-    values = yaml.safe_load(golden.read_text())["values"]["arap"]["bend"]
-    right = values.pop("edge")
-    change(golden, bend=values | {"angle": values["angle"] * (1 + 5e-5)})  # within the tolerance
-    assert call("check", ["arap"]) == 1 and "edge of bend inf" in capsys.readouterr().out
-    assert call("check", ["--write", "arap"]) == 0
-    assert bend(golden)["bend"] == values | {"angle": values["angle"] * (1 + 5e-5), "edge": right}
-    change(golden, bend=values | {"angle": values["angle"] * 1.001})
-    assert main(["check", "--write", "arap"]) == 2

@@ -102,6 +102,16 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1) and "choice" not in wrong.stderr
 
 
+def test_a_case_of_the_other_half_is_not_run(tmp_path):
+    case = ["dataset=hairpin", "dataset.around=12", "method=identity", "run.split=held_out"]
+    for mode in ([], ["-m"]):
+        done = run_eval(tmp_path, *mode, *case)
+        assert done.returncode == 2 and done.stderr.startswith("error: hairpin/gap_0.02 is a tuning case")
+    assert not list(tmp_path.rglob("row.json"))
+    # A tag moves the rows to a separate table, which may hold any case.
+    assert run_eval(tmp_path, *case, "+dataset.tag=_mine").returncode == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

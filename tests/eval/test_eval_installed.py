@@ -44,26 +44,12 @@ def own_folder(tmp_path):
 MINE = ["--config-dir", "conf", "method=mine"]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        pytest.param([], id="once"),
-        pytest.param(
-            ["-m", "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"
-        ),
-        pytest.param(["-m", "hydra/launcher=submitit_local"], marks=pytest.mark.full, id="submitit"),
-    ],
-)
-def test_a_folder_with_folders_of_the_same_names(own_folder, options):
-    command = Path(sys.executable).with_name("sshade-eval")
-    done = run(own_folder, command, "run", *options[:1], *MINE, "dataset=hairpin", *options[1:])
+def test_workers_of_a_launcher_find_our_packages_in_a_folder_with_folders_of_the_same_names(own_folder):
+    command = [Path(sys.executable).with_name("sshade-eval"), "run", "-m", *MINE, "dataset=hairpin"]
+    done = run(own_folder, *command, "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
     assert done.returncode == 0, done.stderr
     (row,) = records(collect(own_folder / "out/runs/single"))
-    assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok")
-    assert (row["peak_mib"] is not None) == ("run.fresh=true" in options)
-    assert sorted(path.name for path in own_folder.iterdir() if path.name != "__pycache__") == [
-        *("conf", "eval", "mymethod.py", "out", "results", "tests")
-    ]
+    assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] > 10
 
 
 def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folder):

@@ -21,15 +21,6 @@ JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 RUNS = ["-m", "dataset=bumpy", "method=failing,identity"]
 
 
-@pytest.mark.parametrize("launcher", NEEDS)
-def test_the_launcher_composes(launcher):
-    pytest.importorskip(NEEDS[launcher], reason=f"the extra of hydra/launcher={launcher} is not installed")
-    settings = composed(f"hydra/launcher={launcher}").hydra.launcher
-    assert settings._target_.startswith(NEEDS[launcher])
-    if launcher == "slurm":
-        assert app._at_once(settings, 10_000) == settings.array_parallelism > 1
-
-
 @pytest.fixture(scope="module")
 def basic(tmp_path_factory):
     """Sweep over a failing and a successful run in sequence; return the ended program and the rows."""

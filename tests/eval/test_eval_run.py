@@ -15,9 +15,10 @@ import eval.run.run as run_module
 from eval.metrics import METRICS, measure
 from eval.rows.store import read_row, run_folders
 from eval.run import environment
+from eval.run.warmup import warm_up
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}
@@ -66,6 +67,19 @@ def test_the_clock_runs_around_the_method_only(task, tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "measure", slow_measure)
     monkeypatch.setattr(attempt_module, "warm_up", lambda *args, **kwargs: sleep(0.2))
     assert run(task, STRETCHING, name="s", root=tmp_path).row["seconds.total"] < 0.1
+
+
+def test_a_method_is_warmed_up_once_for_each_key_with_its_overrides():
+    calls = []
+
+    def method(task, *, seed, size=100):
+        calls.append((type(task), size))
+        return resulting(task.mesh.V)
+
+    kinds = {"first": DeformationTask, "second": TransferTask}
+    for key in ("first", "first", "second"):
+        warm_up(method, {"size": 3}, key=f"{__name__} {key}", kind=kinds[key])
+    assert calls == [(DeformationTask, 3), (TransferTask, 3)]
 
 
 def resulting(V, **facts) -> DeformationResult:
@@ -147,13 +161,6 @@ def test_a_time_limit_ends_a_run_and_is_not_tried_again(task, tmp_path):
     assert first.row["reason"] == "no result within 0.2 s"
     assert run(task, method, name="e", root=tmp_path, time_limit=0.1).found
     assert not run(task, method, name="e", root=tmp_path, time_limit=0.3).found
-
-
-def test_a_warm_up_that_does_not_end_is_given_up(task, tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt_module, "WARM_UP_LIMIT", 2.0)
-    method = {"_target_": "eval_cases.endless", "warming": True}
-    row = run(task, method, name="e", root=tmp_path, time_limit=0.2).row
-    assert (row["status"], row["reason"]) == ("timeout", "the warm-up did not end within 2 s")
 
 
 @pytest.mark.parametrize("name", ["row.json", "vertices.npy"])

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +10,7 @@ from eval_program import run_eval
 from external_programs import COPYING, TEXTS, ended, program, wait_for
 from test_eval_interrupt import alive, start_eval
 
-from eval.main import call
 from eval.rows.collect import collect
-from eval.rows.frame import read_csv
 from eval.rows.store import require_vertices
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
@@ -85,16 +82,3 @@ def test_ctrl_c_and_a_kill_end_the_program_and_the_process_of_its_run(tmp_path, 
     assert process.returncode == (130 if end == signal.SIGINT else -9) and not list(
         tmp_path.rglob("row.json")
     )
-
-
-def test_bench_times_a_program(here, monkeypatch, case):
-    from eval.bench import turns
-
-    monkeypatch.setattr(turns, "used_by_others", lambda *_: 0.0)
-    program(here)
-    method = "p=external 'command=[sh,program.sh]' " + SETTINGS.replace("method.", "")
-    monkeypatch.setattr(turns, "SHORTEST", 1e-3)
-    assert call("bench", ["speed", "--methods", method, "--cases", case, "--rounds", "2"]) == 0
-    rows = read_csv("out/timing/speed.csv")
-    assert len(rows) == 2 and (rows["seconds.startup"] > 0).all()
-    assert "startup" in Path("out/tables/speed.md").read_text()

@@ -1,12 +1,11 @@
 """Jobs take turns. A disturbed repeat is rejected and run again; too many rejections end the command."""
 
-from collections import namedtuple
 from time import sleep
 
 import pytest
 
 import eval.bench.turns
-from eval.bench.turns import ATTEMPTS, Job, Reading, read_machine, take_turns, used_by_others
+from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from sshade.core.errors import InputError
 
 
@@ -74,11 +73,3 @@ def test_the_share_of_others(busy, own, share):
     """The system counts whole ticks, so it may count less than the process."""
     before, after = Reading(100.0, 50.0, 40.0), Reading(110.0, 50 + busy, 40 + own)
     assert used_by_others(before, after, cores=2) == pytest.approx(share)
-
-
-def test_what_counts_as_busy(monkeypatch):
-    """Idle time and waits for a disk do not count. Time of a hypervisor counts. `user` includes guests."""
-    names = "user nice system idle iowait irq softirq steal guest guest_nice"
-    times = namedtuple("times", names)(1, 2, 4, 1000, 500, 8, 16, 32, 1, 2)
-    monkeypatch.setattr(eval.bench.turns.psutil, "cpu_times", lambda: times)
-    assert read_machine().busy == 1 + 2 + 4 + 8 + 16 + 32

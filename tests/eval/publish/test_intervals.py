@@ -10,7 +10,6 @@ from scipy import stats
 
 from eval.main import call
 from eval.publish.intervals import LEAST, LEVEL, Resampling, differences, interval, places
-from eval.publish.summary import make_table
 from eval.publish.tables import to_csv, to_latex, to_markdown
 from eval.rows.frame import write_csv
 from sshade.core.errors import InputError
@@ -119,18 +118,6 @@ def test_equal_printed_numbers_share_a_rank_although_their_difference_is_certain
     means, one_pose = of_cases.mean(), crossed(5, 1)
     assert places(of_cases, means, means.round(2), one_pose).to_dict() == {"a": 1, "b": 1, "c": 3}
     assert places(of_cases, means, means.round(5), one_pose).to_dict() == {"a": 1, "b": 2, "c": 3}
-
-
-def test_a_subject_without_a_number_is_the_mesh_of_its_name_and_a_pose_without_a_name_its_number():
-    rows = [row(m, f"{mesh}/{pose}") for m in "ab" for mesh in ("cat", "hand") for pose in "xyz"]
-    assert "2 subjects" in table_of(*rows).notes[0] and table_of(*rows).differences == {}
-    of_one = [r | {"task.meta.subject": 3} for r in rows]
-    assert "1 subject;" in make_table(frame(*of_one), title="t").notes[0]
-    assert table_of(*of_one).over == "6 cases (there is one subject)"
-    numbered = [
-        row(m, f"{mesh}/{pose}", task__meta__pose=pose) for m in "ab" for mesh in "stuvw" for pose in range(4)
-    ]
-    assert table_of(*numbered).over == "5 subjects and 4 poses"
 
 
 def test_the_reference_can_be_chosen(tmp_path, capsys):

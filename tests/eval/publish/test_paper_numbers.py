@@ -40,17 +40,6 @@ def test_the_page_has_each_number_of_the_papers_table_beside_ours():
         assert list(both) == numbers and all(float(ours) > 0 for ours in both.values())
 
 
-def test_make_verify_runs_each_experiment_of_the_paper():
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    called = re.findall(r"\$\(call verify,(\w+),(\w+)\)", makefile)
-    assert called == [(dataset, name) for dataset, experiments in PAPER.items() for name in experiments]
-    settings = dict(re.findall(r"^(\w+) +:= (.+)$", makefile, re.M))
-    for dataset, name in called:
-        for method, measures in PAPER[dataset][name].items():
-            assert measures.keys() <= MEASURES.keys()
-            assert all(re.search(rf"[=, ]{word}\b", settings[name]) for word in method.split("-"))
-
-
 def test_the_command_prints_the_tables_or_says_what_is_missing(here, capsys):
     assert main(["tables", "--paper", "faust"]) == 2
     assert capsys.readouterr().err == "error: out/rows has no rows of faust; `make verify` makes them\n"

@@ -6,12 +6,10 @@ from html import unescape
 
 import pytest
 from eval_rows import frame, lost, row
-from report_runs import make_transfers
 
 from eval.main import call
 from eval.publish.report import configuration, headline
 from eval.rows.frame import read_csv, records
-from sshade.core.errors import InputError
 
 
 def plain(html: str) -> str:
@@ -123,46 +121,9 @@ def test_the_view_holds_every_shape(text):
     assert len(re.findall(r'id="turn-data-\d+"', text)) == 2
 
 
-@pytest.fixture
-def without_charts(monkeypatch):
-    """Leave out the charts, which take most of the time of a small report."""
-    monkeypatch.setattr("eval.publish.report.chart_of", lambda rows: None)
-
-
-@pytest.mark.usefixtures("without_charts")
 def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path):
     page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
     with_runs = Page(text)
     assert page.tables == with_runs.tables
     assert "rest" not in page.images and ' id="turn"' not in page.text
     assert page.told("p", "warning").count("No stored vertices of arap, learned, stretching in ") == 2
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_a_system_that_cannot_draw_gets_a_report_without_pictures(
-    tiny, text, tmp_path, monkeypatch, tiny_runs
-):
-    def missing():
-        raise InputError("pictures need libEGL")
-
-    monkeypatch.setattr("sshade.plotting.pictures._require_renderer", missing)
-    page, complete = Page(report(tiny, tmp_path / "r.html", "--runs", str(tiny_runs))), Page(text)
-    assert page.told("p", "warning").count("No pictures: pictures need libEGL.") == 2
-    assert "rest" not in page.images and ' id="turn"' in page.text and page.tables == complete.tables
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_pose_transfers_are_held_against_the_truth(tmp_path):
-    rows = make_transfers(tmp_path)
-    page = Page(report(rows, tmp_path / "r.html", "--runs", str(tmp_path / "runs" / "moved")))
-    assert list(page.images) == ["rest", "edited", "pose", "true pose", "mirror"]
-    assert len(page.images["true pose"]) == 2
-    assert "distance to the true pose (% of the bounding-box diagonal)" in page.told("div", "scale")
-    assert "fixed" not in page.told("div", "scale")  # there are no handles
-    assert "edit: wider_0.1" in page.told("summary") and "edit: wider_0.3" in page.told("summary")
-    # The tables of the whole experiment and the two edits have the numbers of their runs.
-    at = "distance (%)"
-    distances = [table[1][table[0].index(at)] for table in page.tables if at in table[0]]
-    assert len(set(distances)) == 3
-    case = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', (tmp_path / "r.html").read_text())[1])
-    assert case["cases"][0]["handles"] == case["cases"][0]["targets"] == []
