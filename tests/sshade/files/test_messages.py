@@ -78,13 +78,9 @@ def streams() -> dict[str, bytes]:
     broken = [line.replace(b" ", b"\n", 2) for line in faces]
     return {
         "faces on several lines": b"\n".join([head, counts, *vertices, *broken]),
-        "one face on two lines": b"\n".join([head, counts, *vertices, *broken[:1], *faces[1:]]),
         "one line": b" ".join([head, counts, *lines]),
         "a number on each line": b"\n".join([head, counts, *lines]).replace(b" ", b"\r\n"),
         "counts on three lines": b"\n".join([head, counts.replace(b" ", b"\n"), *lines]),
-        "two faces on a line": b"\n".join(
-            [head, counts, *vertices, faces[0] + b"   " + faces[1], *faces[2:]]
-        ),
         "comments": b"\n".join([head, b"# a ball", counts, *vertices, b"# faces", *broken]),
         "glued counts": head + counts + b"\n" + b" ".join(lines),
     }
