@@ -57,19 +57,11 @@ def parsed_json(content: bytes) -> Any:
 
 
 def parsed_yaml(content: bytes) -> Any:
-    """Return the content of a YAML text; raise InputError if it is none, or has a key of the text twice.
-
-    An empty text is an empty mapping.
-    """
+    """Return the content of a YAML text, of which an empty one is a mapping; raise InputError if it is none."""
     import yaml
 
     try:
-        text = decoded(content)
-        # PyYAML keeps the last of several equal keys, so the keys are compared before it joins them.
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        if isinstance(node, yaml.MappingNode):
-            unique_keys([(str(key.value), None) for key, _ in node.value])
-        data = yaml.safe_load(text)
+        data = yaml.safe_load(decoded(content))
         return {} if data is None else data
     except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
         # PyYAML calls a text by this name.

@@ -103,8 +103,6 @@ def _static(part: str) -> str:
         ("handles: {static: {}, moving: {}}", "there are no handles"),
         ("handles: {static: {positions: 3}}", "list of names"),
         (_static("head"), "head.txt"),
-        (_static("../secret"), "'../secret' leads out of"),
-        (_static("/etc/passwd"), "leads out of"),
         ("handles: {moving: {positions: [hand]}}", "1 moving part has 0 transforms"),
         (_static("words"), "three numbers"),
         (_static("other"), "is this the mesh they were made for?"),
@@ -115,7 +113,6 @@ def test_a_wrong_file_of_implicit_arap_is_refused_in_one_sentence(here, content,
     path = experiment.path
     (path.parent / "parts" / "words.txt").write_text("a b c\n")
     experiment.put("parts", "other", [[0.1, 5, 5], [0.2, 5, 5], [0.1, 6, 5], [0.4, 7, 5]])
-    (here / "secret.txt").write_text('"password"')
     path.write_text(content)
     with pytest.raises(InputError, match=message) as refused:
         read_handles(path, FAR)
