@@ -57,7 +57,7 @@ def parsed_json(content: bytes) -> Any:
 
 
 def parsed_yaml(content: bytes) -> Any:
-    """Return the content of a YAML text; an empty text is an empty mapping. Raise InputError if it is none."""
+    """Return the content of a YAML text, {} for an empty text; raise InputError if it is none."""
     import yaml
 
     try:
