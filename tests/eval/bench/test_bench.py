@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eval.bench.jobs import in_new_process
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
-from sshade.core.errors import InputError
-from sshade.files.meshes import read_mesh
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 TOTAL = "seconds.total"
@@ -60,11 +57,6 @@ def test_subdivisions_and_their_memory(machine, case):
     assert np.isfinite(numbers(rows, "peak_mib")).all() and rows["task.checksum"].nunique() == 2
 
 
-def test_a_process_of_its_own_hands_back_refusals():
-    with pytest.raises(InputError, match=r"nowhere\.ply"):
-        in_new_process(read_mesh, "nowhere.ply")
-
-
 def test_the_command_line(machine):
     rows = bench("whole", "--methods", "paper", "--rounds", "1")
     assert rows["method.name"].tolist() == ["sshade deform --method paper"]
@@ -91,7 +83,6 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
             f"speed --methods identity --cases {CASE} --extrapolate identity",
             "more than 10 iterations of identity",
         ),
-        (f"speed --methods fine --cases {CASE} --extrapolate fine", "needs the time of the iterations alone"),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
         (f"{DRAG} paper_plain", "Deformer has no use for the option 'accelerate'"),
         (

@@ -44,18 +44,6 @@ def test_a_method_that_lost_most_of_its_cases_has_no_means_and_takes_none_from_t
     assert "| poor | 2/5 | 40.0 |" in text  # success is a fraction of all runs
 
 
-def test_a_reference_neither_widens_nor_narrows_what_is_common():
-    def nothing(cases):
-        return on("nothing", cases, method__target="baselines.identity.identity")
-
-    compared = [*on("a", [1.0, 3.0, None]), *on("b", [2.0, 2.0, 9.0])]
-    for cases, mean in (([5.0, 7.0, 9.0], 6.0), ([5.0, None, 9.0], -1)):
-        table = table_of(*compared, *nothing(cases))
-        assert table.means["volume"].fillna(-1).tolist() == [2.0, 2.0, mean]
-        assert table.places.loc["nothing"].isna().all() and "| nothing | *" not in to_markdown(table)
-    assert table_of(*nothing([5.0, 7.0])).means.at["nothing", "volume"] == 6.0
-
-
 def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
     held_out = [
         row(m, "defaust-new_bodies/subject_11/pose_3", metric__volume=v) for m, v in (("a", 1.0), ("b", 2.0))
