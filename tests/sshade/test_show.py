@@ -33,6 +33,7 @@ YELLOW = {"red": (170, 255), "green": (130, 220), "blue": (0, 60)}
 def test_edge_error_of_a_single_stretched_edge():
     mesh = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     moved = mesh.V * [2, 1, 1]
+    assert edge_error(mesh, 0.5 * mesh.V) == pytest.approx([50, 50, 50])  # shorter edges count, too
     diagonal = 100 * (5**0.5 / 2**0.5 - 1)
     assert edge_error(mesh, moved) == pytest.approx([50, (100 + diagonal) / 2, diagonal / 2])
 

@@ -7,7 +7,7 @@ from sshade.blender.rig import STILL, Drag, Rig, RigGroup, rigid
 from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 from sshade.mesh.mesh import Mesh
-from tests.shapes import bumpy
+from tests.shapes import bumpy, rotation
 
 
 def weights(n, vertices, weight=1.0):
@@ -142,3 +142,11 @@ def test_all_components_with_a_moving_handle_follow_and_the_others_follow_at_the
         for U in (step, end):
             assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
     assert np.array_equal(step[2 * n :], V[2 * n :]) and not np.array_equal(end[2 * n :], V[2 * n :])
+
+
+def test_a_motion_turns_and_moves_the_targets_of_its_group():
+    rig, R, t = rig_of(bumpy(2)), rotation(1), np.array([0.4, 0.0, 0.2])
+    handles = rig.moved([STILL, Motion(R, t)])
+    V, high = rig.mesh.V[handles.index], handles.group == 1
+    assert np.array_equal(handles.target[~high], V[~high])
+    assert np.allclose(handles.target[high], V[high] @ R.T + t)

@@ -49,7 +49,9 @@ def test_remesh_carry_and_transfers_keep_the_file_too():
     write_mesh("posed.ply", posed, BODY.F)
     assert main(["reconstruct", "body.obj", "posed.ply", "-o", "posed.obj", "--samplings", "1"]) == 0
     assert np.abs(read_arrays("posed.obj")[0] - posed).max() < 0.1 * BODY.diagonal
-    for source, result in (("seam.obj", "out.obj"), ("body.obj", "posed.obj")):
+    line = ["transfer-pose", "body.ply", "posed.ply", "body.obj", "-o", "edited.obj", "--samplings", "1"]
+    assert main(line) == 0  # the output has the contents of the edited shape
+    for source, result in (("seam.obj", "out.obj"), ("body.obj", "posed.obj"), ("body.obj", "edited.obj")):
         old, new = (Path(name).read_text().partition("vt ")[2] for name in (source, result))
         assert old == new
 

@@ -7,6 +7,7 @@ import pytest
 
 from sshade.edit.colours import colours_of
 from sshade.edit.document import Document
+from sshade.edit.skins import srgb
 from sshade.files.meshes import write_mesh
 from tests.shapes import icosphere
 from tests.write import columns, mesh_ply, obj, rows
@@ -61,3 +62,8 @@ def test_files_without_colours_for_all_vertices_have_none():
     for name in "plain.ply", "some.obj":
         document = Document(Path(name), output=None, handles=None, refuse=False)
         assert document.colours is None and not document.is_coloured
+
+
+def test_dark_and_light_linear_colours_become_those_of_a_screen():
+    """Values of IEC 61966-2-1."""
+    assert srgb(np.array([0.002, 0.5, 1.0])) == pytest.approx([0.02584, 0.735357, 1.0], rel=1e-5)

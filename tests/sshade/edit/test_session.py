@@ -12,7 +12,7 @@ from sshade.edit import follower, state, work
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
 from sshade.edit.work import Superseded
-from tests.shapes import beside, bumpy, shifted
+from tests.shapes import beside, bumpy, rotation, shifted
 from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, added, begun, ends, marked, ready, settled, turned
 from tests.sshade.mesh.test_cutting import t_fin
 
@@ -34,6 +34,22 @@ def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
     mean = np.linalg.norm(session.shown - dragged, axis=1).mean()
     assert mean < 0.01 * session.mesh.diagonal
     assert mean < 0.1 * np.linalg.norm(session.shown - V, axis=1).mean()
+
+
+def test_a_group_alone_takes_the_mesh_along_rigidly():
+    session = begun()
+    number = added(session, ends(BODY.V)[1], "moved")
+    motion = Motion(rotation(3), np.array([0.3, -0.2, 0.1]))
+    settled(session, number, motion)
+    assert np.abs(session.shown - (BODY.V @ motion.R.T + motion.t)).max() < 1e-4 * BODY.diagonal
+
+
+def test_turns_of_a_single_vertex_add_up():
+    session = begun()
+    number = added(session, np.array([300]), "moved")
+    for seed in (1, 2):
+        session.release(number, Motion(rotation(seed), np.zeros(3)))
+    assert np.allclose(session.state.group(number).rotation, rotation(2) @ rotation(1))
 
 
 def test_undo_and_redo_bring_back_what_was_and_its_shape():
