@@ -13,7 +13,15 @@ from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh
-from sshade.plotting.pictures import View, _require_renderer, colour_range, edge_error, new_plotter, panel
+from sshade.plotting.pictures import (
+    View,
+    _require_renderer,
+    colour_range,
+    colour_values,
+    edge_error,
+    new_plotter,
+    panel,
+)
 from sshade.problem.task import Handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
@@ -36,6 +44,11 @@ def test_edge_error_of_a_single_stretched_edge():
     assert edge_error(mesh, 0.5 * mesh.V) == pytest.approx([50, 50, 50])  # shorter edges count, too
     diagonal = 100 * (5**0.5 / 2**0.5 - 1)
     assert edge_error(mesh, moved) == pytest.approx([50, (100 + diagonal) / 2, diagonal / 2])
+
+
+def test_distances_are_percent_of_the_diagonal():
+    moved = BODY.V + [0, 0.5 * BODY.diagonal, 0]
+    assert colour_values(BODY, moved, "distance") == pytest.approx(np.full(BODY.n, 50))
 
 
 def test_colour_range_leaves_the_few_largest_and_a_few_shapes_out():
@@ -109,6 +122,7 @@ def test_show_opens_a_page_in_the_browser(sound, monkeypatch, capsys, tmp_path):
         (case,) = json.loads(cases)["cases"]
         assert [shape["name"] for shape in case["shapes"]] == ["rest", "posed"]
         assert [shape["error"] for shape in case["shapes"]] == [False, bool(label)]
+        assert case["span"][2] > 1.4 * np.ptp(BODY.V[:, 2]) / BODY.diagonal
         assert label in case["label"] and len(case["handles"]) == 4
     said = capsys.readouterr().err
     assert said.count(str(page)) == 2 and said.count("no browser was found") == 1

@@ -44,12 +44,15 @@ def test_a_group_alone_takes_the_mesh_along_rigidly():
     assert np.abs(session.shown - (BODY.V @ motion.R.T + motion.t)).max() < 1e-4 * BODY.diagonal
 
 
-def test_turns_of_a_single_vertex_add_up():
+def test_turns_of_a_single_vertex_add_up_and_targets_of_a_region_say_its_turn():
     session = begun()
     number = added(session, np.array([300]), "moved")
     for seed in (1, 2):
         session.release(number, Motion(rotation(seed), np.zeros(3)))
     assert np.allclose(session.state.group(number).rotation, rotation(2) @ rotation(1))
+    region = added(session, ends(BODY.V)[1], "moved")
+    session.release(region, Motion(rotation(1), np.zeros(3)))
+    assert session.state.group(region).rotation is None
 
 
 def test_undo_and_redo_bring_back_what_was_and_its_shape():
