@@ -24,6 +24,9 @@ from eval.rows.files import PUBLISHED, ROWS, ROWS_HELP, add_out, copy_file, rows
 from eval.rows.frame import newest, numbers, read_csv, write_csv
 from sshade.core.errors import InputError
 
+#: The project's packages. Methods from all other packages belong to users.
+OWN = ("sshade", "baselines")
+
 #: Heading of the counts of cases in which a method is nearer to the true pose than the reference.
 NEARER = "nearer"
 #: Key of the mark of a difference whose interval contains zero.
@@ -214,7 +217,8 @@ def published_rows(name: str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        Outside of the project's folder; if rows are of no commit or of a modified checkout, or mix versions.
+        Outside of the project's folder; if rows are of no commit or of a modified checkout, mix versions, or
+        are of methods whose code the project does not hold.
     """
     if not (PUBLISHED / "rows").is_dir():
         raise InputError(f"there is no {PUBLISHED / 'rows'} here; publish from the project's own folder")
@@ -225,6 +229,13 @@ def published_rows(name: str) -> pd.DataFrame:
         raise InputError(
             f"{len(loose)} of {len(new)} rows of {path} come from a checkout with changes that are not "
             "committed, or from no commit: commit, and run them again with run.force=true"
+        )
+    targets = new.filter(regex=r"^method\.(.*\.)?target$")
+    users = targets.map(lambda target: isinstance(target, str) and target.split(".")[0] not in OWN)
+    if users.any(axis=None) or new.filter(items=["method.command"]).notna().any(axis=None):
+        raise InputError(
+            f"{path} has rows of methods or programs that are no part of this project, so that the commit "
+            "does not hold their code: propose the methods as CONTRIBUTING.md describes"
         )
     rows = pd.concat([read_csv(target), new], ignore_index=True) if target.is_file() else new
     latest = rows.groupby("method.name")["method.version"].transform("max")

@@ -77,8 +77,14 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
     [
         ([clean(), clean("b", env__modified=True)], "1 of 2 rows .* not committed, or from no commit"),
         ([clean(env__commit="", env__modified=None)], "1 of 1 rows of out/rows/other.csv .*: commit"),
+        ([clean(), clean("b", method__target="mine.method")], "no part of this project.*CONTRIBUTING"),
+        (
+            [clean("b", **{"method.target": "sshade.deform", "method.coarse.target": "mine.method"})],
+            "no part of this project",
+        ),
+        ([clean("p", method__command="[mine]")], "no part of this project"),
     ],
-    ids=["modified", "no commit"],
+    ids=["modified", "no commit", "a user's", "a user's on a proxy", "a program"],
 )
 def test_what_is_not_of_one_commit_of_this_project_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))
@@ -96,3 +102,9 @@ def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_p
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)
     sources = map(json.loads, distinct(rows, "task.source"))
     assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)
+
+
+def test_every_committed_table_has_its_rows():
+    tables = {path.name for path in (RESULTS / "tables").glob("*.*")}
+    of_rows = {f"{path.stem}.{suffix}" for path in ROWS for suffix in FORMATS}
+    assert tables == of_rows | {f"{path.stem}.{suffix}" for path in TIMES for suffix in ("csv", "md")}

@@ -1,0 +1,43 @@
+"""Kernels are compiled before the clock starts."""
+
+import subprocess
+import sys
+
+import pytest
+
+#: Program that prints the kernels that a method compiles or loads after its warm-up, for two tasks.
+#: The handles are two small caps in the first task and two large caps in the second task.
+COMPILED = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from eval.run.config import read_choice, resolved
+from eval.run.targets import instantiate
+from eval.run.warmup import icosphere, warm_up
+from sshade.problem.task import DeformationTask
+from tests.shapes import end_handles
+
+method = resolved("method", read_choice(sys.argv[1]))
+call = instantiate(method)
+warm_up(call, method["warm_up"], key="", kind=DeformationTask)
+compiled, compile_now = [], Dispatcher.compile
+
+def compile_told(kernel, signature):
+    known = len(kernel.overloads)
+    entry = compile_now(kernel, signature)
+    compiled.extend([kernel.py_func.__name__] * (len(kernel.overloads) - known))
+    return entry
+
+Dispatcher.compile = compile_told
+mesh = icosphere(5)
+for share in (0.05, 0.4):
+    handles = end_handles(mesh.V, share=share, shift=[0.1, 0, 0])
+    call(DeformationTask("ball", mesh, handles), seed=0)
+    print(*compiled)
+    compiled.clear()
+"""
+
+
+@pytest.mark.parametrize("name", ["fast", "fine"])
+def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
+    told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines() == ["", ""]
