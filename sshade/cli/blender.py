@@ -148,8 +148,9 @@ def own_wheel(folder: Path) -> Path:
         if path.is_file() and "__pycache__" not in path.parts
     }
     for file in package.files or ():
-        if file.parts[0] == info and file.name in ("METADATA", "LICENSE", "NOTICE"):
-            files[file.as_posix()] = file.read_binary()
+        if file.name in ("LICENSE", "NOTICE") and file.parts[0] != root.name:
+            files[f"{info}/licenses/{file.name}"] = file.read_binary()
+    files[f"{info}/METADATA"] = str(package.metadata).encode()
     files[f"{info}/WHEEL"] = b"Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     record = []
     path = folder / f"sshade-{package.version}-py3-none-any.whl"

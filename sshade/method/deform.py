@@ -2,15 +2,15 @@
 
 A piece is a connected, oriented manifold: a component of the mesh, or of the mesh cut where it is not
 manifold. Pieces with handles come first. A piece that is joined to earlier pieces has their common vertices
-fixed. Two kinds of components are no pieces, and `Pieces.together` moves them: one whose handles share a
-rigid motion moves with them, and one without handles follows the vertices of the nearest component rigidly.
-See :mod:`sshade.method.pieces`.
+fixed. Two kinds of components are not deformed as pieces; `Pieces.together` moves them as a whole. One whose
+handles share a rigid motion moves with them. One without handles moves rigidly with the vertices of the
+nearest component. See :mod:`sshade.method.pieces`.
 
 The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry
 its deformation back to the mesh (:mod:`sshade.method.proxy`), and average over samplings
 (:mod:`sshade.method.proxies`). The method `fine` then polishes the piece at full resolution. Handles are
-single vertices, landmarks (a few vertices that move together) or regions (areas). Each piece for itself takes
-the defaults for regions if most of its handles are inside of regions: :data:`sshade.problem.options.REGIONS`.
+single vertices, landmarks (a few vertices that move together) or regions (areas). A piece takes the defaults
+for regions (:data:`sshade.problem.options.REGIONS`) if most of its handle vertices are inside of regions.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.

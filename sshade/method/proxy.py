@@ -1,5 +1,9 @@
 """One proxy of a mesh: sample and bind, solve, carry, correct.
 
+:func:`sshade.deform` makes a proxy for one deformation. A :class:`sshade.Deformer` keeps its proxies: each
+step of a drag calls :meth:`Proxy.deform` again, which reuses the samples, the binding and the factorised
+solver, and starts from the last shape. A drag does not polish.
+
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
 """
@@ -151,7 +155,7 @@ class Proxy:
         self._goal = options.volume_goal or 1.0
         self._solver: ProxySolver
         self._following: FollowingSolver | None = None  # of a proxy that is kept
-        # Another solver of N goes here. A method of the user, options.coarse, is called by OnceSolver.
+        # To try another solver of N, replace OnceSolver (one deformation) and FollowingSolver (a drag).
         if keep_for is None:
             self._solver = OnceSolver(
                 self.mesh,

@@ -1,6 +1,7 @@
 """Radial basis functions against SciPy's own call and a dense solution of the spline's equations."""
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 
 from baselines.rbf import rbf
 from sshade.problem.task import DeformationTask, Handles
@@ -27,3 +28,10 @@ def test_the_thin_plate_spline_solves_its_equations():
     weights = np.linalg.solve(system, np.concatenate([given.handles.target, np.zeros((4, 3))]))
     expected = np.c_[kernel(V), np.ones(len(V)), V] @ weights
     np.testing.assert_allclose(rbf(given, neighbours=20).vertices, expected, atol=1e-9)
+
+
+def test_the_kernel_is_the_one_that_is_named():
+    given = task()
+    P, V = given.mesh.V[given.handles.index], given.mesh.V
+    expected = RBFInterpolator(P, given.handles.target, kernel="cubic")(V)
+    np.testing.assert_allclose(rbf(given, neighbours=20, kernel="cubic").vertices, expected, atol=1e-9)

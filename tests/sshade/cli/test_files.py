@@ -56,6 +56,16 @@ def test_remesh_carry_and_transfers_keep_the_file_too():
         assert old == new
 
 
+def test_a_transfer_with_residual_gives_the_pose_back_to_its_own_shape():
+    write_mesh("wavy.ply", BODY.V + 0.2 * np.sin(3 * BODY.V[:, [1, 2, 0]]), BODY.F)
+    far = []
+    for switch in ([], ["--residual"]):
+        line = ["transfer-pose", "body.ply", "wavy.ply", "body.ply", "-o", "t.ply", "--vertices", "40"]
+        assert main([*line, "--overwrite", *switch]) == 0
+        far.append(np.abs(read_arrays("t.ply")[0] - read_arrays("wavy.ply")[0]).max() / BODY.diagonal)
+    assert far[0] > 1e-3 and far[1] < 1e-6
+
+
 def test_buffers_beside_a_gltf_are_never_written():
     write_mesh("body.gltf", BODY.V, BODY.F)
     data = buffer_beside("body.gltf")

@@ -61,6 +61,12 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
 
 
+def test_poses_that_did_not_converge_are_counted(folder, capsys):
+    line = ["deform", "body.ply", *poses(0, 3), "-o", "out_%d.ply", *FAST, "--max-iterations", "1"]
+    assert main(line) == 0
+    assert "note: the iterations of 2 poses did not converge" in capsys.readouterr().err
+
+
 def test_the_largest_opening_of_all_poses_is_noted(folder, capsys):
     flap = Mesh(np.concatenate([BODY.V[[0, 80]], [[0, 0, 9]]]), np.array([[0, 1, 2]]))
     both = beside(BODY, flap)

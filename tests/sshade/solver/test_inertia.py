@@ -141,6 +141,14 @@ def test_without_a_majority_the_term_is_off_and_a_fact_says_so(caplog):
         assert np.array_equal(off.vertices, sshade.deform(task).vertices)
 
 
+@pytest.mark.parametrize(("resting", "state"), [(3, "off"), (4, "on")])
+def test_a_majority_is_at_least_half_of_the_groups(resting, state):
+    index = np.argsort(DOLL.V[:, 1])[:: DOLL.n // 7][:7]
+    targets = DOLL.V[index] + np.outer(np.arange(7) >= resting, [1.0, 0, 0]) * np.arange(7)[:, None] ** 2
+    motion = HandleGroups(DOLL, index, np.arange(7)).motion(targets)
+    assert motion.state.startswith(state)
+
+
 def test_in_a_drag_the_motion_does_not_jump_where_the_majority_changes():
     """One part after another moves along, until all have moved. Only a bound prevents jumps."""
     task = arms_moved(DOLL, 0.0)
