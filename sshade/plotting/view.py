@@ -18,6 +18,8 @@ from sshade.proxy.sample import sample_proxy
 
 #: Largest mesh that is shown completely, and number of vertices of larger meshes. Ids fit into 16 bits.
 LIMIT, SAMPLES = 28_000, 20_000
+#: Largest number of components that are reduced one by one.
+PARTS = 200
 #: Greatest number of handles that are shown.
 HANDLES = 1500
 #: Reduced meshes and the vertices that they keep, so that several views of a mesh reduce it once.
@@ -69,9 +71,10 @@ class ViewSurface(NamedTuple):
 def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = SAMPLES) -> ViewSurface:
     """Return the mesh, or above `limit` vertices a coarser surface of about `samples` vertices.
 
-    The coarser surface is a proxy, whose vertices include `keep`. For a mesh that is not manifold or has
-    several components, it consists of clusters, and the vertices `keep` are beside them. All its vertices are
-    vertices of the mesh, and move with a deformation of the mesh.
+    The coarser surface consists of a proxy for each component, and its vertices include `keep`. For a
+    component that is not manifold, or more than :data:`PARTS` components, it consists of clusters, and the
+    vertices `keep` are beside them. All its vertices are vertices of the mesh, and move with a deformation of
+    the mesh.
     """
     if mesh.n <= limit:
         return ViewSurface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
@@ -83,6 +86,9 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
 
 
 def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
+    count = mesh.topology.components
+    if 1 < count <= PARTS:
+        return _reduced_parts(mesh, keep, samples, count)
     try:
         coarse = sample_proxy(mesh, max(samples, len(keep)), first=keep)
         return ViewSurface(coarse.samples, coarse.faces, coarse.cell)
@@ -90,6 +96,23 @@ def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
         few = cluster_vertices(mesh, samples)
         beside = np.setdiff1d(keep, few.vertices)
         return ViewSurface(np.concatenate([few.vertices, beside]), few.faces, few.cell)
+
+
+def _reduced_parts(mesh: Mesh, keep: np.ndarray, samples: int, count: int) -> ViewSurface:
+    """Reduce each component for itself: clusters of all would join components that touch."""
+    component, cell, kept, faces, total = mesh.component, np.zeros(mesh.n, dtype=np.int64), [], [], 0
+    own_face = component[mesh.F[:, 0]]
+    for number in range(count):
+        own = np.flatnonzero(component == number)
+        part = Mesh(mesh.V[own], np.searchsorted(own, mesh.F[own_face == number]))
+        first = np.searchsorted(own, keep[component[keep] == number])
+        share = max(samples * len(own) // mesh.n, min(samples // count, len(own)))
+        some = surface(part, keep=first, limit=share, samples=share)
+        cell[own] = some.cell + total
+        kept.append(own[some.samples])
+        faces.append(some.faces + total)
+        total += len(some.samples)
+    return ViewSurface(np.concatenate(kept), np.concatenate(faces), cell)
 
 
 def packed_view(

@@ -12,7 +12,7 @@ from sshade.plotting import COLOURS, ramp
 from sshade.plotting import view as module
 from sshade.plotting.view import ViewShape, pack, packed_view, surface
 from sshade.problem.handles import Handles
-from tests.shapes import beside, bumpy, shifted
+from tests.shapes import beside, bumpy, icosphere, shifted
 
 
 def test_a_small_mesh_is_shown_whole_and_a_large_one_by_samples():
@@ -48,7 +48,11 @@ def test_packed_shapes_come_back_to_their_precision():
     assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255
 
 
-def test_a_large_mesh_of_several_components_is_shown_by_clusters_and_keeps_its_handles():
+@pytest.mark.parametrize("most", [200, 1])
+def test_a_large_mesh_of_several_components_is_shown_by_parts_or_clusters_and_keeps_its_handles(
+    most, monkeypatch
+):
+    monkeypatch.setattr(module, "PARTS", most)
     mesh = beside(bumpy(3), shifted(bumpy(3), [9, 0, 0]))
     keep = np.array([5, 700])
     some = surface(mesh, keep=keep, limit=600, samples=300)
@@ -58,6 +62,16 @@ def test_a_large_mesh_of_several_components_is_shown_by_clusters_and_keeps_its_h
     values = mesh.V[:, 0]
     assert np.isfinite(some.mean(values)).all()
     assert np.abs(some.mean(values) - values[some.samples]).max() < 0.5
+
+
+def test_components_that_touch_stay_apart_and_small_ones_whole():
+    button = Mesh(0.05 * icosphere(1).V + bumpy(3).V[7], icosphere(1).F)
+    mesh = beside(bumpy(3), button)
+    some = surface(mesh, keep=np.array([5]), limit=600, samples=300)
+    part = mesh.component[some.samples]
+    assert (part[some.faces] == part[some.faces[:, :1]]).all()
+    assert (part == mesh.component[-1]).sum() == button.n and len(some.samples) < 400
+    assert (mesh.component == part[some.cell]).all()
 
 
 def test_a_mesh_is_reduced_once(monkeypatch):
