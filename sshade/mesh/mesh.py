@@ -254,7 +254,7 @@ class Mesh(Shown):
             raise InputError(
                 f"{len(free)} of the mesh's {counted(len(sizes), 'component', 'components')} "
                 f"{'has' if len(free) == 1 else 'have'} no handle (the first has "
-                f"{sizes[free[0]]} vertices, one of them {first}); {advice}"
+                f"{sizes[free[0]]} vertices, such as vertex {first}); {advice}"
             )
 
     @property
