@@ -23,7 +23,15 @@ def wait_for(condition: Callable[[], bool], seconds: float = 60) -> None:
 def ended(pids: Path) -> bool:
     """Return whether all processes that a file lists have ended. A process not yet collected has ended."""
     found = [int(pid) for pid in pids.read_text().split()]
-    return not any(psutil.pid_exists(p) and psutil.Process(p).status() != psutil.STATUS_ZOMBIE for p in found)
+    return not any(map(running, found))
+
+
+def running(pid: int) -> bool:
+    """Return whether a process runs. It may end at any moment."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def program(folder: Path, text: str = COPYING, *, name: str = "program.sh") -> dict[str, Any]:
