@@ -144,8 +144,9 @@ def test_without_a_majority_the_term_is_off_and_a_fact_says_so(caplog):
 @pytest.mark.parametrize(("resting", "state"), [(3, "off"), (4, "on")])
 def test_a_majority_is_at_least_half_of_the_groups(resting, state):
     index = np.argsort(DOLL.V[:, 1])[:: DOLL.n // 7][:7]
-    targets = DOLL.V[index] + np.outer(np.arange(7) >= resting, [1.0, 0, 0]) * np.arange(7)[:, None] ** 2
-    motion = HandleGroups(DOLL, index, np.arange(7)).motion(targets)
+    apart = 2.0 * np.random.default_rng(0).normal(size=(7, 3))  # in one direction they win
+    apart[:resting] = 0.0
+    motion = HandleGroups(DOLL, index, np.arange(7)).motion(DOLL.V[index] + apart)
     assert motion.state.startswith(state)
 
 
