@@ -195,6 +195,16 @@ def test_free_constraints_change_the_shape_and_are_written_down():
     assert session.shown is shape
 
 
+@pytest.mark.parametrize("settings", [Settings("paper"), Settings(volume=False)])
+def test_a_drag_has_the_settings_of_now_not_of_the_drag_before(settings):
+    session, number = ready()
+    session.drag(number, LIFT)
+    session.set_up(settings)
+    other, same = ready(settings=settings)
+    motion = turned(BODY.V, 0.8)
+    assert np.array_equal(session.drag(number, motion), other.drag(same, motion))
+
+
 def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh)
