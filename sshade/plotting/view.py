@@ -13,6 +13,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.sides import members
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import sample_proxy
 
@@ -101,10 +102,9 @@ def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
 def _reduced_parts(mesh: Mesh, keep: np.ndarray, samples: int, count: int) -> ViewSurface:
     """Reduce each component for itself: clusters of all would join components that touch."""
     component, cell, kept, faces, total = mesh.component, np.zeros(mesh.n, dtype=np.int64), [], [], 0
-    own_face = component[mesh.F[:, 0]]
-    for number in range(count):
-        own = np.flatnonzero(component == number)
-        part = Mesh(mesh.V[own], np.searchsorted(own, mesh.F[own_face == number]))
+    vertices, triangles = members(component, count), members(component[mesh.F[:, 0]], count)
+    for number, (own, face) in enumerate(zip(vertices, triangles, strict=True)):
+        part = Mesh(mesh.V[own], np.searchsorted(own, mesh.F[face]))
         first = np.searchsorted(own, keep[component[keep] == number])
         share = max(samples * len(own) // mesh.n, min(samples // count, len(own)))
         some = surface(part, keep=first, limit=share, samples=share)
