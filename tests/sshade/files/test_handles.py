@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, deform
-from sshade.cli.handle_notes import handle_notes
+from sshade.cli.notes import handle_notes
 from sshade.files.door import on_mesh
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
