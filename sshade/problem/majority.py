@@ -1,16 +1,13 @@
 """The majority motion: the rigid motion on which most handle groups of a mesh agree.
 
 It has the least sum of distances between the moved centres of the groups at rest and their centres at the
-targets, which is found by reweighting: each weighted least-squares fit has the inverse distances of the last
-one as its weights. Groups that agree hold the motion against fewer others, however far those move. A rotation
-has levers: two hands turn it in spite of the head and both feet. The best translation is therefore found as
-well, and takes the place of the rotation where more groups agree on it. Half of a move gives half of the
-motion.
+targets (:func:`sshade.mesh.rotations.fit_median`). Groups that agree hold the motion against fewer others,
+however far those move. A rotation has levers: two hands turn it in spite of the head and both feet. The best
+translation is therefore found as well, and takes the place of the rotation where more groups agree on it. Half
+of a move gives half of the motion.
 
 The term fades before the groups cease to agree. A majority may still go over from one motion to another at
 once. While handles are dragged, the motion therefore follows with a bounded speed.
-
-E. Weiszfeld, "Sur le point pour lequel la somme des distances de n points donnes est minimum", 1937.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ import numpy as np
 
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import SPREAD, rigid_motion
-from sshade.mesh.rotations import fit_rotations
+from sshade.mesh.rotations import fit_median
 
 #: Distance within which groups agree with the motion, and vertices are pulled towards it, as a fraction of
 #: the diagonal. Handles of one group with a chain of gaps below it, or below `EDGES` mean edges, count once.
@@ -136,19 +133,8 @@ class HandleGroups:
         rest, nearest = self._rest, NEAREST * self._diagonal
         found, misfit = [], []
         for turns in (False, True):
-            weight, R, Q = np.ones(len(moved)), np.eye(3), np.array([[1.0, 0, 0, 0]])
-            for _ in range(FITS):
-                weight /= weight.sum()
-                source, goal = weight @ rest, weight @ moved
-                arm, aim = rest - source, moved - goal
-                if turns:
-                    R = (arm.T @ (weight[:, None] * aim)).reshape(1, 9)
-                    fit_rotations(R, Q)
-                    R = R.reshape(3, 3)
-                aim -= arm @ R.T
-                distance = np.sqrt(np.einsum("gd,gd->g", aim, aim))
-                weight = 1.0 / np.maximum(distance, nearest)
-            found.append(moved - aim)
+            at, distance = fit_median(rest, moved, turns, FITS, nearest)
+            found.append(at)
             misfit.append(max(np.sort(distance)[self._needed - 1], nearest))
         # Up to half of the misfit of the other motion the translation counts alone, from twice not at all.
         part = float(np.clip(2.0 - 3.0 * misfit[0] / sum(misfit), 0.0, 1.0))

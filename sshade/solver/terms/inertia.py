@@ -60,11 +60,11 @@ class Inertia(Term):
 
     def aim(self, majority: MajorityMotion | None) -> None:
         """Set the motion of the next solve; without one the term is off."""
-        self._fraction, self._square, self._R, self._t = 0.0, 1.0, np.eye(3), np.zeros(3)
+        self._fraction, self._per_square, self._R, self._t = 0.0, 1.0, np.eye(3), np.zeros(3)
         if majority is not None:
             # A piece counts by its part of the area. Both sides of a one-sided surface count once.
             self._fraction = majority.certainty * min(1.0, self._area / majority.area)
-            self._square, self._R = majority.reach**2, np.ascontiguousarray(majority.rotation)
+            self._per_square, self._R = majority.reach**-2, np.ascontiguousarray(majority.rotation)
             self._t = majority.moved(self._origin[None])[0] - self._origin
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
@@ -76,32 +76,32 @@ class Inertia(Term):
 
     def _arguments(self, number: int, P: np.ndarray) -> tuple[object, ...]:
         _, first, end = self._ranges[number]
-        return self._stiffness, self._rest, self._R, self._t, self._square, P, first, end
+        return self._stiffness, self._rest, self._R, self._t, self._per_square, P, first, end
 
 
 @kernel(fastmath={"contract"})
-def _energy(stiffness, rest, R, t, square, P, first, end):
-    """Return ``sum stiffness_i x_i / (1 + x_i / square)`` with ``x_i = |P_i - (R rest_i + t)|^2``."""
+def _energy(stiffness, rest, R, t, per_square, P, first, end):
+    """Return ``sum stiffness_i x_i / (1 + x_i per_square)`` with ``x_i = |P_i - (R rest_i + t)|^2``."""
     total = 0.0
     for i in range(first, end):
         x = 0.0
         for r in range(3):
             goal = R[r, 0] * rest[i, 0] + R[r, 1] * rest[i, 1] + R[r, 2] * rest[i, 2] + t[r]
             x += (P[i, r] - goal) ** 2
-        total += stiffness[i] * x / (1.0 + x / square)
+        total += stiffness[i] * x / (1.0 + x * per_square)
     return total
 
 
 @kernel(fastmath={"contract"})
-def _add_forces(stiffness, rest, R, t, square, P, first, end, fraction, B):
-    """Add ``fraction stiffness_i (R rest_i + t - P_i) / (1 + x_i / square)^2`` to B_i; return the energy."""
+def _add_forces(stiffness, rest, R, t, per_square, P, first, end, fraction, B):
+    """Add ``fraction stiffness_i (R rest_i + t - P_i) / (1 + x_i per_square)^2`` to B_i; return the energy."""
     total = 0.0
     for i in range(first, end):
         a = R[0, 0] * rest[i, 0] + R[0, 1] * rest[i, 1] + R[0, 2] * rest[i, 2] + t[0] - P[i, 0]
         b = R[1, 0] * rest[i, 0] + R[1, 1] * rest[i, 1] + R[1, 2] * rest[i, 2] + t[1] - P[i, 1]
         c = R[2, 0] * rest[i, 0] + R[2, 1] * rest[i, 1] + R[2, 2] * rest[i, 2] + t[2] - P[i, 2]
         x = a * a + b * b + c * c
-        kept = 1.0 / (1.0 + x / square)
+        kept = 1.0 / (1.0 + x * per_square)
         total += stiffness[i] * x * kept
         pull = fraction * stiffness[i] * kept * kept
         B[i, 0] += pull * a

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 import sshade
+from eval.metrics import Deformed
 from sshade import DeformationTask, Deformer, Handles, Mesh
 from sshade.problem.majority import LEAST, HandleGroups, MajorityMotion
 from sshade.solver.local_global import LocalGlobal
@@ -114,6 +115,20 @@ def test_what_no_handle_moves_stays(method):
     assert moved[1] < 0.5 * moved[0]
     assert free.facts.inertia is None and held.facts.inertia == "on"
     assert np.abs(held.vertices[task.handles.index] - task.handles.target).max() < 1e-9
+
+
+@pytest.mark.parametrize("weight", [0.2, 0.5])
+def test_small_and_large_moves_give_similar_fields_without_kinks(weight):
+    """Where the pull lets go, the surface neither jumps to another field nor bends more sharply."""
+    fields, bends = {}, {}
+    for w in (0, weight):
+        tasks = {move: arms_moved(DOLL, move) for move in (0.01, 0.1, 0.3)}
+        shapes = {move: sshade.deform(task, inertia=w, **FINEST).vertices for move, task in tasks.items()}
+        small, large = ((shapes[move] - DOLL.V) / move for move in (0.01, 0.3))
+        fields[w] = np.linalg.norm(large - small, axis=1).mean() / np.linalg.norm(small, axis=1).mean()
+        bends[w] = np.array([np.sort(Deformed(tasks[m], V).dihedral_changes)[-3] for m, V in shapes.items()])
+    assert fields[weight] < fields[0] + 0.05
+    assert (bends[weight] < 1.05 * bends[0]).all()
 
 
 def test_groups_that_stay_decide_although_two_hands_have_longer_levers():
