@@ -1,8 +1,8 @@
 """Draw the pictures of the pages: ``python -m docs.pictures [NAME ...]``; the default is all.
 
 Bodies come from ``data/defaust_20k``, which ``make tables`` builds, and those of full size from
-``data/defaust``, built by ``defaust build source=synthetic out=data/defaust``. The editor needs Chromium and
-playwright.
+``data/defaust``, built by ``defaust build source=synthetic out=data/defaust``; docs/tracks.md has the command for
+noisy bodies. The editor needs Chromium and playwright.
 """
 
 from __future__ import annotations
@@ -167,6 +167,13 @@ def beyond_guide() -> Row:
     return without(5, 9, "guide", (1, 0.2, 0.6), above=0)
 
 
+def beyond_inertia() -> Row:
+    """A body that reaches forward: without inertia, with inertia, and the true pose."""
+    task = load_task(DATA / "noisy_25k_2mm", subject=1, pose=2)
+    shapes = solved(task, "fast; fast inertia=0.2; truth")
+    return Row(shapes, (1, 0.1, 0.2), np.ones(task.mesh.n, bool))
+
+
 def colours(result: Deformed, top: float) -> np.ndarray | None:
     """Return the largest bend at each vertex (n,), or 1 at faces that intersect others; None for plain."""
     if top == PLAIN:
@@ -225,7 +232,7 @@ PICTURES = {
     made.__name__: made
     for made in (
         *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
-        *(beyond_volume, beyond_attachment, beyond_guide),
+        *(beyond_volume, beyond_attachment, beyond_guide, beyond_inertia),
         edit,
     )
 }
