@@ -1,8 +1,8 @@
 """Draw the pictures of the pages: ``python -m docs.pictures [NAME ...]``; the default is all.
 
 Bodies come from ``data/defaust_20k``, which ``make tables`` builds, and those of full size from
-``data/defaust``, built by ``defaust build source=synthetic out=data/defaust``; docs/tracks.md has the command for
-noisy bodies. The editor needs Chromium and playwright.
+``data/defaust``, built by ``defaust build source=synthetic out=data/defaust``. docs/tracks.md has the command
+for noisy bodies. The editor needs Chromium and playwright.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 It has the least sum of distances between the moved centres of the groups at rest and their centres at the
 targets (:func:`sshade.mesh.rotations.fit_median`). Groups that agree hold the motion against fewer others,
 however far those move. A rotation has levers: two hands turn it in spite of the head and both feet. The best
-translation is therefore found as well, and takes the place of the rotation where more groups agree on it. Half
-of a move gives half of the motion.
+translation is therefore found as well, and takes the place of the rotation where more groups agree on it.
+Half of a move gives half of the motion.
 
 The term fades before the groups cease to agree. A majority may still go over from one motion to another at
 once. While handles are dragged, the motion therefore follows with a bounded speed.

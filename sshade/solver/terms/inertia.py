@@ -94,7 +94,7 @@ def _energy(stiffness, rest, R, t, per_square, P, first, end):
 
 @kernel(fastmath={"contract"})
 def _add_forces(stiffness, rest, R, t, per_square, P, first, end, fraction, B):
-    """Add ``fraction stiffness_i (R rest_i + t - P_i) / (1 + x_i per_square)^2`` to B_i; return the energy."""
+    """Add ``fraction stiffness_i (R rest_i + t - P_i) / (1 + x_i per_square)^2`` to B_i; return energy."""
     total = 0.0
     for i in range(first, end):
         a = R[0, 0] * rest[i, 0] + R[0, 1] * rest[i, 1] + R[0, 2] * rest[i, 2] + t[0] - P[i, 0]
