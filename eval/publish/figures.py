@@ -28,6 +28,7 @@ from eval.rows.files import FOLDER_HELP, TIMING, experiment_folder, has_runs, re
 from eval.rows.frame import distinct, method_names, numbers, read_csv, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
+from sshade.core.console import say
 from sshade.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dic
     rows : DataFrame
         References are left out.
     times : DataFrame, optional
-        Rows of ``sshade-eval bench`` on one machine. Their median times replace the times of `rows`, and
-        methods without them are left out.
+        Rows of ``sshade-eval bench`` on one machine. Their median times replace the times of `rows`. A note
+        names the methods that are left out, because their settings were not timed.
 
     Raises
     ------
@@ -64,6 +65,8 @@ def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dic
     values = means(values[values.index.get_level_values(RUN[1]).isin(common)], RUN[0])
     if times is not None:
         values[TIME] = _medians(rows, times)
+        if left_out := list(values.index[values[TIME].isna()]):
+            say(f"note: the chart leaves out {', '.join(left_out)}: no times with the settings of the rows")
         values = values.dropna()
         if values.empty:
             raise InputError("no method was timed with the configuration of these rows")
@@ -72,13 +75,22 @@ def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dic
 
 
 def _medians(rows: pd.DataFrame, times: pd.DataFrame) -> pd.Series:
-    """Return the median of the kept times by method, NaN for a method without times."""
+    """Return the median of the kept times by method, NaN for a method without times.
+
+    Times are of a method if they have its name, its version, and its value of each setting that both have.
+    Options that are newer than the rows are missing there.
+    """
     for column in ("task.checksum", "env.machine", "env.machine_id"):
         if len(distinct(times, column)) > 1:
             raise InputError(f"the times differ in {column}, so one chart cannot show them")
     kept = times[times["kept"].eq(True)]
-    seconds = numbers(kept, TIME).groupby(kept["method.hash"]).median()
-    return rows.groupby("method.name")["method.hash"].first().map(seconds)
+    settings = {name for name in rows if name.startswith("method.")} - {"method.hash", "method.note"}
+    medians = {}
+    for method, own in rows.groupby("method.name"):
+        theirs = own.iloc[0][list(settings & set(kept))].dropna()
+        same = (kept[theirs.index].eq(theirs) | kept[theirs.index].isna()).all(axis="columns")
+        medians[method] = numbers(kept[same], TIME).median()
+    return pd.Series(medians, dtype=float)
 
 
 @style()
