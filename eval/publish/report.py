@@ -11,6 +11,7 @@ import base64
 import html
 import io
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from eval.publish.columns import HEADLINE, TIME, TRUTH, begun
 from eval.publish.comparison import compare, means
 from eval.publish.figures import chart_of
 from eval.publish.notes import definitions, legend
-from eval.publish.panels import Case, error_label, picture_of, row_of, task_title, top_of, what_to_see
+from eval.publish.panels import Case, error_label, error_of, picture_of, row_of, task_title, what_to_see
 from eval.publish.plotting import add_camera, camera, to_svg
 from eval.publish.summary import by_half, make_table
 from eval.publish.tables import TIE, printed
@@ -38,6 +39,7 @@ from sshade.core.console import progress_bar
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress
 from sshade.plotting import threejs
+from sshade.plotting.pictures import PERCENTILE, colour_range
 from sshade.plotting.view import ViewShape, packed_view
 
 #: Default number of cases of an experiment in the 3D view.
@@ -82,8 +84,40 @@ class ReportCase:
         return self.rows[0]["task.name"] if self.task is None else task_title(self.task)
 
 
+def stored_case(experiment: Experiment, rows: list[Row]) -> tuple[Case | None, list[str]]:
+    """Return a case with its stored results, None where there are none, and sentences on what is missing."""
+    found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
+    missing = []
+    if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
+        where = ", ".join(str(root) for root in experiment.runs)
+        missing.append(f"No stored vertices of {', '.join(absent)} in {where}: only the numbers.")
+    if not found:
+        return None, missing
+    try:
+        task = load_task(next(row for row in rows if row["method.name"] in found))
+    except (InputError, OSError, ImportError) as error:
+        return None, [*missing, f"No pictures: {error}."]
+    return Case(task, found, {row["method.name"]: row for row in rows}), missing
+
+
+def scales_of(cases: Iterable[Case]) -> dict[str, float]:
+    """Return the upper end of the common colour scale of each kind of error, by its label."""
+    high: dict[str, list[np.ndarray]] = {}
+    for case in cases:
+        errors = (error_of(case.task, np.asarray(V)) for V in case.results.values())
+        # One number of each shape is enough, and a report may have hundreds of large shapes.
+        high.setdefault(error_label(case.task), []).extend(np.percentile(e, [PERCENTILE]) for e in errors)
+    return {label: colour_range(own) for label, own in high.items()}
+
+
 def show_case(
-    experiment: Experiment, rows: list[Row], *, towards: np.ndarray, up: np.ndarray, turnable: bool
+    experiment: Experiment,
+    rows: list[Row],
+    *,
+    scales: dict[str, float],
+    towards: np.ndarray,
+    up: np.ndarray,
+    turnable: bool,
 ) -> ReportCase:
     """Render a case from its stored runs.
 
@@ -92,25 +126,20 @@ def show_case(
     experiment : Experiment
     rows : list of rows
         Rows of the case, one per method.
+    scales : dict
+        See :func:`scales_of`.
     towards, up : (3,) float64
         Direction from the scene to the camera, and upright direction.
     turnable : bool
         Pack the shapes for the 3D view as well.
     """
-    shown = ReportCase(rows)
-    found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
-    if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
-        where = ", ".join(str(root) for root in experiment.runs)
-        shown.missing.append(f"No stored vertices of {', '.join(absent)} in {where}: only the numbers.")
-    if not found:
+    case, missing = stored_case(experiment, rows)
+    shown = ReportCase(rows, missing=missing)
+    if case is None:
         return shown
-    try:
-        shown.task = task = load_task(next(row for row in rows if row["method.name"] in found))
-    except (InputError, OSError, ImportError) as error:
-        shown.missing.append(f"No pictures: {error}.")
-        return shown
-    row = row_of(Case(task, found, {row["method.name"]: row for row in rows}), towards=towards, up=up)
-    shown.width, shown.top = round(DIAGONAL * row.width), top_of([row])
+    shown.task = task = case.task
+    row = row_of(case, towards=towards, up=up)
+    shown.width, shown.top = round(DIAGONAL * row.width), scales[error_label(task)]
     try:
         for panel in row.panels:
             image = image_uri(picture_of(panel, row.mesh, width=2 * shown.width, top=shown.top))
@@ -210,8 +239,10 @@ def write_page(
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
     direction = {"towards": towards, "up": up}
-    form = {"cases": cases, "camera": direction, "progress": progress}
-    sections = [_section(experiment, **form) for experiment in experiments]
+    chosen = [(experiment, group) for experiment in experiments for group in experiment.cases(cases)]
+    stored = (stored_case(*pair)[0] for pair in chosen)
+    form = {"cases": cases, "scales": scales_of(filter(None, stored)), "camera": direction}
+    sections = [_section(experiment, progress=progress, **form) for experiment in experiments]
     views = [
         case.view | {"title": f"{section['name']}: {case.title}", "id": f"{section['slug']}-case-{i}"}
         for section in sections
@@ -244,7 +275,7 @@ def _render(**names: Any) -> str:
     marks[TIE] = '<i title="may be zero">{}</i>'
     pages.globals["printed"] = partial(printed, marks=marks, not_available="n/a", escape=html.escape)
     pages.globals |= {"legend": legend, "definitions": definitions}
-    pages.globals |= {"what_to_see": what_to_see, "error_label": error_label}
+    pages.globals["what_to_see"] = what_to_see
     return pages.get_template("report.html").render(**names)
 
 
@@ -252,18 +283,19 @@ def _section(
     experiment: Experiment,
     *,
     cases: list[str],
+    scales: dict[str, float],
     camera: dict[str, np.ndarray],
     progress: Progress,
 ) -> dict[str, Any]:
     """Return the contents of the section of an experiment."""
     rows, runs = experiment.rows, begun(experiment.rows)
     table = make_table(rows, title=experiment.name)
-    groups = [group for group in experiment.cases() if not cases or group[0]["task.name"] in cases]
+    groups = list(experiment.cases(cases))
     turnable = len(groups) if cases else TURNABLE
     shown = []
     for i, group in enumerate(groups):
         progress(experiment.name, i, len(groups), group[0]["task.name"])
-        shown.append(show_case(experiment, group, **camera, turnable=i < turnable))
+        shown.append(show_case(experiment, group, scales=scales, **camera, turnable=i < turnable))
     progress(experiment.name, len(groups), len(groups))
     return {
         "name": experiment.name,
@@ -272,6 +304,7 @@ def _section(
         "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
         "chart": svg_uri(figure) if (figure := chart_of(rows)) else "",
         "cases": shown,
+        "scales": {error_label(case.task): case for case in shown if case.task and case.pictures},
         "columns": [column for column in HEADLINE if column.source in rows],
         "failures": records(rows.drop(valid(rows).index)),
         "configurations": [(method, configuration(runs, method)) for method in method_names(runs)],

@@ -90,16 +90,17 @@ class Experiment(NamedTuple):
         """Return the methods in the order of the table."""
         return method_names(self.rows)
 
-    def cases(self) -> Iterator[list[Row]]:
-        """Yield the valid rows of each case, in the order of methods; the first seed of each method.
+    def cases(self, names: Sequence[str] = ()) -> Iterator[list[Row]]:
+        """Yield the valid rows of each case, or of the named ones; methods in order, with their first seed.
 
         Name and checksum identify a case, because cases with different resolutions can share a name.
         """
         rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
         case = ["task.name", "task.vertices", "task.checksum"]
         rows = rows.sort_values(["place", "seed"]).drop_duplicates([*case, "method.name"])
-        for _, group in rows.groupby(case):
-            yield records(group.drop(columns="place"))
+        for (name, *_), group in rows.groupby(case):
+            if not names or name in names:
+                yield records(group.drop(columns="place"))
 
     def folder(self, row: Row) -> Path | None:
         """Return the run folder of a row, or None if it is not on this machine."""

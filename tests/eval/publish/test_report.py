@@ -113,6 +113,8 @@ def test_the_view_holds_every_shape(text):
     cases = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', text, re.S)[1])
     assert cases["camera"] == {"towards": [1, 0, 0.2], "up": [0, 0, 1]}
     assert [case["name"] for case in cases["cases"]] == ["bumpy_10", "bumpy_40"]
+    (top,) = {case["top"] for case in cases["cases"]}  # one scale, which is printed once
+    assert text.count(f'<span class="ramp"></span><span>{top:.2g}</span>') == 1 and top > 10
     for case in cases["cases"]:
         assert [shape["name"] for shape in case["shapes"]] == ["rest", "arap", "learned", "stretching"]
         assert [shape["error"] for shape in case["shapes"]] == [False, True, True, True]
