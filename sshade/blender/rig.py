@@ -17,6 +17,7 @@ from sshade.edit.follower import Follower
 from sshade.edit.groups import Motion
 from sshade.edit.state import Settings
 from sshade.files.door import open_shape
+from sshade.mesh.unconstrained import leaders, move_rigidly
 from sshade.method.call import deform
 from sshade.problem.handles import Handles
 
@@ -177,7 +178,7 @@ class Rig:
 class Drag:
     """A rig that is bound once and follows motions in steps of a few iterations.
 
-    Components that have no moving handle stay until :meth:`Rig.deform` computes the converged shape.
+    Components without handles follow the nearest component rigidly.
 
     Parameters
     ----------
@@ -195,6 +196,7 @@ class Drag:
         moves = np.array([group.moves for group in rig.groups])[rig.handles.group]
         component, first = np.unique(rig.mesh.component[rig.handles.index[moves]], return_index=True)
         vertices = rig.handles.index[moves][first]
+        self._led = leaders(rig.mesh, rig.mesh.components_without(rig.handles.index))
         self._followers = [(Follower(rig.mesh), int(vertex)) for vertex in vertices]
         for follower, vertex in self._followers:
             follower.prepare(rig.handles, vertex, Settings())
@@ -204,4 +206,5 @@ class Drag:
         handles = self.rig.moved(motions)
         for follower, vertex in self._followers:
             follower.follow(handles, vertex, Settings(), self._shape)
+        move_rigidly(self.rig.mesh, self._shape, self._led)
         return self.rig.placed(self._shape)

@@ -15,7 +15,6 @@ from sshade.edit.groups import Group, Motion
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
 from sshade.edit.state import Settings
-from sshade.mesh.mesh import Mesh
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -76,10 +75,6 @@ class Commands:
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
         return self._answer("faces", *CHANGED, further=further, **self._opened)
-
-    def rest(self) -> bytes:
-        """Return the rest positions."""
-        return packet({}, {"positions": self._positions(self._session.mesh.V)})
 
     def colours(self) -> bytes:
         """Return the colours of the file."""
@@ -155,6 +150,11 @@ class Commands:
         path, lost = self._session.save(arguments["what"], arguments["name"], **given)
         return self._answer("positions", saved=str(path), lost=list(lost))
 
+    def _carried(self, groups: tuple[Group, ...]) -> int:
+        """Count the components without vertices of groups, which move with the nearest component."""
+        held = [group.vertices for group in groups]
+        return len(self._session.mesh.components_without(np.concatenate(held))) if held else 0
+
     def _motion(self, arguments: Mapping[str, Any]) -> Motion:
         pivot, move, quaternion = (np.array(arguments[name]) for name in ("pivot", "move", "quaternion"))
         return Motion.about(self._centre + self._scale * pivot, quaternion, self._scale * move)
@@ -195,7 +195,7 @@ class Commands:
             "scale": self._scale,
             "version": session.version,
             "picked": len(state.selection),
-            "carried": _components_without(mesh, state.groups),
+            "carried": self._carried(state.groups),
             "settings": state.settings._asdict(),
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
@@ -231,9 +231,3 @@ def packet(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
         content = array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
         parts += [content, b"\0" * (-len(content) % 4)]
     return b"".join(parts)
-
-
-def _components_without(mesh: Mesh, groups: tuple[Group, ...]) -> int:
-    """Count the components without vertices of groups, which move with the nearest component."""
-    held = [mesh.component[group.vertices] for group in groups]
-    return mesh.topology.components - len(np.unique(np.concatenate(held))) if held else 0

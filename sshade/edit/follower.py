@@ -89,8 +89,8 @@ class _Bound(NamedTuple):
 class Follower:
     """Deform the mesh during a drag.
 
-    Only the component of the dragged group follows, if it is an oriented manifold. Everything else follows
-    when the mouse rests.
+    Only the component of the dragged group is deformed, if it is an oriented manifold. Everything else is
+    deformed when the mouse rests.
 
     Parameters
     ----------

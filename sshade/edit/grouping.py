@@ -48,12 +48,13 @@ class Grouping(Work):
             if len(vertices) == 0:
                 raise InputError("no vertex is picked; pick some by click, brush, rectangle or lasso")
             number = self._mark(kind, vertices)
-            handles, settings = self.state.handles(self.mesh), self.state.settings
+            state = self.state
 
         def prepare() -> None:
             """Bind the mesh before the user begins to drag."""
             with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
-                self._follower.prepare(handles.with_portions(self.mesh), int(vertices[0]), settings)
+                handles = self._dragged_from(state).handles
+                self._follower.prepare(handles, int(vertices[0]), state.settings)
 
         Thread(target=prepare, daemon=True).start()
         return number

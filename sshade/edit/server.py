@@ -38,7 +38,7 @@ PAGE = {"": ("index.html", "text/html"), "style.css": ("style.css", "text/css")}
 SCRIPTS = ("view", "picking", "look", "panel", "page")
 PAGE |= {f"{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS}
 #: Methods of :class:`Commands` that answer to a request alone, and to a request with a query.
-ANSWERS, ANSWERS_TO_QUERIES = ("whole", "rest", "colours", "skin"), ("image",)
+ANSWERS, ANSWERS_TO_QUERIES = ("whole", "colours", "skin"), ("image",)
 #: Headers of every answer: load nothing from elsewhere, stay out of other pages, cache nothing.
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "

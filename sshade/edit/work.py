@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from threading import RLock
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,20 @@ from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import EditState, History, Settings
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.unconstrained import leaders, move_rigidly
 from sshade.problem.handles import Handles
 
 
 class Superseded(Exception):
     """The handles changed during a computation, whose result is therefore out of date."""
+
+
+class Dragged(NamedTuple):
+    """Groups as handles for the steps of a drag, and the components without handles: see :func:`leaders`."""
+
+    groups: tuple[Group, ...]
+    handles: Handles
+    led: list[tuple[np.ndarray, np.ndarray]]
 
 
 class Work:
@@ -63,8 +73,7 @@ class Work:
         self._follower = Follower(self.mesh)
         #: Whether the handles moved since the last step of a drag.
         self._jumped = False
-        #: Groups and handles of the last step of a drag.
-        self._dragged: tuple[tuple[Group, ...], Handles] | None = None
+        self._dragged: Dragged | None = None
 
     @property
     def state(self) -> EditState:
@@ -120,22 +129,30 @@ class Work:
         """
         with self._following:
             with self._lock:
-                groups, state = self.state.groups, self.state.moved(number, motion)
+                before, state = self.state, self.state.moved(number, motion)
                 self._revision += 1
                 revision, shape = self._revision, self.shown
-            if self._dragged is None or self._dragged[0] is not groups:
-                self._dragged = groups, state.handles(self.mesh).with_portions(self.mesh)
-            handles = self._dragged[1].at(*state.aims())
+            dragged = self._dragged_from(before)
+            handles = dragged.handles.at(*state.aims())
             if self._jumped:
                 self._follower.forget()
                 self._jumped = False
             shape = np.array(shape, order="C")
             self._follower.follow(handles, int(state.group(number).vertices[0]), state.settings, shape)
+            move_rigidly(self.mesh, shape, dragged.led)
             shape.setflags(write=False)
             with self._lock:
                 if self._revision == revision:
                     self.shown = shape
         return shape
+
+    def _dragged_from(self, state: EditState) -> Dragged:
+        """Return the groups of a state as handles of a drag."""
+        if self._dragged is None or self._dragged.groups is not state.groups:
+            handles = state.handles(self.mesh).with_portions(self.mesh)
+            led = leaders(self.mesh, self.mesh.components_without(handles.index))
+            self._dragged = Dragged(state.groups, handles, led)
+        return self._dragged
 
     def release(self, number: int, motion: Motion) -> None:
         """End a drag; the group stays at its place.

@@ -78,19 +78,30 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray) -> Contacts:
     return Contacts(len(np.unique(mesh.component[vertex[free[vertex]]])), vertex, first)
 
 
-def move_rigidly(mesh: Mesh, positions: np.ndarray, unconstrained: np.ndarray) -> None:
-    """Move each unconstrained component rigidly with the closest vertices of its nearest component."""
+def leaders(mesh: Mesh, unconstrained: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the vertices of each unconstrained component, and the vertices that it follows.
+
+    It follows the closest vertices of its nearest component.
+    """
     from scipy.spatial import cKDTree
 
+    if len(unconstrained) == 0:
+        return []
     vertices = members(mesh.component, mesh.topology.components)
     others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
-    tree, trees = cKDTree(mesh.V[others]), {}
+    tree, trees, found = cKDTree(mesh.V[others]), {}, []
     for moved in (vertices[component] for component in unconstrained):
         distance, nearest = tree.query(mesh.V[moved])
         leader = mesh.component[others[nearest[np.argmin(distance)]]]
         if leader not in trees:
             trees[leader] = cKDTree(mesh.V[vertices[leader]])
         _, near = trees[leader].query(mesh.V[moved], k=min(NEAREST, len(vertices[leader])))
-        near = vertices[leader][np.unique(near)]
+        found.append((moved, vertices[leader][np.unique(near)]))
+    return found
+
+
+def move_rigidly(mesh: Mesh, positions: np.ndarray, led: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """Move each unconstrained component rigidly with the vertices that it follows: see :func:`leaders`."""
+    for moved, near in led:
         R, t = rigid_motion(mesh.V[near], positions[near])
         positions[moved] = mesh.V[moved] @ R.T + t

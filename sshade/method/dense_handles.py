@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.mesh.unconstrained import contacts, move_rigidly
+from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.method.interpolation import fit_splines, interpolate, neighbours
 from sshade.method.regions import distance_to_handles, hard_positions_alone
 from sshade.problem.facts import Facts
@@ -70,7 +70,7 @@ def interpolate_handles(task: DeformationTask, *, progress: Progress = silent) -
     V[handles.index] = handles.target
     facts = Facts(residual=0.0, hard_handle_error=0.0)
     if len(unconstrained := mesh.components_without(handles.index)):
-        move_rigidly(mesh, V, unconstrained)
+        move_rigidly(mesh, V, leaders(mesh, unconstrained))
         contact = contacts(mesh, unconstrained)
         contact.warn()
         opening = contact.opening(V) / mesh.diagonal

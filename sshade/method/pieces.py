@@ -26,7 +26,7 @@ from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.cutting import cut_to_manifold
 from sshade.mesh.surface import without_duplicates
-from sshade.mesh.unconstrained import contacts, move_rigidly
+from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.method.component_set import ComponentSet, at_means
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
@@ -202,7 +202,7 @@ class Pieces:
         if parts is None:
             return replace(results[0], facts=replace(results[0].facts, **self._facts))
         V = parts.positions
-        move_rigidly(self._mesh, V, self._unconstrained)
+        move_rigidly(self._mesh, V, leaders(self._mesh, self._unconstrained))
         gaps = {**parts.gaps, "opening": self._contact.opening(V)}
         facts = {**self._facts, "one_sided": int(parts.one_sided.sum())}
         facts |= {name: gap / self._mesh.diagonal for name, gap in gaps.items()}

@@ -125,7 +125,7 @@ def test_a_drag_comes_near_the_converged_shape():
     assert np.linalg.norm(last - goal, axis=1).mean() < 0.01 * rig.mesh.diagonal
 
 
-def test_all_components_with_a_moving_handle_follow_and_the_others_follow_at_the_end():
+def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes_along():
     mesh = bumpy(2)
     V = np.vstack([mesh.V, mesh.V + [5, 0, 0], mesh.V + [5, 5, 0]]).astype(np.float32)
     F, n = np.vstack([mesh.F, mesh.F + mesh.n, mesh.F + 2 * mesh.n]), mesh.n
@@ -141,7 +141,7 @@ def test_all_components_with_a_moving_handle_follow_and_the_others_follow_at_the
     for vertices, t in ((top, [0.5, 0, 0]), (top + n, [0, 0, 0.5])):
         for U in (step, end):
             assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
-    assert np.array_equal(step[2 * n :], V[2 * n :]) and not np.array_equal(end[2 * n :], V[2 * n :])
+    assert np.abs(step - end)[2 * n :].max() < 0.05 < np.abs(end - V)[2 * n :].max()
 
 
 def test_a_motion_turns_and_moves_the_targets_of_its_group():

@@ -205,7 +205,7 @@ def test_a_drag_has_the_settings_of_now_not_of_the_drag_before(settings):
     assert np.array_equal(session.drag(number, motion), other.drag(same, motion))
 
 
-def test_of_two_components_the_one_that_is_dragged_follows_at_once():
+def test_the_dragged_component_follows_at_once_and_takes_one_without_handles_along():
     mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
     session = begun(mesh)
     left = np.flatnonzero(mesh.V[:, 0] < 2)
@@ -214,9 +214,9 @@ def test_of_two_components_the_one_that_is_dragged_follows_at_once():
     shown = session.drag(number, LIFT)
     moved = np.abs(shown - mesh.V).max(axis=1)
     free = np.setdiff1d(left, np.concatenate([group.vertices for group in session.state.groups]))
-    assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() == 0
+    assert (moved[free] > 1e-4).mean() > 0.9 and moved[BODY.n :].max() > 1e-3
     settled(session, number, LIFT)
-    assert np.abs(session.shown - mesh.V)[BODY.n :].max() > 1e-3
+    assert np.abs(session.shown - shown)[BODY.n :].max() < 0.02 * BODY.diagonal
     assert session.save("handles", "pose.json") and session.save("mesh", "posed.ply")
     arguments = ["deform", "body.ply", "pose.json", "-o", "again.ply"]
     assert main(arguments) == 0 and Path("again.ply").read_bytes() == Path("posed.ply").read_bytes()
