@@ -7,12 +7,14 @@ import { View } from "./view.js";
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 const HINTS = {
-  view: "Choose Click, Brush, Rectangle or Lasso. Drag rotates the view, the wheel zooms.",
-  click: "Click on a vertex. Shift adds, Ctrl removes, the right button rotates the view.",
-  brush: "Paint over vertices. Shift adds, Ctrl removes, the right button rotates the view.",
-  rectangle: "Draw a rectangle. Shift adds, Ctrl removes, the right button rotates the view.",
-  lasso: "Draw around vertices. Shift adds, Ctrl removes, the right button rotates the view.",
+  view: "Choose Click, Brush, Rectangle or Lasso. Drag turns the view, the right button moves it, the wheel zooms.",
+  click: "Click on a vertex.",
+  brush: "Paint over vertices.",
+  rectangle: "Draw a rectangle.",
+  lasso: "Draw around vertices.",
 };
+const FRONT = "Tick “also hidden vertices” to pick through.";
+const PICKING = "Shift adds, Ctrl removes, the right button turns the view.";
 const stage = byId("stage");
 
 let facts = null; // latest facts from the session
@@ -123,6 +125,7 @@ function refresh() {
 function guide(moved) {
   const tool = checked("tool"), turns = checked("gizmo") === "rotate";
   let step = 0, sentence = HINTS[tool];
+  if (tool !== "view") sentence += `${tool === "click" || byId("through").checked ? "" : ` ${FRONT}`} ${PICKING}`;
   if (facts.picked) [step, sentence] = [1, "Click Fix to keep the picked vertices in place, or Move to drag them."];
   else if (moved && tool === "view") {
     [step, sentence] = [2, result || `Drag the ${turns ? "rings to turn" : "arrows to move"} ${moved.name}.`];
@@ -241,6 +244,7 @@ for (const input of document.querySelectorAll("input[name=gizmo]")) {
 for (const button of document.querySelectorAll("#sets button")) {
   button.addEventListener("click", () => send(`select?how=${button.value}`, new Uint32Array(0)));
 }
+byId("through").addEventListener("change", refresh);
 byId("home").addEventListener("click", () => view.home());
 byId("up").addEventListener("change", () => view.home(byId("up").value));
 byId("help").addEventListener("click", () => byId("keys").showModal());

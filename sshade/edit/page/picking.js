@@ -5,7 +5,7 @@ const CLICK = 16, STILL = 5;
 
 export class Picking {
   // `picked(vertices, how)` receives the vertices of a stroke; `painting(vertices)` the vertices under the brush;
-  // `touched(vertex)` the vertex of a click while the view is rotated.
+  // `touched(vertex)` the vertex of a click with the tool View.
   constructor(view, overlay, { tool, how, through, radius, picked, painting, touched }) {
     Object.assign(this, { view, overlay, tool, how, through, radius, picked, painting, touched });
     this.stroke = this.pressed = null;
@@ -18,7 +18,7 @@ export class Picking {
     overlay.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  // With a picking tool the right button and two fingers rotate the view; else the controls work as usual.
+  // With a picking tool the right button and two fingers turn the view; else the controls work as usual.
   use(tool) {
     const { controls } = this.view, picks = tool !== "view";
     controls.mouseButtons = picks ? { LEFT: null, MIDDLE: 1, RIGHT: 0 } : { LEFT: 0, MIDDLE: 1, RIGHT: 2 };
@@ -35,7 +35,7 @@ export class Picking {
   begin(event) {
     const free = event.button === 0 && event.isPrimary && !this.view.gizmo.axis;
     this.pressed = free && this.tool() === "view" ? this.place(event) : null;
-    if (this.stroke && event.pointerType === "touch") this.cancel(); // a second finger rotates the view
+    if (this.stroke && event.pointerType === "touch") this.cancel(); // a second finger turns the view
     else if (this.tool() !== "view" && free) {
       const shown = this.view.project(this.through());
       const how = event.shiftKey ? "add" : event.ctrlKey || event.metaKey ? "remove" : this.how();

@@ -61,7 +61,11 @@ def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session
     step, hint = page.locator("#guide [aria-current=step]"), page.locator("#hint")
     assert step.inner_text() == "Drag the arrows" and hint.inner_text() == "Drag the arrows to move group 2."
     tool(page, "Brush")
-    assert step.inner_text() == "Pick vertices" and hint.inner_text().startswith("Paint over vertices.")
+    assert step.inner_text() == "Pick vertices" and hint.inner_text().startswith(
+        "Paint over vertices. Tick “also hidden vertices” to pick through."
+    )
+    page.locator("#through").check()
+    assert "pick through" not in hint.inner_text()
     page.get_by_text("More ways to pick").click()
     asked(page, "select", page.get_by_role("button", name="all").click)
     assert step.inner_text() == "Fix them or make them move" and "Click Fix" in hint.inner_text()
