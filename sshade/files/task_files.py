@@ -149,8 +149,8 @@ def write_handles(
         for row in kinds:
             members, (dynamic, weight) = own[(rows[own] == row).all(axis=1)], row[:2]
             entry: dict[str, Any] = {
-                "landmark": (names or {}).get(group, group),
-                "kind": "dynamic" if dynamic else "static",
+                "name": (names or {}).get(group, group),
+                "kind": "moved" if dynamic else "fixed",
                 "vertices": handles.index[members].tolist(),
             }
             if dynamic or not static_at_rest:

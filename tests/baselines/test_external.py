@@ -70,7 +70,7 @@ def test_handles_are_written_exactly(run, task, tmp_path):
     rows = np.loadtxt(tmp_path / "kept.txt")
     np.testing.assert_array_equal(rows, np.column_stack([task.handles.index, task.handles.target]))
     groups = json.loads((tmp_path / "kept.json").read_text())["handles"]
-    assert [group["kind"] for group in groups] == ["static", "dynamic"]
+    assert [group["kind"] for group in groups] == ["fixed", "moved"]
     assert sum(len(group["vertices"]) for group in groups) == len(task.handles)
 
 
