@@ -13,6 +13,7 @@ import numpy as np
 
 from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
+from sshade.core.errors import InputError
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.mesh_file import MeshFile, listed
 from sshade.problem.options import described, help_text
@@ -73,6 +74,13 @@ def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> N
         if (path := getattr(options, name)) is not None:
             check_output(path, known, inputs=inputs, overwrite=options.overwrite)
             require_libraries(path)
+
+
+def require_mesh_first(mesh: Path, handles: Iterable[Path]) -> None:
+    """Raise InputError if MESH is no mesh, but one of the handle files is."""
+    late = [path for path in handles if path.suffix.lower() in READABLE]
+    if late and mesh.suffix.lower() not in READABLE:
+        raise InputError(f"{mesh}: the mesh comes before the handles; did you mean `{late[0]} {mesh}`?")
 
 
 def input_paths(options: argparse.Namespace) -> list[Path | None]:

@@ -68,6 +68,7 @@ from sshade.cli.arguments import (
     check_outputs,
     has_number,
     open_task,
+    require_mesh_first,
 )
 from sshade.cli.saved_options import take_saved_options
 from sshade.cli.sequence import FPS, check_sequence, deform_poses
@@ -111,6 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
+    require_mesh_first(options.mesh, options.handles)
     poses = pose_files(options.handles)
     sequence = len(poses) > 1 or has_number(options.output)
     if sequence and options.along:
@@ -152,7 +154,7 @@ def command(options: argparse.Namespace) -> int:
         reach, error = reached(stored, shape.surface, handles)
         samplings, size = result.facts.samplings, result.facts.proxy_vertices
         proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
-        proxies = f"{proxies} of {size:.0f} vertices" if size else "no proxy"
+        proxies = f"{proxies} of {size:.0f} vertices" if size else "without a proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
         tell(options, opened, result.facts, asked=resolved.vertices, error=error, rounding=rounding)
     if options.amount and stays_at_rest(task, resolved):

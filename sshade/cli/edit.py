@@ -27,6 +27,7 @@ from sshade.cli.arguments import (
     add_mesh_and_handles,
     add_repair,
     check_outputs,
+    require_mesh_first,
 )
 from sshade.cli.saved_options import take_saved_options
 from sshade.core.console import announced_compilation, say
@@ -66,6 +67,8 @@ def command(options: argparse.Namespace) -> int:
     """Serve the editor until it is closed; return the exit code."""
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
+    if options.handles is not None:
+        require_mesh_first(options.mesh, [options.handles])
     check_mesh(options.mesh)
     if options.handles is not None:
         given = read_handle_file(options.handles)

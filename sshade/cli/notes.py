@@ -165,9 +165,7 @@ def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
     samples, coarser = facts.samples, facts.options["coarser"]
     rounded = (facts.components - facts.rigid) / 2
     differs = f"the proxy has {counted(samples, 'sample', 'samples')} instead of {asked}: "
-    if samples == 0:
-        yield "no proxy was made: the handles alone determine the result"
-    elif samples < asked - rounded:
+    if 0 < samples < asked - rounded:
         each = f"every {coarser} of its vertices" if coarser > 1 else "each of its vertices"
         sides = ", and both sides of a surface count" if facts.one_sided else ""
         yield f"{differs}a component has at most one for {each}{sides}"

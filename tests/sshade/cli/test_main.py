@@ -169,7 +169,7 @@ PLAIN = Facts(samples=100, options={"coarser": 4})
         ({"samples": 99, "components": 3}, {}, False, None),  # rounding
         ({"samples": 40}, {}, False, "40 samples instead of 100: a component has at most one for every 4"),
         ({"samples": 130}, {}, False, "130 samples instead of 100: a component needs one for each"),
-        ({"samples": 0}, {}, False, "no proxy was made: the handles alone determine the result"),
+        ({"samples": 0}, {}, False, None),  # the summary says so
         ({"opening": 0.11}, {}, False, "parts of the mesh that touched came apart by 11 % of the diagonal"),
         ({"opening": 1e-9}, {}, False, None),
         ({}, {"near": 3, "tolerance": 1e-3}, False, "3 vertices lie near another vertex"),

@@ -56,6 +56,8 @@ LIGHT = {
     "deform body.ply pose.txt -o a.ply": "a pose is one handle file, or two landmark files",
     "deform body.ply pose.txt pose.txt -o a.ply": "pose.txt: it has no landmarks",
     "deform body.ply pose.json -o a.ply --amount 2.5": "the amount goes from 0 to 2, not 2.5",
+    "deform pose.json body.ply -o a.ply": "before the handles; did you mean `body.ply pose.json`",
+    "edit pose.json body.ply": "pose.json: the mesh comes before the handles",
     "deform body.abc pose.json -o a.ply": "body.abc: unknown format '.abc'; use .ply, .obj, .off, .stl, .glb",
     "deform gone.ply gone.json -o no/a.ply": "the folder no does not exist",
     "deform body.ply pose.json -o pose.json/a.ply": "pose.json/a.ply: the folder pose.json does not exist",
