@@ -126,6 +126,7 @@
     const names = entry.shapes.map((shape) => shape.name);
     const chosen = Math.max(0, wanted ? names.indexOf(wanted) : names.length - 1);
     shapes.replaceChildren(
+      "shown:",
       ...names.map((name, k) => {
         const label = document.createElement("label"), input = document.createElement("input");
         Object.assign(input, { type: "radio", name: "turn-shape", value: name, checked: k === chosen });
