@@ -26,8 +26,8 @@ class SurfaceFacts:
     ----------
     unused : int
         Vertices that no face uses.
-    doubled, near : int
-        Vertices merged with another at exactly their place, or near it.
+    near : int
+        Vertices merged with another near their place, but not exactly there.
     collapsed, duplicates : int
         Faces that repeat a vertex; of a repair, faces there twice.
     tolerance : float
@@ -35,7 +35,6 @@ class SurfaceFacts:
     """
 
     unused: int = 0
-    doubled: int = 0
     near: int = 0
     collapsed: int = 0
     duplicates: int = 0
@@ -157,12 +156,11 @@ def surface(
             if not result.mesh.is_closed:
                 result = result.merged(_by_place(result.mesh, within) if soup else seams(result.mesh, within))
         result = _pinched(result)
-    near = doubled = 0
-    if result.mesh.n < whole.mesh.n:
-        there = result.vertex >= 0
-        near = int((result.mesh.V[result.vertex] != np.asarray(V))[there].any(axis=1).sum())
-        doubled = int(there.sum()) - result.mesh.n - near
-    return result._replace(facts=replace(result.facts, near=near, doubled=doubled))
+    if result.mesh.n == whole.mesh.n:
+        return result
+    elsewhere = (result.mesh.V[result.vertex] != np.asarray(V)).any(axis=1)
+    near = int(elsewhere[result.vertex >= 0].sum())
+    return result._replace(facts=replace(result.facts, near=near))
 
 
 def _welded(whole: Surface, tolerance: np.ndarray) -> Surface:

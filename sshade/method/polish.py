@@ -135,5 +135,5 @@ def _solution_at(
     names = "volume", "area", "volume_goal", "workers"
     V = solver.project(V, **{name: energy[name] for name in names})
     after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
-    kept = "iterations", "residual", "residual_curve", "converged", "rejected", "energy_initial"
+    kept = "iterations", "residual", "residual_curve", "converged", "rejected"
     return after._replace(**{name: getattr(solution, name) for name in kept})

@@ -39,7 +39,7 @@ VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 MET = 1e-5
 #: Facts of a solver that become facts of the deformation.
 OF_SOLVER = (
-    *("coarser_iterations", "initialisation", "residual", "energy"),
+    *("coarser_iterations", "residual", "energy"),
     *("volume_error", "area_error", "volume_constraint", "area_constraint"),
 )
 

@@ -156,23 +156,19 @@ def solve_from_start(
     Returns
     -------
     DeformationResult
-        As of `solve`. ``extra`` has ``coarser_iterations``, 0 without a coarser proxy, and with a guide
-        energy the ``initialisation`` of the result: "guide" or "handles".
+        As of `solve`. ``extra`` has ``coarser_iterations``, 0 without a coarser proxy.
     """
     tolerance = options.tolerance
     if (rough := coarser_start(task, options, coarser_progress)) is not None:
         near = replace(task, guess=rough.vertices)
         result = solve(near, tolerance=tolerance, progress=progress, softened=True)
-        return replace(result, extra={**result.extra, **rough.extra})
+        return replace(result, extra={**result.extra, "coarser_iterations": rough.iterations})
     result = lowest(task, options, solve, volume_goal=volume_goal, tolerance=tolerance, progress=progress)
     return replace(result, extra={**result.extra, "coarser_iterations": 0.0})
 
 
 def coarser_start(task: DeformationTask, options: Options, progress: Progress) -> DeformationResult | None:
-    """Deform N through a coarser proxy, at its own volume; return None where that does not help.
-
-    ``extra`` has what :func:`solve_from_start` says.
-    """
+    """Deform N through a coarser proxy, at its own volume; return None where that does not help."""
     mesh, handles = task.mesh, task.handles
     size = max(mesh.n // RATIO, ROOM * len(handles))
     if mesh.n < SMALLEST or size > mesh.n // ROOM:
@@ -199,8 +195,7 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
     except InputError as error:
         log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
         return None
-    facts = {name: rough.extra[name] for name in ("initialisation",) if name in rough.extra}
-    return replace(rough, vertices=V, extra={**facts, "coarser_iterations": rough.iterations})
+    return replace(rough, vertices=V)
 
 
 def lowest(
@@ -243,9 +238,7 @@ def lowest(
         except BaseException:
             failed.set()
             raise
-    lower = plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"]
-    result, name = (plain, "handles") if lower else (guided, "guide")
-    return replace(result, extra={**result.extra, "initialisation": name})
+    return plain if plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"] else guided
 
 
 def _report_unless(

@@ -67,8 +67,6 @@ class Facts:
         Iterations of the proxies, where a polish has iterations of its own.
     coarser_iterations : float or None
         Iterations on the coarser proxy in which the solve starts; 0 without one.
-    initialisation : str or None
-        With a guide energy: "guide", or "handles" where the plain start ended clearly lower.
     residual : float or None
         Last residual, the largest over proxies. Of the polish, if there is one.
     energy : float or None
@@ -113,7 +111,6 @@ class Facts:
 
     proxy_iterations: float | None = _fact(pieces=_mean)
     coarser_iterations: float | None = _fact(samplings=_mean, pieces=_mean)
-    initialisation: str | None = _fact(samplings=_distinct, pieces=_distinct)
     residual: float | None = _fact(samplings=max, pieces=max)
     energy: float | None = _fact(samplings=_mean)
     volume_error: float | None = _fact(samplings=max, pieces=max)

@@ -34,7 +34,7 @@ class Handles:
 
     A handle of infinite weight is hard: with blended frames, as the methods ``fast`` and ``fine`` have, the
     deformation meets its target exactly. With other frames the proxy meets it, and the deformation about:
-    ``DeformationResult.extra["hard_handle_error"]`` has the largest distance. A handle of finite weight w
+    ``DeformationResult.facts.hard_handle_error`` has the largest distance. A handle of finite weight w
     is soft: its group adds w times the mean of ``|p_i - target_i|^2`` to the elastic energy, where each
     vertex counts by its area. The elastic energy counts each edge once, with its cotangent weight, which has
     no unit. The effect of w therefore depends neither on the unit of length nor on the resolution nor on the

@@ -188,8 +188,8 @@ class Descent:
         The present iterate.
     energy : Energy
     constraints : Constraints
-    value, initial_value : float
-        Energy at the present iterate and at the beginning of the solve, minus the rest energy.
+    value : float
+        Energy at the present iterate, minus the rest energy.
     rejected : int
         Accelerated iterates given up in this solve.
     volume_goal : float
@@ -243,7 +243,7 @@ class Descent:
         self.constraints.begin(tolerance)
         if self._quasi_newton:
             self._quasi_newton.cut()
-        self.value = self.initial_value = self._local_step()
+        self.value = self._local_step()
         self.rejected = 0
 
     def _local_step(self, *, restored: bool = False) -> float:

@@ -149,7 +149,6 @@ class LocalGlobal(System):
             residual=done.residual,
             residual_curve=done.residual_curve,
             energy=self.rest_energy + state.value,
-            energy_initial=self.rest_energy + state.initial_value,
             converged=done.converged,
             rejected=state.rejected,
             **self.surface.report(state.u, options.volume, options.area, volume_goal=state.volume_goal),

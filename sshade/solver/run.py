@@ -216,10 +216,9 @@ class Solution(NamedTuple):
         Largest move of a vertex in the last plain iteration, as a fraction of the bounding-box diagonal.
     residual_curve : (iterations,) float64
         Residual of each iteration.
-    energy, energy_initial : float
-        Energies after the local steps at `positions` and at the start, with the penalties of weighted
-        constraints and the pulls of soft handles; unit length^2. The start fulfils no constraint, so that its
-        energy may be lower.
+    energy : float
+        Energy after the local step at `positions`, with the penalties of weighted constraints and the pulls
+        of soft handles; unit length^2.
     converged : bool
     rejected : int
         Accelerated iterates that were given up because the energy rose.
@@ -234,7 +233,6 @@ class Solution(NamedTuple):
     residual: float
     residual_curve: np.ndarray
     energy: float
-    energy_initial: float
     converged: bool
     rejected: int
     volume_error: float

@@ -67,7 +67,7 @@ def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
     V = np.array([[9.0, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0], [1, 1, 0]])
     F = np.array([[1, 2, 3], [1, 2, 2], [4, 2, 3], [1, 4, 3], [2, 5, 3]])
     mesh, vertex, facts = surface(V, F, repair=True)
-    assert (facts.unused, facts.collapsed, facts.duplicates, facts.doubled) == (1, 2, 1, 1)
+    assert (facts.unused, facts.collapsed, facts.duplicates) == (1, 2, 1)
     assert mesh.F.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert vertex.tolist() == [-1, 0, 1, 2, 0, 3]
     assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])
