@@ -165,8 +165,7 @@ def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
     V, F, count = [], [], 0
     for component in np.unique(mesh.component[mesh.F[:, 0]]):
         vertices = np.flatnonzero(mesh.component == component)
-        faces = np.searchsorted(vertices, mesh.F[mesh.component[mesh.F[:, 0]] == component])
-        part = Mesh(mesh.V[vertices], faces)
+        part = mesh.part(vertices, mesh.component[mesh.F[:, 0]] == component)
         number = max(round(samples * areas[component] / mesh.area), 4)
         if number < part.n:
             part = proxy_mesh(part, sample_proxy(part, number))

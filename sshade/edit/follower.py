@@ -169,8 +169,7 @@ class Follower:
         else:
             vertices, mesh = np.flatnonzero(self._mesh.component == number), self._mesh
             if not self._connected:
-                F = mesh.F[mesh.component[mesh.F[:, 0]] == number]
-                mesh = Mesh(mesh.V[vertices], np.searchsorted(vertices, F))
+                mesh = mesh.part(vertices, mesh.component[mesh.F[:, 0]] == number)
             mesh = mesh if mesh.is_manifold and mesh.is_oriented else None
         members = np.flatnonzero(self._mesh.component[handles.index] == number)
         rng, chosen = np.random.default_rng(0), []

@@ -204,6 +204,10 @@ class Mesh(Shown):
         """(n,) int32 connected component of each vertex."""
         return self.connectivity.component
 
+    def part(self, vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+        """Return a mesh of some faces (ids or a mask); `vertices` (k,) are all their vertices, ascending."""
+        return Mesh(self.V[vertices], np.searchsorted(vertices, self.F[faces]))
+
     def components_without(self, index: np.ndarray) -> np.ndarray:
         """Return the components (u,) without any of the vertices `index` (k,)."""
         return np.setdiff1d(np.arange(self.topology.components), self.component[index])

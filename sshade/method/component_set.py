@@ -86,11 +86,9 @@ class ComponentSet:
             return
         begin = perf_counter()
         vertex = np.flatnonzero(chosen[self._component])
-        cut, origin = self._cut.mesh, self._cut.origin[vertex]
-        F = cut.F[chosen[self._component[cut.F[:, 0]]]]
-        guess = self._task.guess
+        cut, origin, guess = self._cut.mesh, self._cut.origin[vertex], self._task.guess
         V = deform_joined(
-            Mesh(cut.V[vertex], np.searchsorted(vertex, F)),
+            cut.part(vertex, chosen[self._component[cut.F[:, 0]]]),
             origin,
             junction[origin],
             self._handles_of(origin),
@@ -170,8 +168,7 @@ class ComponentSet:
             Options, among them the share of ``vertices``.
         """
         vertex, origin, guess = self._members[component], self.origin(component), self._guess[component]
-        F = np.searchsorted(vertex, self._cut.mesh.F[self._faces[component]])
-        shape, handles = Mesh(self._cut.mesh.V[vertex], F), self._handles_of(origin)
+        shape, handles = self._cut.mesh.part(vertex, self._faces[component]), self._handles_of(origin)
         two_sided = self._sides[component] == 1
         if not two_sided and self._options.volume_goal is not None:
             raise InputError(

@@ -104,7 +104,7 @@ def _reduced_parts(mesh: Mesh, keep: np.ndarray, samples: int, count: int) -> Vi
     component, cell, kept, faces, total = mesh.component, np.zeros(mesh.n, dtype=np.int64), [], [], 0
     vertices, triangles = members(component, count), members(component[mesh.F[:, 0]], count)
     for number, (own, face) in enumerate(zip(vertices, triangles, strict=True)):
-        part = Mesh(mesh.V[own], np.searchsorted(own, mesh.F[face]))
+        part = mesh.part(own, face)
         first = np.searchsorted(own, keep[component[keep] == number])
         share = max(samples * len(own) // mesh.n, min(samples // count, len(own)))
         some = surface(part, keep=first, limit=share, samples=share)

@@ -89,7 +89,7 @@ def sample_components(
     for number, (vertex, faces) in enumerate(
         zip(members(mesh.component, count), members(of_face, count), strict=True)
     ):
-        part = Mesh(mesh.V[vertex], np.searchsorted(vertex, mesh.F[faces]))
+        part = mesh.part(vertex, faces)
         if part.diagonal == 0 or share[number] == part.n:  # the component itself is the proxy
             sampling = Sampling(np.arange(part.n), part.F, np.arange(part.n), np.zeros(part.n))
         else:
