@@ -20,9 +20,8 @@ from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, as_single
 from sshade.method.regions import are_dense
-from sshade.problem.astray import astray
 from sshade.problem.facts import Facts
-from sshade.problem.handle_checks import SAME_TARGET
+from sshade.problem.handle_checks import SAME_TARGET, astray
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import SPARE
 
