@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
 from threading import Lock
@@ -19,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sshade.core.errors import InputError
-from sshade.core.threads import ThreadTeam
+from sshade.core.threads import ThreadTeam, beside
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import flagged
 from sshade.problem.handle_checks import checked_index
@@ -159,8 +158,7 @@ class System:
         self._laplacian = laplacian_matrix(mesh.n, *edge_weights(mesh, h)) if needed else None
         self.corners = 2 if energy == "spokes" else 3
         self.struts = Struts.of(mesh, self.place, thickness, self.corners) if thickness else None
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            bound = pool.submit(self._bind)
+        with beside(self._bind, size=mesh.n) as bound:
             self._list_elements(h)
             bound.result()
         self.rest_energy = self._total_rest_energy()
