@@ -79,11 +79,11 @@ def local_global(
     if not 0 < volume_goal < inf:
         raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     solver_options = complete(options)
+    binding: dict[str, Any] = {"volume_goal": volume_goal, "energy": energy, "factorised": factorised}
     return solve_task(
         task,
-        prepared=Later(partial(prepare, task, solver_options, energy=energy, factorised=factorised)),
+        prepared=Later(partial(prepare, task, solver_options, **binding)),
         options=replace(solver_options, accelerate=accelerate),
-        volume_goal=volume_goal,
         workers=workers,
         tolerance=solver_options.tolerance,
         softened=softened,

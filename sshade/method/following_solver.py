@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -10,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.progress import Progress, silent
+from sshade.core.progress import silent
+from sshade.core.threads import Later
 from sshade.mesh.mesh import Mesh
 from sshade.method.start import solve_from_start, solver_threads
 from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import initial_guess
+from sshade.solver.local_global import LocalGlobal, Prepared, solve_task
+from sshade.solver.run import Aim
 
 
 class FollowingSolver:
@@ -83,53 +83,31 @@ class FollowingSolver:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
-        aim: dict[str, Any] = {"targets": targets, "fraction": fraction, "volume_goal": volume_goal}
-        aim |= {"prescribed": handles.prescribed_rotations, "majority": handles.majority}
+        aim = Aim(targets, handles.prescribed_rotations, fraction, volume_goal, handles.majority)
         energy: dict[str, Any] = self._options.subset(ENERGY)
         energy["workers"] = solver_threads(self._options, self._proxy.n)
         if self._following is None and self._last is not None:
-            at = self._last[0][self._solver.index]
+            at = Aim(self._last[0][self._solver.index])
             self._following = Following(self._solver, *self._last, at, **energy)
         try:
             if self._following is None:
                 result = self._first(handles, aim, replace(self._options, **stop))
                 R = result.extra["rotations"]
-                self._following = Following(self._solver, result.vertices, R, **aim, **energy)
+                self._following = Following(self._solver, result.vertices, R, aim, **energy)
             else:
-                result = self._following.solve(**aim, **stop).result()
+                result = self._following.solve(aim, **stop).result()
         except FloatingPointError:  # the positions are of no use to the next solve
             self.reset()
             raise
         self._last = result.vertices, result.extra["rotations"]
         return result
 
-    def _first(self, handles: Handles, aim: Mapping[str, Any], options: Options) -> DeformationResult:
-        task, goal = DeformationTask("drag", self._proxy, handles), aim["volume_goal"]
-        solve = partial(self._solve, aim=aim, options=options)
+    def _first(self, handles: Handles, aim: Aim, options: Options) -> DeformationResult:
+        """Solve as the method does, with the factorisation."""
+        task, prepared = DeformationTask("drag", self._proxy, handles), Prepared(self._solver, aim)
+        workers = solver_threads(options, self._proxy.n)
+        solve = partial(solve_task, prepared=Later(lambda: prepared), options=options, workers=workers)
         if not options.coarser_start:
             return solve(task, tolerance=options.tolerance, progress=silent)
         reports = {"progress": silent, "coarser_progress": silent}
-        return solve_from_start(task, options, solve, volume_goal=goal, **reports)
-
-    def _solve(
-        self,
-        task: DeformationTask,
-        *,
-        aim: Mapping[str, Any],
-        options: Options,
-        tolerance: float,
-        progress: Progress,
-        softened: bool = False,
-    ) -> DeformationResult:
-        """Solve with the factorisation, from the task's guess or the plain start."""
-        solution = self._solver.solve(
-            start=initial_guess(task, options.start),
-            tolerance=tolerance,
-            max_iterations=options.max_iterations,
-            workers=solver_threads(options, task.mesh.n),
-            softened=softened,
-            progress=progress,
-            **aim,
-            **options.subset(ENERGY),
-        )
-        return solution.result()
+        return solve_from_start(task, options, solve, volume_goal=aim.volume_goal, **reports)

@@ -19,7 +19,7 @@ from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, prepare
-from sshade.solver.run import Solution
+from sshade.solver.run import Aim, Solution
 from sshade.solver.system import give_back
 
 #: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
@@ -47,7 +47,8 @@ class Polish:
         self._begin = perf_counter()
 
     def __enter__(self) -> Polish:
-        set_up = partial(prepare, factorised=False, exact_steps=0)
+        goal = self._options.volume_goal or 1.0
+        set_up = partial(prepare, volume_goal=goal, factorised=False, exact_steps=0)
         give_back()  # frees memory of earlier work before the stage that needs most
         self._pool = ThreadPoolExecutor(max_workers=1)
         self._ready = self._pool.submit(set_up, self._task, self._options)
@@ -68,17 +69,16 @@ class Polish:
         """
         task, options, arrived = self._task, self._options, perf_counter()
         self._progress("polish", 0, options.polish_iterations, "preparing")
-        solver, targets, precompute = self._ready.result()
+        prepared = self._ready.result()
         ready = perf_counter()
         energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
-        energy["volume_goal"] = options.volume_goal or 1.0
-        energy["majority"] = task.handles.majority
-        energy["prescribed"] = _rotations_near_handles(task, samples=proxy.facts.samples)
+        turns = _rotations_near_handles(task, samples=proxy.facts.samples)
+        aim = replace(prepared.aim, prescribed=turns)
         start = [proxy.vertices]
         proxy = replace(proxy, vertices=np.empty((0, 3)))
         give_back()
-        solution = solver.solve(
-            targets,
+        solution = prepared.solver.solve(
+            **vars(aim),
             start=start.pop(),  # so that the solver can free it
             tolerance=options.tolerance,
             max_iterations=options.polish_iterations,
@@ -92,11 +92,11 @@ class Polish:
             graph, samples = vertex_graph(task.mesh), proxy.facts.samples
             regions = HandleRegions(task.mesh, task.handles, vertices=samples, graph=graph)
             turned = regions.on_targets(solution.positions, task.handles)
-            solution = _solution_at(solver, solution, turned, targets, energy)
+            solution = _solution_at(prepared.solver, solution, turned, aim, energy)
             self._progress("regions", 1, 1)
         seconds = {
             "proxy": arrived - self._begin,
-            "precompute": precompute,
+            "precompute": prepared.seconds,
             "wait": ready - arrived,
             "polish": perf_counter() - ready,
         }
@@ -129,11 +129,11 @@ def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.
 
 
 def _solution_at(
-    solver: LocalGlobal, solution: Solution, V: np.ndarray, targets: np.ndarray, energy: dict[str, Any]
+    solver: LocalGlobal, solution: Solution, V: np.ndarray, aim: Aim, energy: dict[str, Any]
 ) -> Solution:
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
-    names = "volume", "area", "volume_goal", "workers"
-    V = solver.project(V, **{name: energy[name] for name in names})
-    after = solver.solve(targets, start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    exact = {name: energy[name] for name in ("volume", "area", "workers")}
+    V = solver.project(V, volume_goal=aim.volume_goal, **exact)
+    after = solver.solve(**vars(aim), start=V, rotations=solution.rotations, max_iterations=0, **energy)
     kept = "iterations", "residual", "residual_curve", "converged", "rejected"
     return after._replace(**{name: getattr(solution, name) for name in kept})

@@ -24,16 +24,15 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import SMALL, available_cpus, beside
+from sshade.core.threads import SMALL, Later, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.regions import HandleRegions, sample_with_handles
-from sshade.problem.options import ENERGY, Options
+from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.solver.local_global import prepare, solve_task
-from sshade.solver.run import initial_guess
 
 log = logging.getLogger(__name__)
 
@@ -108,10 +107,9 @@ class OnceSolver:
             return method(task, seed=self._options.seed, progress=self._progress)
         options = replace(self._options, **stop)
         workers = solver_threads(options, self._proxy.n)
-        with beside(partial(prepare, task, options), size=self._proxy.n) as prepared:
-            solve: Solve = partial(
-                solve_task, prepared=prepared, options=options, volume_goal=volume_goal, workers=workers
-            )
+        set_up = partial(prepare, task, options, volume_goal=volume_goal)
+        with beside(set_up, size=self._proxy.n) as prepared:
+            solve: Solve = partial(solve_task, prepared=prepared, options=options, workers=workers)
             if self._guess is None and options.coarser_start:
                 reports = {"progress": self._progress, "coarser_progress": self._coarser_progress}
                 result = solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
@@ -185,9 +183,7 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
             beside(partial(prepare, coarser, options), size=coarser.mesh.n) as prepared,
         ):
             workers = solver_threads(options, coarser.mesh.n)
-            solve: Solve = partial(
-                solve_task, prepared=prepared, options=options, volume_goal=1.0, workers=workers
-            )
+            solve: Solve = partial(solve_task, prepared=prepared, options=options, workers=workers)
             goal = {"volume_goal": 1.0, "tolerance": tolerance}
             rough = lowest(coarser, options, solve, **goal, progress=progress)
             V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
@@ -216,24 +212,19 @@ def lowest(
         return solve(task, tolerance=tolerance, progress=progress)
     guide = replace(options, attachment=options.guide_attachment, stiffness=1.0)
     guide = replace(guide, area=min(options.area, GUIDE_AREA))
-    failed, handles, n = Event(), task.handles, task.mesh.n
+    failed, n = Event(), task.mesh.n
     report = partial(_report_unless, failed, progress)
     with beside(partial(solve, task, tolerance=tolerance, progress=report), size=n) as started:
         try:
-            prepared = prepare(task, guide)
-            at_guide = prepared.solver.solve(
-                prepared.targets,
-                start=initial_guess(task, guide.start),
-                prescribed=handles.prescribed_rotations,
-                majority=handles.majority,
-                volume_goal=volume_goal,
+            at_guide = solve_task(
+                task,
+                prepared=Later(partial(prepare, task, guide, volume_goal=volume_goal)),
+                options=guide,
                 workers=solver_threads(options, n),
                 tolerance=tolerance,
-                max_iterations=guide.max_iterations,
                 progress=progress,
-                **guide.subset(ENERGY),
-            ).positions
-            guided = solve(replace(task, guess=at_guide), tolerance=tolerance, progress=progress)
+            )
+            guided = solve(replace(task, guess=at_guide.vertices), tolerance=tolerance, progress=progress)
             plain = started.result()
         except BaseException:
             failed.set()

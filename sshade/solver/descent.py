@@ -6,21 +6,17 @@ import numpy as np
 
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.rotations import fit_rotations, quaternions
-from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import Options
 from sshade.solver.constraints import Constraints
 from sshade.solver.factorisation import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
-from sshade.solver.run import largest_move
+from sshade.solver.run import Aim, largest_move
 from sshade.solver.system import System
 from sshade.solver.terms import Pulls, Term
 from sshade.solver.terms.arap import Arap
 from sshade.solver.terms.bending import Bending
 from sshade.solver.terms.inertia import Inertia
 from sshade.solver.terms.struts import Strutting
-
-#: Vertices of the mesh (j,), each once, and their prescribed rotations (j, 3, 3).
-Prescribed = tuple[np.ndarray, np.ndarray]
 
 
 class Energy:
@@ -74,29 +70,12 @@ class Energy:
         """(m,) strain weights of the triangles at the last local step; None for the quadratic energy."""
         return self._arap.weight
 
-    def aim(
-        self,
-        targets: np.ndarray,
-        prescribed: Prescribed | None,
-        fraction: np.ndarray | None,
-        majority: MajorityMotion | None = None,
-    ) -> None:
-        """Set the targets of handles, the prescribed rotations, the pull fractions, and the majority motion.
-
-        Parameters
-        ----------
-        targets : (k, 3) float64
-            Relative to the mesh's origin.
-        prescribed : Prescribed, optional
-        fraction : (k,) float64, optional
-            Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing.
-        majority : MajorityMotion, optional
-            Without one, inertia is off.
-        """
-        self._pulls.aim(targets, fraction)
+    def aim(self, aim: Aim) -> None:
+        """Set the targets of handles and the motions to follow."""
+        self._pulls.aim(aim.targets - self._system.mesh.origin, aim.fraction)
         if self._inertia:
-            self._inertia.aim(majority)
-        vertex, rotations = prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
+            self._inertia.aim(aim.majority)
+        vertex, rotations = aim.prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
         order = np.argsort(self._system.place[vertex])
         rotations = np.array(rotations, dtype=np.float64)[order]
         self._prescribed = self._system.place[vertex][order], rotations
@@ -226,17 +205,10 @@ class Descent:
             self._quasi_newton = QuasiNewton(len(u), window, unit=unit, single=single, team=team)
         self._slack = ENERGY_ROUNDING * abs(system.rest_energy)
 
-    def aim(
-        self,
-        targets: np.ndarray,
-        prescribed: Prescribed | None,
-        fraction: np.ndarray | None,
-        volume_goal: float = 1.0,
-        majority: MajorityMotion | None = None,
-    ) -> None:
-        """Set the targets of a solve, as of :meth:`sshade.solver.local_global.LocalGlobal.solve`."""
-        self.energy.aim(targets - self._system.mesh.origin, prescribed, fraction, majority)
-        self.aim_volume(volume_goal)
+    def aim(self, aim: Aim) -> None:
+        """Set what the next solve aims at."""
+        self.energy.aim(aim)
+        self.aim_volume(aim.volume_goal)
 
     def begin(self, tolerance: float) -> None:
         """Fit the rotations to the present iterate, where a solve with a tolerance begins."""

@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
-from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, complete
-from sshade.solver.descent import Descent, Prescribed
+from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Solution, Stop, run
+from sshade.solver.run import Aim, Solution, Stop, run
 
 #: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
 LEAST = 2
@@ -37,10 +36,8 @@ class Following:
     positions : (n, 3) float64
     rotations : (n, 3, 3) float64
         First iterate, as of a solution. Hard handles are first put on their targets.
-    targets : (k, 3) float64
-        Positions of the handle vertices there.
-    prescribed, fraction, volume_goal, majority
-        Values for the targets; as of :meth:`LocalGlobal.solve`.
+    aim : Aim
+        With the targets there.
     window : int
         Number of stored quasi-Newton steps.
     workers : int
@@ -59,12 +56,8 @@ class Following:
         solver: LocalGlobal,
         positions: np.ndarray,
         rotations: np.ndarray,
-        targets: np.ndarray,
+        aim: Aim,
         *,
-        prescribed: Prescribed | None = None,
-        fraction: np.ndarray | None = None,
-        volume_goal: float = 1.0,
-        majority: MajorityMotion | None = None,
         window: int = 10,
         workers: int = 1,
         **energy: Any,
@@ -77,37 +70,27 @@ class Following:
         self._state = Descent(
             solver,
             self._options,
-            solver.to_system(positions, targets),
+            solver.to_system(positions, aim.targets),
             team=self._team,
             window=window,
             single=True,
             accelerate_last=True,
         )
-        self._state.aim(targets, prescribed, fraction, volume_goal, majority)
+        self._state.aim(aim)
         self._state.energy.begin_with(rotations)
         self._state.begin(0.0)
         self._last_u = self._state.u.copy()
-        self._targets = self._last_targets = targets
+        self._targets = self._last_targets = aim.targets
         #: Whether the constraints have directions from an earlier solve.
         self._has_directions = False
 
-    def solve(
-        self,
-        targets: np.ndarray,
-        *,
-        prescribed: Prescribed | None = None,
-        fraction: np.ndarray | None = None,
-        volume_goal: float = 1.0,
-        majority: MajorityMotion | None = None,
-        tolerance: float = 1e-5,
-        max_iterations: int = 1000,
-    ) -> Solution:
+    def solve(self, aim: Aim, *, tolerance: float = 1e-5, max_iterations: int = 1000) -> Solution:
         """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
-        state = self._state
-        state.aim(targets, prescribed, fraction, volume_goal, majority)
+        state, targets = self._state, aim.targets
+        state.aim(aim)
         moved = not np.array_equal(targets, self._targets)
         if max_iterations > 0:
-            self._predict(targets, fraction)
+            self._predict(targets, aim.fraction)
         state.begin(tolerance)
         stop = Stop(tolerance, max_iterations, least_iterations=LEAST if moved else 1)
         return self.solver.solution(state, run(state, stop), targets, self._options)

@@ -24,8 +24,8 @@ from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
-from sshade.solver.descent import Descent, Prescribed
-from sshade.solver.run import Run, Solution, Stop, initial_guess, run
+from sshade.solver.descent import Descent
+from sshade.solver.run import Aim, Run, Solution, Stop, initial_guess, run
 from sshade.solver.system import System
 
 #: Largest number of vertices for which a task is factorised by default. V-cycles take as long at
@@ -52,15 +52,15 @@ class LocalGlobal(System):
         *,
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
-        prescribed: Prescribed | None = None,
+        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
         fraction: np.ndarray | None = None,
+        volume_goal: float = 1.0,
         majority: MajorityMotion | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
         window: int = 5,
         max_seconds: float = inf,
-        volume_goal: float = 1.0,
         workers: int = 1,
         softened: bool = False,
         progress: Progress = silent,
@@ -74,21 +74,13 @@ class LocalGlobal(System):
 
         Parameters
         ----------
-        targets : (k, 3) float64
-            Positions of the handle vertices, in the order of `index`.
+        targets, prescribed, fraction, volume_goal, majority
+            See :class:`sshade.solver.run.Aim`.
         start : (n, 3) float64, optional
             First iterate; the rest shape if missing. Hard handles are first put on their targets.
         rotations : (n, 3, 3) float64, optional
             Rotations of an earlier solution near `start`. They make the first local step faster and do not
             change its result.
-        prescribed : ((j,) int, (j, 3, 3) float64), optional
-            Vertices, each once, and their prescribed rotations, which the local step does not fit. See
-            :attr:`sshade.Handles.prescribed_rotations`.
-        fraction : (k,) float64, optional
-            Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing. It may vary from solve to
-            solve with one factorisation.
-        majority : MajorityMotion, optional
-            Motion towards which inertia pulls; without one, inertia is off.
         tolerance : float
             Residual below which iteration stops. 0 never stops early.
         max_iterations : int
@@ -98,8 +90,6 @@ class LocalGlobal(System):
             Number of steps that L-BFGS stores.
         max_seconds : float
             No iteration begins later. The result then depends on the machine.
-        volume_goal : float
-            Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
@@ -130,7 +120,7 @@ class LocalGlobal(System):
             window = window if accelerate else 0
             kinds = {"single": self.multigrid, "softened": softened}
             state = Descent(self, options, u, team=team, window=window, **kinds)
-            state.aim(targets, prescribed, fraction, volume_goal, majority)
+            state.aim(Aim(targets, prescribed, fraction, volume_goal, majority))
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin(tolerance)
@@ -173,8 +163,8 @@ class LocalGlobal(System):
             Near a shape that fulfils the constraints. Hard handles stay.
         volume, area : float
             Weights; only inf has an effect.
-        volume_goal
-            See :meth:`solve`.
+        volume_goal : float
+            See :class:`sshade.solver.run.Aim`.
         workers : int
             Threads; no influence on the result.
 
@@ -205,17 +195,18 @@ class LocalGlobal(System):
 
 
 class Prepared(NamedTuple):
-    """A solver bound to a task, targets of its handles and attached vertices, and the time that it took."""
+    """A solver bound to a task, the aim for its handles and attached vertices, and the time that it took."""
 
     solver: LocalGlobal
-    targets: np.ndarray
-    seconds: float
+    aim: Aim
+    seconds: float = 0.0
 
 
 def prepare(
     task: DeformationTask,
     options: Options,
     *,
+    volume_goal: float = 1.0,
     energy: Energy = "spokes_and_rims",
     factorised: bool | None = None,
     exact_steps: int = EXACT_STEPS,
@@ -227,6 +218,8 @@ def prepare(
     task : DeformationTask
         Constraints on volume or area need a connected mesh.
     options : Options
+    volume_goal : float
+        Of the aim.
     energy : {"spokes", "spokes_and_rims"}
         See :class:`sshade.solver.system.System`.
     factorised : bool, optional
@@ -256,7 +249,8 @@ def prepare(
         thickness=options.thickness,
         inertia=options.inertia if majority and majority.certainty else 0.0,
     )
-    return Prepared(solver, targets, perf_counter() - begin)
+    aim = Aim(targets, task.handles.prescribed_rotations, volume_goal=volume_goal, majority=majority)
+    return Prepared(solver, aim, perf_counter() - begin)
 
 
 def solve_task(
@@ -264,7 +258,6 @@ def solve_task(
     *,
     prepared: Pending[Prepared],
     options: Options,
-    volume_goal: float,
     workers: int,
     tolerance: float,
     softened: bool = False,
@@ -279,8 +272,6 @@ def solve_task(
         Result of :func:`prepare` for the same mesh, handles and options, now or later.
     options : Options
         Of the energy and its iteration, but for the tolerance.
-    volume_goal : float
-        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     workers : int
         Threads that share each iteration; no influence on the result.
     tolerance : float
@@ -301,12 +292,9 @@ def solve_task(
     """
     ready, begin = prepared.result(), perf_counter()
     solution = ready.solver.solve(
-        ready.targets,
+        **vars(ready.aim),
         start=initial_guess(task, options.start),
-        prescribed=task.handles.prescribed_rotations,
-        majority=task.handles.majority,
         accelerate=options.accelerate,
-        volume_goal=volume_goal,
         workers=workers,
         softened=softened,
         progress=progress,

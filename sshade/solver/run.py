@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol
@@ -13,6 +14,7 @@ from sshade.core.errors import InputError, counted
 from sshade.core.kernels import kernel
 from sshade.core.progress import Progress, silent
 from sshade.mesh.rigid import rigid_motion
+from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationResult, DeformationTask
 
@@ -199,6 +201,33 @@ def largest_move(A, B):
             if np.isnan(square):
                 break
     return np.sqrt(largest)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a solve aims at; a solver may be given one aim after another.
+
+    Attributes
+    ----------
+    targets : (k, 3) float64
+        Positions of the handle vertices, in the order of the solver's `index`.
+    prescribed : ((j,) int, (j, 3, 3) float64), optional
+        Vertices, each once, and their prescribed rotations, which the local step does not fit. See
+        :attr:`sshade.Handles.prescribed_rotations`.
+    fraction : (k,) float64, optional
+        Fraction of the stiffness of each soft handle, in [0, 1]; 1 if missing. It may vary from solve to
+        solve with one factorisation.
+    volume_goal : float
+        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
+    majority : MajorityMotion, optional
+        Motion towards which inertia pulls; without one, inertia is off.
+    """
+
+    targets: np.ndarray
+    prescribed: tuple[np.ndarray, np.ndarray] | None = None
+    fraction: np.ndarray | None = None
+    volume_goal: float = 1.0
+    majority: MajorityMotion | None = None
 
 
 class Solution(NamedTuple):

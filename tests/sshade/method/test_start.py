@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 from threading import Event
 from time import sleep
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -70,13 +69,13 @@ def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, gui
     goals = []
 
     def spy(given, **options):
-        goals.append((given.mesh.n == task.mesh.n, options["volume_goal"]))
+        goals.append((given.mesh.n == task.mesh.n, options["prepared"].result().aim.volume_goal))
         return solve_task(given, **options)
 
     monkeypatch.setattr(start, "solve_task", spy)
     found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
-    assert goals == [(False, 1.0)] * (2 if guide_attachment else 1) + [(True, goal)]
+    assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
 
 
 def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
@@ -108,17 +107,14 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
     far = np.array([3.0, 0.0, 0.0])
     begun = []
 
-    def guide(task, options):
-        at = SimpleNamespace(positions=task.mesh.V + far)
-        return SimpleNamespace(targets=None, solver=SimpleNamespace(solve=lambda *_, **__: at))
-
-    def solver(task, **_):
+    def solver(task, *, options, **_):
+        if options.attachment == options.guide_attachment:
+            return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
         own = task.guess is None
         V = task.mesh.V if own else task.guess
         begun.append((task.mesh.n, own))
         return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
 
-    monkeypatch.setattr(start, "prepare", guide)
     monkeypatch.setattr(start, "solve_task", solver)
     found = solve(task, guide_attachment=3.0)
     own_wins = ratio < 0.9
@@ -141,11 +137,11 @@ def test_an_interrupt_of_one_start_ends_the_other(task, monkeypatch):
             reports.append(progress("iterations", len(reports), 1000))
             sleep(0.005)
 
-    def interrupted(given, options):
+    def interrupted(given, **_):
         begun.wait()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(start, "prepare", interrupted)
+    monkeypatch.setattr(start, "solve_task", interrupted)
     with pytest.raises(KeyboardInterrupt):
         guided = replace(OPTIONS, guide_attachment=3.0)
         lowest(task, guided, endless, volume_goal=1.0, tolerance=1e-5, progress=silent)

@@ -26,7 +26,7 @@ from sshade.solver.constraints import (
 )
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Solution, Stop, run
+from sshade.solver.run import Aim, Solution, Stop, run
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus
 from tests.sshade.naive import TASKS, Naive
@@ -249,7 +249,7 @@ def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
     solver = LocalGlobal(BAR.mesh, BAR.handles.index)
     u, options = solver.to_system(BAR.mesh.V, BAR.handles.target), Options(volume=weights[0], area=weights[1])
     state = Descent(solver, options, u, team=ThreadTeam(1), window=5)
-    state.aim(BAR.handles.target, None, None)
+    state.aim(Aim(BAR.handles.target))
     state.begin(1e-11)
     assert run(state, Stop(1e-11)).converged
     constraints, G = state.constraints, np.zeros((sum(weight > 0 for weight in weights), *u.shape))

@@ -1,5 +1,7 @@
 """Solves that follow moving targets find the minimum of a new solve, without effects of earlier targets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,6 +10,7 @@ from sshade import Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.run import Aim
 from tests.shapes import tube
 from tests.sshade.solver.test_attachment import two_patches
 
@@ -31,22 +34,22 @@ def solver(attachment) -> LocalGlobal:
     return LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness)
 
 
-def at(attachment: Attachment, angle: float) -> dict:
+def at(attachment: Attachment, angle: float) -> Aim:
     target, fraction = attachment.pulls(handles_at(angle).target)
-    return {"targets": target, "fraction": fraction}
+    return Aim(target, fraction=fraction)
 
 
 def begun(solver: LocalGlobal, attachment: Attachment) -> Following:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
-    return Following(solver, BAR.V, still, **at(attachment, 0.0), **ENERGY)
+    return Following(solver, BAR.V, still, at(attachment, 0.0), **ENERGY)
 
 
 def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment):
     following = begun(solver, attachment)
     for angle in np.linspace(0.02, 0.4, 20):
-        last = following.solve(**at(attachment, angle), tolerance=1e-4)
-    end = following.solve(**at(attachment, 0.4), tolerance=1e-9)
-    anew = solver.solve(**at(attachment, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
+        last = following.solve(at(attachment, angle), tolerance=1e-4)
+    end = following.solve(at(attachment, 0.4), tolerance=1e-9)
+    anew = solver.solve(**vars(at(attachment, 0.4)), start=last.positions, tolerance=1e-9, **ENERGY)
     assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
     assert end.area_error < 1e-6 and end.area_constraint == "exact"
@@ -55,15 +58,19 @@ def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachme
 
 def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, attachment):
     following, lag, plain_lag = begun(solver, attachment), [], []
-    plain = minimum = solver.solve(**at(attachment, 0.0), **ENERGY)
+    plain = minimum = solver.solve(**vars(at(attachment, 0.0)), **ENERGY)
     for angle in np.linspace(0.02, 0.4, 20):
-        step = following.solve(**at(attachment, angle), tolerance=1e-4)
+        step = following.solve(at(attachment, angle), tolerance=1e-4)
         from_last = {"start": plain.positions, "rotations": plain.rotations, "accelerate": False}
         plain = solver.solve(
-            **at(attachment, angle), **from_last, tolerance=0, max_iterations=int(step.iterations), **ENERGY
+            **vars(at(attachment, angle)),
+            **from_last,
+            tolerance=0,
+            max_iterations=int(step.iterations),
+            **ENERGY,
         )
         near = {"start": minimum.positions, "rotations": minimum.rotations}
-        minimum = solver.solve(**at(attachment, angle), **near, tolerance=1e-8, **ENERGY)
+        minimum = solver.solve(**vars(at(attachment, angle)), **near, tolerance=1e-8, **ENERGY)
         lag.append(np.abs(step.positions - minimum.positions).max())
         plain_lag.append(np.abs(plain.positions - minimum.positions).max())
     assert step.iterations <= 5 and max(lag[5:]) < 0.3 * max(plain_lag[5:])
@@ -73,8 +80,8 @@ def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solv
     """The harmonic extension of a shift is the shift, for hard handles and for vertices with full pull."""
     following, shift = begun(solver, attachment), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
     start = at(attachment, 0.0)
-    before = following.solve(**start, tolerance=1e-9)
-    after = following.solve(start["targets"] + shift, fraction=start["fraction"], tolerance=1e-4)
+    before = following.solve(start, tolerance=1e-9)
+    after = following.solve(replace(start, targets=start.targets + shift), tolerance=1e-4)
     assert after.residual_curve[0] < 1e-8
     assert np.abs(after.positions - before.positions - shift).max() < 1e-7 * BAR.diagonal
 
@@ -82,11 +89,11 @@ def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solv
 def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, attachment):
     following = begun(solver, attachment)
     for angle in (0.1, 0.2):
-        following.solve(**at(attachment, angle), tolerance=1e-7)
-    stopped = following.solve(**at(attachment, 0.2), tolerance=1e-7)
+        following.solve(at(attachment, angle), tolerance=1e-7)
+    stopped = following.solve(at(attachment, 0.2), tolerance=1e-7)
     assert stopped.iterations <= 3  # the last moving step needs more
     for angle in (0.1, 0.0):
-        back = following.solve(**at(attachment, angle), tolerance=1e-8)
+        back = following.solve(at(attachment, angle), tolerance=1e-8)
     assert np.abs(back.positions - BAR.V).max() < 1e-5 * BAR.diagonal
 
 
