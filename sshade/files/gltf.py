@@ -39,8 +39,8 @@ from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import vertex_turns
 from sshade.mesh.surface import single_steps
 
-#: Greatest error of written positions, as a fraction of the largest extent of the mesh, unless the
-#: positions of the file were already rounded more coarsely.
+#: Greatest error of written positions, as a fraction of the largest extent of the mesh, beside the rounding
+#: of the positions of the file.
 ROUNDING = 1e-5
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
@@ -100,7 +100,7 @@ def read_gltf(path: Path) -> MeshFile:
             count += len(P)
         F.append(parts[key].first + corners)
     rest, triangles = np.concatenate(V), np.concatenate(F)
-    content = partial(_content, gltf, list(parts.values()), rest, triangles)
+    content = partial(_content, gltf, list(parts.values()), rest, triangles, rounding)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
     named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
     return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named)
@@ -159,7 +159,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
             at = end
         if not chunks or chunks[0][0] != _JSON:
             raise ValueError("its first chunk is no JSON")
-        text = chunks[0][1].rstrip(b"\0")  # some programs pad with zeros in place of blanks
+        text = chunks[0][1]
         if len(chunks) > 1 and chunks[1][0] == _BINARY:
             binary = chunks[1][1]
     try:
@@ -225,13 +225,19 @@ def _holds(tree: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _content(
-    gltf: Gltf, parts: list[_BufferPart], rest: np.ndarray, F: np.ndarray, V: np.ndarray, path: Path
+    gltf: Gltf,
+    parts: list[_BufferPart],
+    rest: np.ndarray,
+    F: np.ndarray,
+    rounding: np.ndarray,
+    V: np.ndarray,
+    path: Path,
 ) -> bytes:
     buffers = [bytearray(data) for data in gltf.buffers]
     new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)
     accessors = new.tree["accessors"]
-    moved, known = (rest != V).any(axis=1), np.isfinite(V).all(axis=1)
-    extent = float(np.ptp(V[known], axis=0).max())
+    moved = (rest != V).any(axis=1)
+    allowed = ROUNDING * np.nanmax(np.nanmax(V, axis=0) - np.nanmin(V, axis=0)) + 16 * rounding.max()
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
@@ -242,16 +248,18 @@ def _content(
     turned = (np.eye(3) != Q).any(axis=(1, 2))
     for part in parts:
         vertices = slice(part.first, part.first + accessors[part.position]["count"])
-        A = part.matrix[:3, :3]
+        A, t = part.matrix[:3, :3], part.matrix[:3, 3]
         back = np.linalg.inv(A)
         # The arrays are views of the buffers, which assignments change.
         positions = new.array(part.position)
-        size = np.abs(A) @ np.nan_to_num(np.abs(positions)).max(axis=0).astype(np.float64)
         changes = moved[vertices]
-        with np.errstate(over="ignore"):
-            positions[changes] = (V[vertices] - part.matrix[:3, 3])[changes] @ back.T
-        error = positions @ A.T + part.matrix[:3, 3] - V[vertices]
-        _require_precision(error[known[vertices]], size.max(), extent, path)
+        positions[changes] = as_floats((V[vertices] - t)[changes] @ back.T, path)
+        # Vertices at NaN have no face.
+        if np.nanmax(np.abs(positions @ A.T + t - V[vertices]), initial=0) > allowed:
+            raise InputError(
+                f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
+                "them to the meshes first, or write another format"
+            )
         turns = turned[vertices]
         rotations = Q[vertices][turns]
         if part.normal is not None:
@@ -267,27 +275,6 @@ def _content(
         if "bufferView" in accessor and accessor_bytes(new.tree, number) in changed:
             accessor |= bounds(new.array(number), accessor.keys() & {"min", "max"})
     return gltf_bytes(new, gltf, path)
-
-
-def _require_precision(error: np.ndarray, size: float, extent: float, path: Path) -> None:
-    """Raise InputError if rounding to single precision moves positions more than it did at rest.
-
-    Parameters
-    ----------
-    error : (k, 3) float64
-        Written minus wanted positions, without vertices at NaN, which have no face.
-    size : float
-        Size of the numbers at rest, in the scene. It is large for nodes that are skewed or far from
-        their mesh.
-    extent : float
-        Largest extent of the mesh.
-    """
-    allowed = max(ROUNDING * extent, 16 * np.finfo(np.float32).eps * size)
-    if not np.abs(error).max(initial=0) <= allowed:
-        raise InputError(
-            f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
-            "them to the meshes first, or write another format"
-        )
 
 
 def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
@@ -317,17 +304,12 @@ def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
             moved = moved_reference(name, gltf.source, path, along=kind == "images")
             entry["uri"] = entry["uri"] if moved == name else quote(moved)
     if not binary:
-        return _json(tree, indent=2) + b"\n"
-    text = _json(tree, separators=(",", ":"))
+        return json.dumps(tree, indent=2).encode() + b"\n"
+    text = json.dumps(tree, separators=(",", ":")).encode()
     chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
     if tree.get("buffers") and "uri" not in tree["buffers"][0]:
         chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
     return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
-
-
-def _json(tree: dict[str, Any], **layout: Any) -> bytes:
-    # Half of a character, as of a name that was cut, is an escape in JSON and nothing in UTF-8.
-    return json.dumps(tree, ensure_ascii=False, **layout).encode("utf-8", "backslashreplace")
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

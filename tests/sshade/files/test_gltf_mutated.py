@@ -1,6 +1,7 @@
 """glTF files with changed numbers are refused in one sentence, or the written file reads back correctly."""
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,9 +57,15 @@ def free(tree, size):
     return found
 
 
-def outcome(tree, buffer, folder):
+def unbounded(tree):
+    """Return a tree whose accessors lack their bounds."""
+    accessors = [{k: v for k, v in one.items() if k not in ("min", "max")} for one in tree["accessors"]]
+    return {**tree, "accessors": accessors}
+
+
+def outcome(tree, buffer):
     """Deform a file and return "refused" or "written"; assert that a written file is correct."""
-    path, out = folder / "a.glb", folder / "b.glb"
+    path, out = Path("a.glb"), Path("b.glb")
     path.write_bytes(glb(tree, buffer))
     out.unlink(missing_ok=True)
     try:
@@ -73,66 +80,52 @@ def outcome(tree, buffer, folder):
     again = read_file(out)
     assert np.array_equal(again.F, file.F)
     # The tolerance is single precision, relative to the extent and to the coordinates of the file.
-    extent = np.ptp(V, axis=0).max()
     local = np.frombuffer(buffer, "<f4", 12 * SPHERE.n)
-    coarse = np.abs(file.V).max() + np.abs(local[np.isfinite(local)]).max()
-    assert np.abs(again.V - V).max() <= 1e-5 * extent + 1e-5 * coarse
-    old, new = taken_apart(path.read_bytes()), taken_apart(out.read_bytes())
-    for key in ("materials", "textures", "images"):
-        assert repr(new[0].get(key)) == repr(old[0].get(key))
-    before, after = (np.frombuffer(each[1], np.uint8) for each in (old, new))
+    coarse = np.ptp(V, axis=0).max() + np.abs(file.V).max() + np.abs(local[np.isfinite(local)]).max()
+    assert np.abs(again.V - V).max() <= 1e-5 * coarse
+    (old, before), (new, after) = (taken_apart(each.read_bytes()) for each in (path, out))
     fixed = ~free(tree, len(before))
-    assert np.array_equal(before[fixed], after[: len(before)][fixed])
-    for a, b in zip(old[0]["bufferViews"], new[0]["bufferViews"], strict=False):
-        assert repr(a) == repr(b)
-    for a, b in zip(old[0]["accessors"], new[0]["accessors"], strict=False):
-        a, b = ({key: value for key, value in each.items() if key not in ("min", "max")} for each in (a, b))
-        assert repr(a) == repr(b)
-    if len(new[0]["accessors"]) == len(old[0]["accessors"]):
-        for key in ("nodes", "meshes", "bufferViews", "buffers"):
-            assert repr(new[0].get(key)) == repr(old[0].get(key))
+    before, after = (np.frombuffer(each, np.uint8)[: len(before)] for each in (before, after))
+    assert np.array_equal(before[fixed], after[fixed])
+    added = len(new["accessors"]) > len(old["accessors"])
+    old, new = unbounded(old), unbounded(new)
+    for key in old.keys() - {"nodes", "meshes", "buffers"} if added else old:
+        kept = new[key][: len(old[key])] if isinstance(old[key], list) else new[key]
+        assert repr(kept) == repr(old[key])
     return "written"
 
 
 @pytest.mark.parametrize("seed", few(range(4), 0))
-def test_changed_numbers_are_refused_or_read_back(tmp_path, seed):
+def test_changed_numbers_are_refused_or_read_back(here, seed):
     tree, buffer = exported()
     rng = np.random.default_rng(seed)
-    found = [outcome(mutated(tree, rng), buffer, tmp_path) for _ in range(MUTATIONS // 4)]
+    found = [outcome(mutated(tree, rng), buffer) for _ in range(MUTATIONS // 4)]
     assert min(found.count("refused"), found.count("written")) > 50
 
 
-def accessors(tree, number):
-    """Return the accessors of positions, normals and tangents of a primitive of the first mesh."""
-    return [
-        tree["meshes"][0]["primitives"][number]["attributes"][n] for n in ("POSITION", "NORMAL", "TANGENT")
-    ]
-
-
 @pytest.mark.parametrize("changes", [{f"{PRIMITIVE}.attributes.NORMAL": 0}, {"accessors.1.byteOffset": 4}])
-def test_numbers_that_share_bytes_are_taken_apart(tmp_path, changes):
+def test_numbers_that_share_bytes_are_taken_apart(here, changes):
     """Normals use the bytes of the positions, as they may on a unit sphere, or overlap the positions."""
-    assert outcome(*exported(**changes), tmp_path) == "written"
+    assert outcome(*exported(**changes)) == "written"
 
 
-def test_two_sets_of_positions_with_the_same_normals_get_normals_of_their_own(tmp_path):
+def test_two_sets_of_positions_with_the_same_normals_get_normals_of_their_own(here):
     tree, buffer = exported()
     tree["accessors"].append({**tree["accessors"][0], "bufferView": 4})
     tree["bufferViews"].append({"buffer": 0, "byteOffset": len(buffer), "byteLength": 12 * SPHERE.n})
     tree["buffers"][0]["byteLength"] += 12 * SPHERE.n
     attributes = {"POSITION": 6, "NORMAL": 1, "TANGENT": 2}
     tree["meshes"][0]["primitives"].append({"attributes": attributes, "indices": 4})
-    assert outcome(tree, buffer + (0.5 * SPHERE.V).astype("<f4").tobytes(), tmp_path) == "written"
-    new = taken_apart((tmp_path / "b.glb").read_bytes())[0]
-    assert accessors(new, 0) == [0, 1, 2] and accessors(new, 1) == [7, 8, 9]
+    assert outcome(tree, buffer + (0.5 * SPHERE.V).astype("<f4").tobytes()) == "written"
+    new = taken_apart(Path("b.glb").read_bytes())[0]["meshes"][0]["primitives"]
+    assert [list(p["attributes"].values())[:3] for p in new] == [[0, 1, 2], [7, 8, 9]]
 
 
-def test_a_result_that_single_precision_cannot_hold_is_refused(tmp_path):
+def test_a_result_that_single_precision_cannot_hold_is_refused(here):
     skewed = np.eye(4)
     skewed[0, 1] = 1e7
-    file = stored(tmp_path, *exported(node={"mesh": 0, "matrix": skewed.T.ravel().tolist()}))
-    write_file(tmp_path / "b.glb", file, file.V)
-    V = file.V[:, [1, 0, 2]]
+    file = stored(*exported(node={"mesh": 0, "matrix": skewed.T.ravel().tolist()}))
+    write_file("b.glb", file, file.V)
     with pytest.raises(InputError, match=r"c\.glb: .*single precision"):
-        write_file(tmp_path / "c.glb", file, V)
-    assert not (tmp_path / "c.glb").exists()
+        write_file("c.glb", file, file.V[:, [1, 0, 2]])
+    assert not Path("c.glb").exists()
