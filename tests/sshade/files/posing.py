@@ -35,7 +35,7 @@ def given(mesh: Mesh, motion: Motion, *, share: float = 0.15) -> Handles:
     return of_all(*parts)
 
 
-def write_handles(mesh: Mesh, handles: Handles) -> None:
+def write_pose(mesh: Mesh, handles: Handles) -> None:
     """Write pose.json with positions, because vertices of the file may have other numbers."""
     groups = [handles.group == number for number in np.unique(handles.group)]
     entries = [

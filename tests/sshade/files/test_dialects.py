@@ -17,7 +17,7 @@ from tests.files import contents
 from tests.gltf import with_arrays
 from tests.robustness.case import run
 from tests.shapes import beside, bumpy, shifted, tube
-from tests.sshade.files.posing import TURN, given, whole, write_handles
+from tests.sshade.files.posing import TURN, given, whole, write_pose
 from tests.sshade.files.reading import Content, by_meshio, by_trimesh
 from tests.write import columns, lines, mesh_ply, obj, off, ply, rows
 
@@ -202,7 +202,7 @@ def test_a_deformed_file_differs_in_positions_and_normals_alone(here, name):
     rest = [reader(path) for reader in readers]
     for motion in ("whole", "bend"):
         handles = given(mesh, motion)
-        write_handles(mesh, handles)
+        write_pose(mesh, handles)
         expected = whole(mesh)
         if motion == "bend":
             expected = sshade.deform(DeformationTask("bend", mesh, handles)).vertices
@@ -239,7 +239,7 @@ def check(old: Content, new: Content, mesh: Mesh, expected: np.ndarray, *, atol:
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".stl", ".glb", ".gltf"])
 def test_other_libraries_read_the_result_in_another_format(here, suffix):
     Path("mesh.ply").write_bytes(mesh_ply(PAIR.V, PAIR.F))
-    write_handles(PAIR, given(PAIR, "whole"))
+    write_pose(PAIR, given(PAIR, "whole"))
     assert run(f"sshade deform mesh.ply pose.json -o posed{suffix}")[0] == 0
     found = by_trimesh(Path(f"posed{suffix}"))
     faces = found.rest[1]
