@@ -15,7 +15,6 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.follower import Follower
 from sshade.edit.groups import Motion
-from sshade.edit.state import Settings
 from sshade.files.door import open_shape
 from sshade.mesh.unconstrained import leaders, move_rigidly
 from sshade.method.call import deform
@@ -199,12 +198,12 @@ class Drag:
         self._led = leaders(rig.mesh, rig.mesh.components_without(rig.handles.index))
         self._followers = [(Follower(rig.mesh), int(vertex)) for vertex in vertices]
         for follower, vertex in self._followers:
-            follower.prepare(rig.handles, vertex, Settings())
+            follower.prepare(rig.handles, vertex, "fast")
 
     def step(self, motions: Sequence[Motion]) -> np.ndarray:
         """Return the positions (n, 3) float32 after a few iterations towards the motions of the groups."""
         handles = self.rig.moved(motions)
         for follower, vertex in self._followers:
-            follower.follow(handles, vertex, Settings(), self._shape)
+            follower.follow(handles, vertex, "fast", self._shape)
         move_rigidly(self.rig.mesh, self._shape, self._led)
         return self.rig.placed(self._shape)

@@ -30,8 +30,6 @@ NUMBER = re.compile(r"%(0\d+)?d")
 FORMATS = ", ".join(WRITABLE)
 #: Descriptions of arguments that several commands take.
 REST, HANDLES = f"rest shape ({', '.join(READABLE)})", "handle file (.json, .yaml)"
-REFUSE = "refuse components without handles; by default they move rigidly with the nearest component, as "
-REFUSE += "eyes with a head"
 
 
 def add_files(
@@ -46,18 +44,10 @@ def add_files(
         parser.add_argument(name, type=Path, metavar=name.upper(), help=text, **number)
     text = f"mesh to write, in the format of its name ({FORMATS})"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help=text)
-    _add_overwrite(parser, positional)
+    add_overwrite(parser, positional)
 
 
-def add_mesh_and_handles(parser: argparse.ArgumentParser, *, output: str, text: str) -> None:
-    """Declare MESH, and HANDLES and -o, which may be left out."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help=REST)
-    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help=HANDLES)
-    parser.add_argument("-o", "--output", type=Path, metavar=output, help=text)
-    _add_overwrite(parser, ("mesh", "handles"))
-
-
-def _add_overwrite(parser: argparse.ArgumentParser, inputs: Iterable[str]) -> None:
+def add_overwrite(parser: argparse.ArgumentParser, inputs: Iterable[str]) -> None:
     """Declare --overwrite, and the names of the inputs for :func:`check_outputs`."""
     text = "allow an output to replace an input; other existing files are always replaced"
     add_flags(parser, {"--overwrite": text})

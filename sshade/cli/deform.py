@@ -59,7 +59,6 @@ import numpy as np
 from sshade.cli import along
 from sshade.cli.arguments import (
     HANDLES,
-    REFUSE,
     REST,
     add_files,
     add_flags,
@@ -101,7 +100,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--amount", type=float, default=1.0, metavar="A", help=amount)
     raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
     raw += "corrected by the snap, rotated with its group"
-    add_flags(parser, {"--raw": raw, "--refuse-unconstrained": REFUSE})
+    refuse = "refuse components without handles; by default they move rigidly with the nearest component, as "
+    refuse += "eyes with a head"
+    add_flags(parser, {"--raw": raw, "--refuse-unconstrained": refuse})
     fps = f"poses per second of several handle files in a .glb or .gltf (default: {FPS:g})"
     parser.add_argument("--fps", type=float, metavar="F", help=fps)
     others = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "

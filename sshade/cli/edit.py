@@ -22,9 +22,10 @@ from time import localtime, strftime
 from typing import TYPE_CHECKING
 
 from sshade.cli.arguments import (
-    REFUSE,
+    HANDLES,
+    REST,
     add_flags,
-    add_mesh_and_handles,
+    add_overwrite,
     add_repair,
     check_outputs,
     require_mesh_first,
@@ -39,15 +40,20 @@ from sshade.problem.options import require_method
 if TYPE_CHECKING:
     from sshade.edit.server import Server
 
-
+#: Methods of the editor.
+METHODS = ("fast", "fine", "paper")
 #: Largest time in seconds for a computation to end before the command does.
 PATIENCE = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    parser.add_argument("mesh", type=Path, metavar="MESH", help=REST)
+    parser.add_argument("handles", type=Path, nargs="?", metavar="HANDLES", help=HANDLES)
     output = "deformed mesh to write (default: MESH's name, _deformed)"
-    add_mesh_and_handles(parser, output="OUT", text=output)
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help=output)
+    # --overwrite does not apply to the mesh: the saved handles belong to it.
+    add_overwrite(parser, ("handles",))
     saved = "handle file to write (default: MESH's name, _handles.json)"
     parser.add_argument("--handles-out", type=Path, metavar="JSON", help=saved)
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
@@ -55,11 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
     up = "axis of the mesh that points up on the page (default: y)"
     parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
-    # --overwrite does not apply to the mesh: the saved handles belong to it.
-    # The page switches volume and area.
-    parser.set_defaults(inputs=("handles",), volume=None, area=None)
-    browser = "do not open a browser, only print the address"
-    add_flags(parser, {"--refuse-unconstrained": REFUSE, "--no-browser": browser})
+    add_flags(parser, {"--no-browser": "do not open a browser, only print the address"})
     add_repair(parser)
 
 
@@ -67,33 +69,26 @@ def command(options: argparse.Namespace) -> int:
     """Serve the editor until it is closed; return the exit code."""
     if not 0 <= options.port < 65536:
         raise InputError(f"a port is a number up to 65535, not {options.port}")
-    if options.handles is not None:
-        require_mesh_first(options.mesh, [options.handles])
+    require_mesh_first(options.mesh, [options.handles] if options.handles else [])
     check_mesh(options.mesh)
     if options.handles is not None:
-        given = read_handle_file(options.handles)
-        for name in ("volume", "area"):
-            if given.made.get(name):
-                raise InputError(f"{options.handles}: the editor keeps the {name} or not; use 0 or nothing")
-        take_saved_options(options, options.handles, given)
-    options.method = require_method(options.method or "fast")
+        take_saved_options(options, options.handles, read_handle_file(options.handles))
+    options.method = require_method(options.method or "fast", METHODS)
     check_outputs(options, output=WRITABLE, handles_out=(".json",))
     return _edit(options)
 
 
 def _edit(options: argparse.Namespace) -> int:
     """Read the files, and serve the editor."""
+    from sshade.edit.document import Document
     from sshade.edit.server import Server
     from sshade.edit.session import Session
-    from sshade.edit.state import METHODS, Settings
 
-    method = require_method(options.method, METHODS)
-    settings = Settings(method, volume=options.volume is None, area=options.area is None)
-    files = {"handles": options.handles, "output": options.output, "handles_output": options.handles_out}
     with announced_compilation():
-        further = {name: getattr(options, name) for name in ("refuse_unconstrained", "weld", "repair")}
-        session = Session(options.mesh, **files, settings=settings, **further)
-    for note in session.document.notes:
+        surface = {"weld": options.weld, "repair": options.repair}
+        document = Document(options.mesh, output=options.output, handles=options.handles_out, **surface)
+        session = Session(document, options.method, options.handles)
+    for note in document.notes:
         say(f"note: {options.mesh}: {note}")
     for offer in session.recovery.offers:
         when = strftime("%d %b, %H:%M", localtime(offer.time))

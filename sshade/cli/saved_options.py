@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from sshade.core.atomic import naming
 from sshade.core.console import say
@@ -12,10 +11,10 @@ from sshade.core.errors import InputError
 from sshade.files.handle_files import HandleFile
 from sshade.files.handwritten import require_known
 from sshade.mesh.weld import check_weld
-from sshade.problem.options import described, require_method
+from sshade.problem.options import require_method
 
 #: Options that the editor saves.
-SAVED = ("method", "volume", "area", "weld", "repair", "refuse_unconstrained")
+SAVED = ("method", "weld", "repair")
 
 
 def take_saved_options(options: argparse.Namespace, path: Path, given: HandleFile) -> None:
@@ -26,24 +25,16 @@ def take_saved_options(options: argparse.Namespace, path: Path, given: HandleFil
     InputError
         On an option that the editor does not save, or a value out of its range.
     """
+    made = given.made
     with naming(f'{path}, key "made"'):
-        require_known(given.made, SAVED)
-        for name, value in given.made.items():
-            _require_valid(name, value)
-    taken = {name: value for name, value in given.made.items() if getattr(options, name) in (None, False)}
+        require_known(made, SAVED)
+        require_method(made.get("method", "fast"))
+        check_weld(made.get("weld", 0.0))
+        if not isinstance(made.get("repair", False), bool):
+            raise InputError(f"repair must be true or false, not {made['repair']!r}")
+    taken = {name: value for name, value in made.items() if getattr(options, name) in (None, False)}
     for name, value in taken.items():
         setattr(options, name, value)
     if taken:
         listed = ", ".join(f"{name} {value}" for name, value in taken.items())
         say(f"note: {path} was saved by the editor with {listed}; switches change this")
-
-
-def _require_valid(name: str, value: Any) -> None:
-    if name == "method":
-        require_method(value)
-    elif name == "weld":
-        check_weld(value)
-    elif name in ("volume", "area"):
-        described()[name].checked(name, value)
-    elif not isinstance(value, bool):
-        raise InputError(f"{name} must be true or false, not {value!r}")

@@ -14,7 +14,6 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Group, Motion
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
-from sshade.edit.state import Settings
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -129,7 +128,7 @@ class Commands:
         return self._answer(*CHANGED)
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.set_up(Settings(arguments["method"], arguments["volume"], arguments["area"]))
+        self._session.set_up(arguments["method"])
         return self._answer("positions")
 
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:
@@ -196,7 +195,7 @@ class Commands:
             "version": session.version,
             "picked": len(state.selection),
             "carried": self._carried(state.groups),
-            "settings": state.settings._asdict(),
+            "method": state.method,
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
             "undo": session.history.can_undo,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from dataclasses import replace
 from functools import cached_property
@@ -42,13 +41,12 @@ class Document:
     output, handles : path, optional
         Files for the deformed mesh and the handles. They are replaced without a question. By default the
         files lie beside the mesh and are named after it.
-    refuse : bool
-        The `refuse_unconstrained` of :class:`sshade.DeformationTask`.
     weld, repair
         See :func:`sshade.mesh.surface.surface`.
 
     Attributes
     ----------
+    path : path
     mesh : Mesh
         The surface. Unused vertices of the file are missing, and vertices at one place along a seam are one.
     name : str
@@ -67,13 +65,12 @@ class Document:
         self,
         path: Path,
         *,
-        output: Path | None,
-        handles: Path | None,
-        refuse: bool,
+        output: Path | None = None,
+        handles: Path | None = None,
         weld: float | None = None,
         repair: bool = False,
     ) -> None:
-        self.name, self._path = path.name, path
+        self.name, self.path = path.name, path
         #: Files that may be replaced without a question.
         self._replaceable: set[Path] = set()
         self.outputs = {
@@ -84,26 +81,18 @@ class Document:
             if given is not None:
                 self._check(content, given)
                 self._propose(content, given)
-        self._refuse = refuse
         self._file = read_file(path)
         with naming(path):
             self._shape = open_shape(self._file, weld=weld, repair=repair)
         self.notes = self._file.notes
         self._flags: dict[str, Any] = {} if weld is None else {"weld": weld}
         self._flags |= {"repair": True} if repair else {}
-        self._flags |= {"refuse_unconstrained": True} if refuse else {}
         self.mesh = self._shape.mesh
         self._id = self._shape.surface.original  # handle files name the first of the vertices at one place
 
     def task(self, state: EditState) -> DeformationTask:
-        """Return the task of a method.
-
-        Raises
-        ------
-        InputError
-            When there are no handles, or a component without handles is refused.
-        """
-        return self._shape.task(self.name, state.handles(self.mesh), refuse_unconstrained=self._refuse)
+        """Return the task of a method; raise InputError when there are no handles."""
+        return self._shape.task(self.name, state.handles(self.mesh))
 
     def read_groups(self, path: Path, *, first: int) -> tuple[Group, ...]:
         """Read a handle file; `first` is the number of the first group.
@@ -147,7 +136,7 @@ class Document:
 
     def _check(self, content: str, path: Path) -> None:
         check_output(path, FORMATS[content])
-        if is_same_file(path, self._path):
+        if is_same_file(path, self.path):
             raise InputError(f"{path} is the mesh that is edited; save under another name")
 
     def _propose(self, content: str, path: Path) -> None:
@@ -160,7 +149,7 @@ class Document:
         names = {number: group.name for number, group in enumerate(state.groups)}
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
-        made = {"method": state.settings.method, **state.settings.constraints, **self._flags}
+        made = {"method": state.method, **self._flags}
         write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
         self._propose("handles", path)
 
@@ -177,7 +166,7 @@ class Document:
 
         A vertex that a seam doubles has the colour of its first copy.
         """
-        if (colours := colours_of(self._path)) is None:
+        if (colours := colours_of(self.path)) is None:
             return None
         return (255 * colours[self._id].clip(0, 1)).round().astype(np.uint8)
 
@@ -203,23 +192,12 @@ class Document:
         if not self.has_skin:
             raise InputError(f"{self.name}: the file has no materials")
         try:
-            return drawn(skin_of(self._path), self._shape.surface.vertex[self._file.F])
+            return drawn(skin_of(self.path), self._shape.surface.vertex[self._file.F])
         except (ValueError, LookupError, TypeError) as error:
             raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
 
     @property
-    def recovery_folders(self) -> list[Path]:
-        """Folders with recovery files, the folder of this session's first.
-
-        It is the folder of the mesh, where each later session looks; the folder of the handles if the folder
-        of the mesh is read-only.
-        """
-        handles, mesh = self.outputs["handles"].parent, self._path.parent
-        folders = (mesh, handles) if os.access(mesh, os.W_OK) else (handles, mesh)
-        return list(dict.fromkeys(folders))
-
-    @property
     def command(self) -> str:
         """Command line that computes the same shape from the saved handles and their options."""
-        words = [str(self._path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
+        words = [str(self.path), str(self.outputs["handles"]), "-o", str(self.outputs["mesh"])]
         return shlex.join(["sshade", "deform", *words])

@@ -9,7 +9,6 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.edit.state import Settings
 from sshade.mesh.mesh import Mesh
 from sshade.method.call import deform
 from sshade.method.deformer import Deformer
@@ -33,7 +32,7 @@ VOLUME = 1e3
 REBOUND = 500_000
 
 
-def converged(task: DeformationTask, settings: Settings, *, progress: Progress = silent) -> DeformationResult:
+def converged(task: DeformationTask, method: str, *, progress: Progress = silent) -> DeformationResult:
     """Return the converged shape, which equals the result of ``sshade deform``.
 
     Raises
@@ -41,11 +40,12 @@ def converged(task: DeformationTask, settings: Settings, *, progress: Progress =
     InputError
         When the method refuses the task.
     """
-    return deform(task, method=settings.method, progress=progress, **_options(settings))
+    return deform(task, method=method, progress=progress, **_options(method))
 
 
-def _options(settings: Settings) -> dict[str, Any]:
-    return {"start": "rigid"} if settings.method == "paper" else dict(settings.constraints)
+def _options(method: str) -> dict[str, Any]:
+    """Return the options of ``sshade deform`` that differ from the defaults of the method."""
+    return {"start": "rigid"} if method == "paper" else {}
 
 
 class _FollowedPart(NamedTuple):
@@ -76,10 +76,10 @@ class _FollowedPart(NamedTuple):
 
 
 class _Bound(NamedTuple):
-    """A Deformer, and the component, settings and handles that it was bound for."""
+    """A Deformer, and the component, method and handles that it was bound for."""
 
     component: int
-    settings: Settings
+    method: str
     deformer: Deformer
     handles: tuple[Any, ...]
     #: Whether the handles were bound to the nearest samples, after binding with other handles.
@@ -103,7 +103,7 @@ class Follower:
         self._last: _FollowedPart | None = None
         self._bound: _Bound | None = None
 
-    def prepare(self, handles: Handles, on: int, settings: Settings) -> None:
+    def prepare(self, handles: Handles, on: int, method: str) -> None:
         """Bind the component of the vertex `on` in advance.
 
         Raises
@@ -113,9 +113,9 @@ class Follower:
         """
         part = self._part(handles, on)
         if part.mesh is not None:
-            self._bind(part, part.mesh, settings)
+            self._bind(part, part.mesh, method)
 
-    def follow(self, handles: Handles, on: int, settings: Settings, shape: np.ndarray) -> None:
+    def follow(self, handles: Handles, on: int, method: str, shape: np.ndarray) -> None:
         """Continue the deformation for new targets.
 
         Parameters
@@ -124,7 +124,7 @@ class Follower:
             All handles of the mesh, at their new targets.
         on : int
             A vertex of the dragged group.
-        settings : Settings
+        method : {"fast", "fine", "paper"}
         shape : (n, 3) float64, C-contiguous
             Positions, of which the moved ones are overwritten.
 
@@ -140,7 +140,7 @@ class Follower:
         step: dict[str, Any] = {"tolerance": TOLERANCE, "max_iterations": ITERATIONS}
         step["rotations"] = None if handles.rotation is None else handles.rotation[part.reduced]
         step["out"] = shape if self._connected else None
-        bound = self._bind(part, part.mesh, settings)
+        bound = self._bind(part, part.mesh, method)
         try:
             result = bound.deformer(handles.target[part.reduced], **step)
         except InputError:
@@ -148,7 +148,7 @@ class Follower:
                 raise
             # Two groups share their nearest sample. Bound anew, each group has samples of its own.
             self._bound = None
-            bound = self._bind(part, part.mesh, settings)
+            bound = self._bind(part, part.mesh, method)
             result = bound.deformer(handles.target[part.reduced], **step)
         if not self._connected:
             shape[part.vertices] = result.vertices
@@ -183,11 +183,11 @@ class Follower:
         self._last = _FollowedPart(number, vertices, mesh, handles.group, members, hard, reduced, binding)
         return self._last
 
-    def _bind(self, part: _FollowedPart, mesh: Mesh, settings: Settings) -> _Bound:
+    def _bind(self, part: _FollowedPart, mesh: Mesh, method: str) -> _Bound:
         """Return a Deformer that is bound with the reduced handles."""
         key = tuple(values.tobytes() for values in part.binding.values())
         bound, self._bound = self._bound, None
-        if bound is not None and (bound.component, bound.settings) == (part.component, settings):
+        if bound is not None and (bound.component, bound.method) == (part.component, method):
             if bound.handles != key and mesh.n >= REBOUND:
                 # A handle may be too far from the samples, or two groups may share a sample.
                 with suppress(InputError):
@@ -196,13 +196,13 @@ class Follower:
             if bound.handles == key:
                 self._bound = bound
                 return bound
-        options = _options(settings)
-        if settings.method != "paper":
+        options = _options(method)
+        if method != "paper":
             is_region = len(part.reduced) < len(part.members)
             regional = {name: REGIONS["fast"][name] for name in ("area", "bending") if is_region}
-            options = {"volume": VOLUME, **regional, **options}
-        options["method"] = "paper" if settings.method == "paper" else "fast"
+            options = {"volume": VOLUME, **regional}
+        options["method"] = "paper" if method == "paper" else "fast"
         binding = dict(part.binding)
         deformer = Deformer(mesh, binding.pop("index"), vertices=VERTICES, **options, **binding)
-        self._bound = _Bound(part.component, settings, deformer, key)
+        self._bound = _Bound(part.component, method, deformer, key)
         return self._bound

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from glob import escape
@@ -19,7 +18,7 @@ import numpy as np
 from sshade.core.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.core.errors import InputError
 from sshade.edit.groups import Group
-from sshade.edit.state import EditState, Settings
+from sshade.edit.state import EditState
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import require_method
 
@@ -54,10 +53,8 @@ class Recovery:
 
     Parameters
     ----------
-    folders : sequence of path
-        Folders with recovery files; this session writes into the first.
-    name : str
-        File name of the mesh, with which the names of the recovery files begin.
+    beside : path
+        File of the mesh. Recovery files are in its folder, and their names begin with its name.
     mesh : Mesh
 
     Attributes
@@ -68,11 +65,11 @@ class Recovery:
         Files of earlier sessions, latest first.
     """
 
-    def __init__(self, folders: Sequence[Path], name: str, mesh: Mesh) -> None:
+    def __init__(self, beside: Path, mesh: Mesh) -> None:
         self._mesh = mesh
-        self.path = folders[0] / f"{name}.recovery-{secrets.token_hex(3)}.npz"
+        self.path = beside.with_name(f"{beside.name}.recovery-{secrets.token_hex(3)}.npz")
         self.offers: list[Offer] = []
-        for path in [one for folder in folders for one in folder.glob(f"{escape(name)}.recovery-*.npz")]:
+        for path in list(beside.parent.glob(f"{escape(beside.name)}.recovery-*.npz")):
             with suppress(InputError, OSError, KeyError, ValueError):  # a damaged file has nothing to offer
                 facts = json.loads(str(read_npz(path, "facts", what=WHAT)["facts"]))
                 written = path.stat().st_mtime
@@ -81,7 +78,7 @@ class Recovery:
         self.offers.sort(key=lambda offer: -offer.time)
 
     def write(self, state: EditState) -> None:
-        """Write the groups, settings and selection of a state.
+        """Write the groups, method and selection of a state.
 
         Raises
         ------
@@ -99,7 +96,7 @@ class Recovery:
             }
             for group in state.groups
         ]
-        facts = {"mesh": self._digest, "process": os.getpid(), "settings": state.settings, "groups": groups}
+        facts = {"mesh": self._digest, "process": os.getpid(), "method": state.method, "groups": groups}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
@@ -125,8 +122,7 @@ class Recovery:
                 groups.append(
                     Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
                 )
-            settings = Settings(require_method(facts["settings"][0]), *facts["settings"][1:])
-            return EditState(arrays["selection"], tuple(groups), settings)
+            return EditState(arrays["selection"], tuple(groups), require_method(facts["method"]))
 
     def remove(self) -> None:
         """Remove the file of this session, if it exists."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -11,50 +13,36 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
-from sshade.edit.grouping import Grouping
-from sshade.edit.groups import Group
-from sshade.edit.selection import selected
-from sshade.edit.state import History, Settings
+from sshade.edit.groups import LONGEST, Group, Kind
+from sshade.edit.selection import near, selected
+from sshade.edit.state import History
+from sshade.edit.work import Work
+
+#: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
+AT_REST = 1e-6
 
 
-class Session(Grouping):
+class Session(Work):
     """A mesh, a selection of vertices, handle groups, and their history.
 
     See :class:`sshade.edit.work.Work` for undo, drags and shapes.
 
     Parameters
     ----------
-    path : path
-        Any mesh file that ``sshade deform`` takes.
+    document : Document
+    method : {"fast", "fine", "paper"}
     handles : path, optional
         Handle file with the first groups.
-    output, handles_output : path, optional
-        See :class:`sshade.edit.document.Document`.
-    settings : Settings
-    refuse_unconstrained : bool
-        See :class:`sshade.DeformationTask`.
-    **options
-        ``weld`` and ``repair`` of :class:`sshade.edit.document.Document`.
 
     Raises
     ------
     InputError
-        When a file cannot be read or written.
+        When the handle file cannot be read.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        handles: Path | None = None,
-        output: Path | None = None,
-        handles_output: Path | None = None,
-        settings: Settings = Settings(),  # noqa: B008  (immutable)
-        refuse_unconstrained: bool = False,
-        **options: Any,
-    ) -> None:
-        options["refuse"] = refuse_unconstrained
-        super().__init__(Document(path, output=output, handles=handles_output, **options), settings)
+    def __init__(self, document: Document, method: str = "fast", handles: Path | None = None) -> None:
+        super().__init__(document, method)
+        self._number = 1
         if handles is not None:
             self._take(self.document.read_groups(handles, first=1))
             self.history = History(self.state)
@@ -75,6 +63,85 @@ class Session(Grouping):
             if not np.array_equal(new, self.state.selection):
                 self._push(replace(self.state, selection=new))
 
+    def mark(self, kind: Kind) -> int:
+        """Create a group of the selected vertices at their current positions; return its number.
+
+        The vertices leave the groups that contained them.
+
+        Raises
+        ------
+        InputError
+            When no vertex is selected.
+        """
+        with self._lock:
+            vertices = self.state.selection
+            if len(vertices) == 0:
+                raise InputError("no vertex is picked; pick some by click, brush, rectangle or lasso")
+            number = self._mark(kind, vertices)
+            state = self.state
+
+        def prepare() -> None:
+            """Bind the mesh before the user begins to drag."""
+            with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
+                handles = self._dragged_from(state).handles
+                self._follower.prepare(handles, int(vertices[0]), state.method)
+
+        Thread(target=prepare, daemon=True).start()
+        return number
+
+    def _mark(self, kind: Kind, vertices: np.ndarray, name: str = "") -> int:
+        """Create a group of vertices at their current positions; return its number."""
+        target, rest = self.shown[vertices], self.mesh.V[vertices]
+        if kind == "fixed" and np.abs(target - rest).max() <= AT_REST * self.mesh.diagonal:
+            target = rest
+        number, self._number = self._number, self._number + 1
+        name = (name or f"group {number}")[:LONGEST]
+        self._push(self.state.marked(Group(number, name, kind, vertices, target)))
+        return number
+
+    def limit(self, number: int, distance: float) -> int:
+        """Fix everything farther than a distance from a group, except other groups; return the new number.
+
+        The surface in between then bends, so that a move falls off within the distance.
+
+        Raises
+        ------
+        InputError
+            See :func:`sshade.edit.selection.near`; also when no vertex is so far away.
+        """
+        with self._lock:
+            group = self.state.group(number)
+            far = ~near(self.mesh, group.vertices, distance)
+            for other in self.state.groups:
+                far[other.vertices] = False
+            if not far.any():
+                raise InputError(f"no free vertex is farther than {distance:g} from {group.name}")
+            return self._mark("fixed", np.flatnonzero(far), f"beyond {group.name}")
+
+    def remove(self, number: int) -> None:
+        """Remove a group; its vertices become unconstrained."""
+        with self._lock:
+            group = self.state.group(number)
+            self._push(replace(self.state, groups=tuple(g for g in self.state.groups if g is not group)))
+
+    def restore(self, number: int) -> None:
+        """Move a group back to its rest positions."""
+        with self._lock:
+            rest = self.mesh.V[self.state.group(number).vertices]
+            self._push(self.state.changed(number, target=rest, turn=None, is_prescribed=False))
+            self._jumped = True
+
+    def alter(self, number: int, **fields: Any) -> None:
+        """Change the ``kind``, ``weight`` (inf for hard) or ``name`` of a group.
+
+        Raises
+        ------
+        InputError
+            See :class:`sshade.edit.groups.Group`.
+        """
+        with self._lock:
+            self._push(self.state.changed(number, **fields))
+
     def end(self, patience: float) -> None:
         """Wait for the current computation, up to some seconds, and let no further computation begin.
 
@@ -85,15 +152,15 @@ class Session(Grouping):
             self.recovery.remove()
         self._following.acquire(timeout=patience)
 
-    def set_up(self, settings: Settings) -> None:
-        """Change the method or the constraints."""
+    def set_up(self, method: str) -> None:
+        """Change the method."""
         with self._lock:
-            if settings != self.state.settings:
-                self._push(replace(self.state, settings=settings))
+            if method != self.state.method:
+                self._push(replace(self.state, method=method))
                 self._jumped = True
 
     def recover(self) -> None:
-        """Restore groups, settings and selection from the first recovery file that is offered.
+        """Restore groups, method and selection from the first recovery file that is offered.
 
         The file is removed after the recovery file of this session was written.
 
@@ -163,7 +230,7 @@ class Session(Grouping):
     # Helpers.
 
     def _count_as_saved(self) -> None:
-        """Count the groups and the settings as saved."""
+        """Count the groups and the method as saved."""
         self._saved = replace(self.state, shape=None)
         self._keep()
 

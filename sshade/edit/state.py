@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,31 +13,8 @@ from sshade.mesh.mesh import Mesh
 from sshade.problem.handle_checks import NO_HANDLES
 from sshade.problem.handles import Handles
 
-#: Methods of the editor.
-METHODS = ("fast", "fine", "paper")
 #: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
 STATES, BYTES = 1000, 500_000_000
-
-
-class Settings(NamedTuple):
-    """Method and constraints.
-
-    Attributes
-    ----------
-    method : {"fast", "fine", "paper"}
-    volume, area : bool
-        Whether `fast` and `fine` constrain volume and area.
-    """
-
-    method: str = "fast"
-    volume: bool = True
-    area: bool = True
-
-    @property
-    def constraints(self) -> dict[str, float]:
-        """Options of `fast` and `fine` that switch constraints off."""
-        names = () if self.method == "paper" else ("volume", "area")
-        return {name: 0.0 for name in names if not getattr(self, name)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +27,21 @@ class EditState:
         Selected vertices, ascending.
     groups : tuple of Group
         Disjoint groups.
-    settings : Settings
+    method : {"fast", "fine", "paper"}
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     groups: tuple[Group, ...] = ()
-    settings: Settings = Settings()
+    method: str = "fast"
     shape: np.ndarray | None = None
 
     def same_shape(self, other: EditState) -> bool:
-        """Whether both states have the same settings and groups, except for names of groups."""
+        """Whether both states have the same method and groups, except for names of groups."""
         own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
-        return same and len(own) == len(others) and self.settings == other.settings
+        return same and len(own) == len(others) and self.method == other.method
 
     def group(self, number: int) -> Group:
         """Return the group with a number.

@@ -14,7 +14,7 @@ from sshade.edit.document import Document
 from sshade.edit.follower import Follower, converged
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
-from sshade.edit.state import EditState, History, Settings
+from sshade.edit.state import EditState, History
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.unconstrained import leaders, move_rigidly
 from sshade.problem.handles import Handles
@@ -41,7 +41,7 @@ class Work:
     Parameters
     ----------
     document : Document
-    settings : Settings
+    method : {"fast", "fine", "paper"}
 
     Attributes
     ----------
@@ -59,15 +59,15 @@ class Work:
         Latest positions of the mesh: of a drag, or converged.
     """
 
-    def __init__(self, document: Document, settings: Settings) -> None:
+    def __init__(self, document: Document, method: str) -> None:
         self.document, self.mesh = document, document.mesh
-        self.recovery = Recovery(document.recovery_folders, document.name, self.mesh)
+        self.recovery = Recovery(document.path, self.mesh)
         self.trouble = ""
         self.version = 0
         self.shown = self.mesh.V
-        self.history = History(EditState(settings=settings, shape=self.mesh.V))
+        self.history = History(EditState(method=method, shape=self.mesh.V))
         self._revision = 0
-        #: EditState whose groups, settings and selection count as saved.
+        #: EditState whose groups, method and selection count as saved.
         self._saved = self.state
         self._lock, self._following, self._settling = RLock(), RLock(), RLock()
         self._follower = Follower(self.mesh)
@@ -87,9 +87,9 @@ class Work:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved, or not with the current settings."""
+        """Whether there are groups that were not saved, or not with the current method."""
         state, saved = self.state, self._saved
-        same = state.groups is saved.groups and state.settings == saved.settings
+        same = state.groups is saved.groups and state.method == saved.method
         return bool(state.groups) and not same
 
     @property
@@ -138,7 +138,7 @@ class Work:
                 self._follower.forget()
                 self._jumped = False
             shape = np.array(shape, order="C")
-            self._follower.follow(handles, int(state.group(number).vertices[0]), state.settings, shape)
+            self._follower.follow(handles, int(state.group(number).vertices[0]), state.method, shape)
             move_rigidly(self.mesh, shape, dragged.led)
             shape.setflags(write=False)
             with self._lock:
@@ -190,7 +190,7 @@ class Work:
 
             V = state.shape
             if V is None:
-                V = converged(self.document.task(state), state.settings, progress=watched).vertices
+                V = converged(self.document.task(state), state.method, progress=watched).vertices
             with self._lock:
                 if self._revision != revision:
                     raise Superseded
@@ -199,7 +199,7 @@ class Work:
                 self.shown = V
 
     def _push(self, state: EditState) -> None:
-        """Append a state. Its shape is unknown unless groups and settings stay, or all groups are at rest."""
+        """Append a state. Its shape is unknown unless groups and method stay, or all groups are at rest."""
         before = self.state
         if not state.same_shape(before):
             state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
@@ -228,7 +228,7 @@ class Work:
             self._keep()
 
     def _advance(self, before: EditState) -> bool:
-        """Return whether groups or settings differ from `before`; then computations are out of date."""
+        """Return whether groups or the method differ from `before`; then computations are out of date."""
         if self.state.same_shape(before):
             return False
         self._revision += 1

@@ -20,11 +20,7 @@ export class Panel {
     byId("discard").addEventListener("click", () => {
       if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
     });
-    for (const name of ["method", "volume", "area"]) {
-      byId(name).addEventListener("change", () =>
-        ask("set_up", { method: byId("method").value, volume: byId("volume").checked, area: byId("area").checked }),
-      );
-    }
+    byId("method").addEventListener("change", ({ target }) => ask("set_up", { method: target.value }));
     this.listenToGroup();
   }
 
@@ -45,7 +41,7 @@ export class Panel {
 
   // A field in which the user types keeps its text, unless `refused` says that its value was refused.
   show(facts, active, refused = false) {
-    const { mesh, settings, groups, carried, scale } = facts;
+    const { mesh, method, groups, carried, scale } = facts;
     const set = (input, value) => {
       if (refused || active !== this.active || document.activeElement !== input) input.value = value;
     };
@@ -55,10 +51,7 @@ export class Panel {
     byId("fixed").disabled = byId("moved").disabled = facts.picked === 0;
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
-    byId("method").value = byId("method-name").textContent = settings.method;
-    byId("constraints").hidden = settings.method === "paper";
-    byId("volume").checked = settings.volume;
-    byId("area").checked = settings.area;
+    byId("method").value = byId("method-name").textContent = method;
     byId("loose").hidden = groups.length === 0 || groups.some(({ kind }) => kind === "fixed");
     byId("carried").hidden = !carried;
     byId("carried").textContent = `Components without handles: ${carried}. They move with the nearest component.`;

@@ -83,14 +83,14 @@ def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
     assert len(opened) == 1
 
 
-def test_it_begins_with_the_method_and_the_constraints_that_a_handle_file_was_saved_with(monkeypatch):
-    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine", "area": 0.0}}
+def test_it_begins_with_the_method_that_a_handle_file_was_saved_with(monkeypatch):
+    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine"}}
     Path("pose.json").write_text(json.dumps(saved))
     begun = []
     monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: begun.append(self))
     monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
     assert main(["edit", "body.ply", "pose.json", "--no-browser"]) == 0
-    assert begun[0].session.state.settings == ("fine", True, False)
+    assert begun[0].session.state.method == "fine"
 
 
 def test_a_port_that_is_in_use_is_told():

@@ -39,8 +39,7 @@ HANDLES = {
     "parts.yaml": "handles: {static: {positions: [gone]}}",
     "quick.json": '{"handles": [{"vertices": [1]}], "made": {"method": "quick"}}',
     "flag.json": '{"handles": [{"vertices": [1]}], "made": {"repair": 1}}',
-    "typo.json": '{"handles": [{"vertices": [1]}], "made": {"volum": 0}}',
-    "half.json": '{"handles": [{"vertices": [1]}], "made": {"volume": 0.5}}',
+    "typo.json": '{"handles": [{"vertices": [1]}], "made": {"methd": 0}}',
 }
 #: Command lines, and words of their errors.
 LIGHT = {
@@ -74,8 +73,7 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply quick.json -o a.ply": "quick.json, key \"made\": there is no method 'quick' here",
     "deform body.ply flag.json -o a.ply": "repair must be true or false, not 1",
-    "deform body.ply typo.json -o a.ply": "there is no key \"volum\"; did you mean 'volume'?",
-    "edit body.ply half.json": "half.json: the editor keeps the volume or not",
+    "deform body.ply typo.json -o a.ply": "there is no key \"methd\"; did you mean 'method'?",
     "reconstruct body.ply gone.ply -o a.ply": "gone.ply: no such file",
     "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
     "transfer-pose body.ply body.ply gone.ply -o a.ply": "gone.ply: no such file",

@@ -1,17 +1,15 @@
 """All commands, the editor, tasks and Python take and refuse the same meshes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from sshade import InputError, deform
 from sshade.cli.main import main
-from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import read_task, write_handles
 from sshade.problem.task import Handles
 from tests.shapes import beside, bumpy, shifted, torn, torus
+from tests.sshade.edit.sessions import edited
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
 BODY = bumpy(2)
@@ -74,7 +72,7 @@ def refusals(here, capsys):
             assert code == (2 if said.startswith("error: ") else 0), said
             reason[command] = said.removeprefix("error: ").rstrip() if code else ""
         for name, call in {
-            "the editor": lambda: Session(Path("rest.ply"), handles=Path("pose.json")),
+            "the editor": lambda: edited("rest.ply", begin="pose.json"),
             "a task": lambda: read_task("rest.ply", handles="pose.json"),
             "Python": lambda: deform(V, F, used, target, vertices=60),
         }.items():
@@ -109,7 +107,7 @@ def test_every_command_welds_and_repairs(here, capsys):
     V, F = TWO_FANS.V + 1e-8 * (np.arange(TWO_FANS.n) >= BODY.n)[:, None], TWO_FANS.F
     write_mesh("rest.ply", V, F)
     write_handles("pose.json", Handles([0, 9], V[[0, 9]] + [[0, 0, 0], [0.1, 0, 0]]))
-    session = Session(Path("rest.ply"), handles=Path("pose.json"), weld=1e-6, repair=True)
+    session = edited("rest.ply", begin="pose.json", weld=1e-6, repair=True)
     task = read_task("rest.ply", handles="pose.json", weld=1e-6, repair=True)
     assert session.mesh.n == task.mesh.n == len(V) - 1
     for command in COMMANDS:

@@ -7,10 +7,11 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sshade import Mesh
+from sshade.edit.document import Document
 from sshade.edit.groups import Group, Motion
 from sshade.edit.session import Session
 from sshade.files.meshes import write_mesh
-from tests.shapes import beside, bumpy, shifted, strip, torn, torus, tube
+from tests.shapes import bumpy, strip, torn
 
 BODY = bumpy(3)
 LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
@@ -19,12 +20,7 @@ LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2]
 LIFT = Motion(np.eye(3), np.array([0.0, 0.0, 0.4]))
 
 
-SHAPES = {
-    "a closed body": BODY,
-    "two rings": tube(24, 40),
-    "a torus": torus(40, 20),
-    "a sheet": strip(30, 12),
-}
+SHAPES = {"a closed body": BODY, "a sheet": strip(30, 12)}
 
 
 def upright(mesh: Mesh) -> Mesh:
@@ -33,8 +29,14 @@ def upright(mesh: Mesh) -> Mesh:
 
 
 def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
+    """Write a mesh and open it."""
     write_mesh(name, mesh.V, mesh.F)
-    return Session(Path(name), **given)
+    return edited(name, **given)
+
+
+def edited(name: str = "body.ply", *, method: str = "fast", begin: str | None = None, **options) -> Session:
+    """Open a file with the handle file `begin` and the options of :class:`Document`."""
+    return Session(Document(Path(name), **options), method, begin and Path(begin))
 
 
 def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
@@ -114,9 +116,10 @@ def switched(*, single: bool) -> Session:
     """
     V, F, _ = torn(BODY)
     V[BODY.n + 1 :] += 3e-7  # a seam that opened
-    pair = beside(Mesh(V[1:], F - 1), shifted(BODY, [4, 0, 0]))
-    session = begun(pair, weld=1e-6, repair=True)
-    assert session.mesh.n == 2 * BODY.n < pair.n
+    V, F = np.concatenate([V, BODY.V + [4, 0, 0]]), np.concatenate([F, len(V) + BODY.F])
+    write_mesh("body.ply", V, F)
+    session = edited(weld=1e-6, repair=True)
+    assert session.mesh.n == 2 * BODY.n < len(V) - 1  # the first vertex is in no face
     unit = BODY.V / np.linalg.norm(BODY.V, axis=1)[:, None]
     for name, (direction, fields) in SWITCHED.items():
         near = unit @ (np.array(direction) / np.linalg.norm(direction))

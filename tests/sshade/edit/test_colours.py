@@ -41,7 +41,7 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_colours_of_vertices_are_read(name):
     Path(name).write_bytes(FILES[name])
-    document = Document(Path(name), output=None, handles=None, refuse=False)
+    document = Document(Path(name))
     assert document.is_coloured and np.array_equal(document.colours, COLOURS)
     assert np.abs(colours_of(Path(name)) - COLOURS / 255).max() < 1e-6
 
@@ -50,7 +50,7 @@ def test_of_vertices_along_a_seam_the_first_gives_the_colour():
     V, F = np.r_[BALL.V[:1], BALL.V], BALL.F + 1
     F[0][F[0] == 1] = 0
     Path("seam.ply").write_bytes(as_ply("uchar", "red green blue", np.r_[[[1, 2, 3]], COLOURS], V, F))
-    document = Document(Path("seam.ply"), output=None, handles=None, refuse=False)
+    document = Document(Path("seam.ply"))
     assert document.mesh.n == BALL.n and document.colours[0].tolist() == [1, 2, 3]
     assert np.array_equal(document.colours[1:], COLOURS[1:])
 
@@ -60,7 +60,7 @@ def test_files_without_colours_for_all_vertices_have_none():
     (third,) = rows("", COLOURS[3:4].astype(float))
     Path("some.obj").write_bytes(as_obj(COLOURS).replace(third.encode(), b"", 1))
     for name in "plain.ply", "some.obj":
-        document = Document(Path(name), output=None, handles=None, refuse=False)
+        document = Document(Path(name))
         assert document.colours is None and not document.is_coloured
 
 

@@ -7,31 +7,16 @@ import pytest
 
 from sshade import InputError
 from sshade.cli.main import main
-from sshade.edit.groups import Motion
-from sshade.edit.session import Session
-from sshade.edit.state import Settings
 from sshade.files.meshes import read_arrays
 from sshade.files.task_files import read_handles
-from tests.shapes import as_obj, strip, torn
-from tests.sshade.edit.sessions import (
-    BODY,
-    SHAPES,
-    begun,
-    marked,
-    ready,
-    switched,
-    turned,
-)
+from tests.sshade.edit.sessions import BODY, SHAPES, begun, edited, marked, ready, switched, turned
 
 pytestmark = pytest.mark.usefixtures("here")
 
 
-@pytest.mark.parametrize(
-    ("shape", "method"),
-    [("a closed body", "fine"), ("two rings", "paper"), ("a torus", "fast"), ("a sheet", "fast")],
-)
+@pytest.mark.parametrize(("shape", "method"), [("a closed body", "fine"), ("a sheet", "fast")])
 def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, method):
-    session, number = ready(SHAPES[shape], settings=Settings(method))
+    session, number = ready(SHAPES[shape], method=method)
     motion = turned(session.mesh.V, 0.5)
     session.drag(number, turned(session.mesh.V, 0.2))
     session.drag(number, motion)
@@ -52,7 +37,7 @@ def test_what_is_saved_deforms_to_the_same_file_on_the_command_line(shape, metho
 @pytest.mark.parametrize(("method", "single"), [("fast", True), ("fine", False), ("paper", False)])
 def test_one_command_repeats_a_session_in_which_everything_was_switched(method, single):
     session = switched(single=single)
-    session.set_up(Settings(method, volume=False, area=False))
+    session.set_up(method)
     session.settle()
     assert session.is_unsaved and session.save("handles", "body_handles.json") and not session.is_unsaved
     posed = session.shown
@@ -62,7 +47,7 @@ def test_one_command_repeats_a_session_in_which_everything_was_switched(method, 
     expected = read_arrays("posed.ply")[0]
     assert np.abs(again - expected).max() < 1e-6 * BODY.diagonal
     assert np.abs(posed - session.mesh.V)[: BODY.n].max() > 0.05
-    opened = Session(Path("body.ply"), handles=Path("body_handles.json"), weld=1e-6, repair=True)
+    opened = edited(begin="body_handles.json", weld=1e-6, repair=True)
     assert not opened.history.can_undo and not opened.is_unsaved
     for one, new in zip(session.state.groups, opened.state.groups, strict=True):
         assert (one.name, one.weight) == (new.name, new.weight)
@@ -80,30 +65,12 @@ def test_one_command_repeats_a_session_in_which_everything_was_switched(method, 
         assert len(at) and gap.max() < 1e-9 * BODY.diagonal
 
 
-def test_texture_coordinates_and_doubled_vertices_stay_in_the_saved_file():
-    V, F, seam = torn(strip(20, 8))  # no vertex has the same id in the file and on the surface
-    Path("sheet.obj").write_text(as_obj(V, F))
-    session = Session(Path("sheet.obj"))
-    number = marked(session)
-    session.release(number, Motion(np.eye(3), np.array([0, 0, 3.0])))
-    path, _ = session.save("mesh", "lifted.obj")
-    assert path.read_text().partition("vt ")[2] == Path("sheet.obj").read_text().partition("vt ")[2]
-    moved, faces = read_arrays(path)
-    assert np.array_equal(faces, F) and np.array_equal(moved[0], V[0])
-    assert np.array_equal(moved[-len(seam) :], moved[seam])
-    session.save("handles", "pose.json")
-    assert main(["deform", "sheet.obj", "pose.json", "-o", "again.obj"]) == 0
-    assert Path("again.obj").read_bytes() == path.read_bytes()
-    assert session.save("mesh", "plain.ply")[1] != ()  # the result names the data that PLY loses
-
-
 def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     (here / "out").mkdir()
     (here / "other.json").write_text("mine")
-    session = begun(output=here / "out" / "posed.obj", handles_output=Path("pose.json"))
+    session = begun(output=here / "out" / "posed.obj", handles=Path("pose.json"))
     marked(session)
-    names = ["../pose.json", "/tmp/pose.json", "a/b.json", "", "..", ".", "x.txt", "pose", "a\0.json"]
-    for name in [*names, "a\n.json", "x" * 300 + ".json"]:
+    for name in "../pose.json", "/tmp/pose.json", "", "..", "x.txt", "pose", "a\0.json", 300 * "x" + ".json":
         with pytest.raises(InputError):
             session.save("handles", name, over=True)
     with pytest.raises(InputError, match="exists already"):
@@ -111,18 +78,12 @@ def test_only_files_beside_the_mesh_or_named_in_advance_are_written(here):
     assert (here / "other.json").read_text() == "mine"
     session.save("handles", "other.json", over=True)
     session.save("handles", "other.json")  # the editor has written it and may replace it
-    second = begun()
-    marked(second)
-    with pytest.raises(InputError, match="exists already"):
-        second.save("handles", "other.json")
-    second.save("handles", "other.json", over=True)
     assert read_handles("other.json", BODY).index.size
     assert session.save("mesh", "posed.obj")[0] == here / "out" / "posed.obj"
     command = session.document.command
     assert "out/posed.obj" in command and "other.json" in command
-    plain = begun()
     with pytest.raises(InputError, match="is the mesh"):
-        plain.save("mesh", "body.ply", over=True)
-    for wrong in {"output": "body.ply"}, {"output": "no/out.ply"}, {"handles_output": "a.ply"}:
+        begun().save("mesh", "body.ply", over=True)
+    for wrong in {"output": "body.ply"}, {"output": "no/out.ply"}, {"handles": "a.ply"}:
         with pytest.raises(InputError):
             begun(**{name: Path(path) for name, path in wrong.items()})

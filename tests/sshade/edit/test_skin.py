@@ -11,11 +11,11 @@ from PIL import Image
 from sshade import InputError
 from sshade.edit.colours import colours_of
 from sshade.edit.commands import Commands
-from sshade.edit.session import Session
 from sshade.files.meshes import write_mesh
 from tests.browser import changed, opened, pixels, portion
 from tests.shapes import bumpy, strip
 from tests.sshade.edit.lent import ask, lent, unpacked
+from tests.sshade.edit.sessions import edited
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -69,7 +69,7 @@ def test_every_corner_has_the_colour_that_the_texture_has_there(name):
     u = np.where(np.arange(len(V)) >= sheet.n, 0.75, np.where(V[:, 0] <= seam, 0.25, 0.75))
     uv = np.stack([u, np.where(V[:, 1] > 4, 0.8, 0.2)], axis=1)
     textured(name, V, F, uv)
-    session = Session(Path(name))
+    session = edited(name)
     assert session.mesh.n == sheet.n  # the seam is joined
     commands = Commands(session)
     skin = unpacked(commands.skin())
@@ -101,7 +101,7 @@ def test_materials_of_an_obj_are_found_with_options_and_without_a_file():
     faces = ["f 1/-3 3/-2 2/-1", "usemtl red", "f 3 4 2", "usemtl pic", "f 3/1 5/2 4/9", "usemtl bad"]
     faces.append("f 5 6 4")
     Path("a.obj").write_text("\n".join(["mtllib none.mtl", "mtllib a.mtl", *rows, *faces]) + "\n")
-    session = Session(Path("a.obj"))
+    session = edited("a.obj")
     commands = Commands(session)
     skin = unpacked(commands.skin())
     colours = [material["colour"] for material in skin["materials"]]
@@ -121,20 +121,20 @@ def test_a_file_without_materials_has_none_and_wrong_ones_are_told():
     whole, index = Path("body.glb").read_bytes(), b'"baseColorTexture":{"index":%d'
     assert index % 0 in whole
     Path("broken.glb").write_bytes(whole.replace(index % 0, index % 7))
-    session = Session(Path("broken.glb"))
+    session = edited("broken.glb")
     with lent(session) as server:
         status, _, content = ask(server, "GET", f"/{server.token}/skin")
         assert status == 400 and b"broken.glb: its materials cannot be read" in content
     write_mesh("plain.ply", BODY.V, BODY.F)
     with pytest.raises(InputError, match="has no materials"):
-        Commands(Session(Path("plain.ply"))).skin()
+        Commands(edited("plain.ply")).skin()
 
 
 def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
     V = BODY.V[:, [1, 2, 0]]
     high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)
     textured("body.glb", V, BODY.F, high[:, :2])
-    session = Session(Path("body.glb"))
+    session = edited("body.glb")
     with lent(session) as server, opened(browser, server.address) as page:
         page.wait_for_selector("#stage[data-skin=shown]")
         page.wait_for_timeout(400)
@@ -164,7 +164,7 @@ def test_colours_of_vertices_win_over_plain_materials(browser):
     names = ["mtllib a.mtl", *rows, "usemtl a", *faces[:300], "usemtl b", *faces[300:]]
     Path("body.obj").write_text("\n".join(names) + "\n")
     Path("a.mtl").write_text("newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n")
-    with lent(Session(Path("body.obj"))) as server, opened(browser, server.address) as page:
+    with lent(edited("body.obj")) as server, opened(browser, server.address) as page:
         page.wait_for_selector("#stage[data-skin=plain]")
         page.wait_for_timeout(300)
         assert portion(pixels(page.locator("#stage")), 0) > 0.05

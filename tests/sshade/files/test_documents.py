@@ -218,5 +218,4 @@ def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
     with pytest.warns(UserWarning, match=f"a.ply: {note}"):
         V, F = sshade.read("a.ply")
     assert np.array_equal(V, body.V) and np.array_equal(F, body.F)
-    document = Document(here / "a.ply", output=None, handles=None, refuse=False)
-    assert document.notes == (note,)
+    assert Document(here / "a.ply").notes == (note,)
