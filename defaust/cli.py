@@ -1,4 +1,4 @@
-"""The command ``defaust`` with its subcommands example, build, verify and info."""
+"""The command ``defaust`` with its subcommands example, build and verify."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ EPILOG = """examples:
   defaust build source=sequence source.root=MESHES out=DIR         your own meshes in correspondence
   defaust build source=shapes out=data/shapes                      plane, cylinder, bar and cactus
   defaust build source=animals out=data/animals                    cat, horse, elephant and lizard
-  defaust verify DIR
-  defaust info DIR"""
+  defaust verify DIR"""
 
 BUILD_EPILOG = """Arguments have the form key=value. All options and their defaults are in
 conf/defaust/build.yaml, the options of a source in conf/defaust/source/NAME.yaml.
@@ -48,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         args = make_parser().parse_args(argv)
         logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
-        command = {"example": _example, "build": _build, "verify": _verify, "info": _info}[args.command]
+        command = {"example": _example, "build": _build, "verify": _verify}[args.command]
         return command(args)
 
     return run_command(run, extras=EXTRAS)
@@ -87,9 +86,9 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     build.add_argument("overrides", nargs="+", metavar="key=value", help="options of the build, see below")
-    for name, text in (("verify", "check every file of a dataset"), ("info", "print the card of a dataset")):
-        command = commands.add_parser(name, help=text, description=f"{text.capitalize()}.")
-        command.add_argument("folder", type=Path, metavar="DIR", help="folder of the dataset")
+    text = "check every file of a dataset"
+    verify = commands.add_parser("verify", help=text, description=f"{text.capitalize()}.")
+    verify.add_argument("folder", type=Path, metavar="DIR", help="folder of the dataset")
     return parser
 
 
@@ -132,14 +131,3 @@ def _verify(args: argparse.Namespace) -> int:
     found = f"{counted(files, 'file is', 'files are')} damaged" if faults else "every file is as listed"
     print(f"{args.folder}: {found}")  # noqa: T201
     return 1 if faults else 0
-
-
-def _info(args: argparse.Namespace) -> int:
-    from defaust.folder.card import render_card
-    from defaust.folder.record import read_dataset
-
-    document = read_dataset(args.folder)
-    size = sum(entry["bytes"] for entry in document["files"].values())
-    print(render_card(document))  # noqa: T201
-    print(f"Name: {document['name']}. Size: {size / 1e6:.1f} MB. Checksum: {document['checksum']}")  # noqa: T201
-    return 0

@@ -10,13 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 
 from defaust.sources.choices import shortened
 from sshade import InputError
-from sshade.core.atomic import read_npz
 from sshade.files.meshes import read_arrays
 
 #: Mesh formats that keep shared vertices, in order of preference.
@@ -39,15 +37,12 @@ class SourceShape:
     Parameters
     ----------
     name : str
-        Name of the file without suffix, or of the array.
+        Name of the file without suffix.
     path : Path
-    array : str
-        Name of the positions in an archive; empty for other files.
     """
 
     name: str
     path: Path
-    array: str = ""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -58,9 +53,6 @@ class SourceShape:
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Read vertices and faces without validating them; an InputError names the file."""
         with self.named():
-            if self.array:
-                arrays = read_npz(self.path, self.array, "F", what="readable as .npz")
-                return _numbers(arrays[self.array], arrays["F"])
             read = {".vert": _read_vert_tri, ".mat": _read_mat}.get(self.path.suffix.lower(), read_arrays)
             return read(self.path)
 
@@ -71,19 +63,9 @@ class SourceShape:
             yield
         except InputError as error:
             text = str(error).replace(f"{self.path.parent}{os.sep}", "")
-            inside = f", {self.name}" if self.array else ""
             if not text.startswith(tuple(f"{path.name}:" for path in self.files)):
-                text = f"{self.path.name}{inside}: {text}"
+                text = f"{self.path.name}: {text}"
             raise InputError(text) from error
-
-
-def _numbers(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions as float64 and faces as int64; raise InputError on other numbers."""
-    if V.dtype.kind not in "fiu":
-        raise InputError(f"its positions are {V.dtype}, no real numbers")
-    if F.dtype.kind not in "fiu" or not np.array_equal(F, np.trunc(F)):
-        raise InputError("its faces F are no whole numbers")
-    return V.astype(np.float64), F.astype(np.int64)
 
 
 def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Path]:
@@ -94,16 +76,16 @@ def mesh_files(folder: Path, suffixes: Sequence[str] = SUFFIXES) -> dict[str, Pa
 
 
 def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
-    """Find the meshes of a folder or file, sorted into classes.
+    """Find the meshes of a folder, sorted into classes.
 
     Parameters
     ----------
     root : Path
-        A folder of meshes, or an .npz file.
+        A folder of meshes.
     layout : str
         ``tosca``: files are named <class><number>.<suffix>. ``sequence``: all files are one sequence,
         sorted by name, but ``rest`` is first; numbers in the names are sorted as numbers. ``auto``: tosca if
-        all names fit. Archives ignore the layout.
+        all names fit.
 
     Returns
     -------
@@ -118,14 +100,12 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
         When there is no usable mesh.
     """
     if root.is_file():
-        return {root.stem: _archive_shapes(root)}, {}
+        raise InputError(f"{root} is a file; set source.root to a folder of meshes")
     files = mesh_files(root)
     if not files:
         deeper = sorted(path.name for path in root.iterdir() if path.is_dir() and mesh_files(path))
         where = f"one of its folders ({', '.join(deeper)})" if deeper else "their folder"
-        raise InputError(
-            f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to {where}, or to an .npz"
-        )
+        raise InputError(f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to {where}")
     names = sorted(files, key=lambda name: (name.lower() != "rest", _natural(name)))
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
     if layout == "sequence" or (layout == "auto" and not all(match.values())):
@@ -154,18 +134,6 @@ def existing(root: Any, *, option: str) -> Path:
 def _natural(name: str) -> list[tuple[int, str]]:
     """Sorting key that puts frame9 before frame10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
-
-
-def _archive_shapes(path: Path) -> tuple[SourceShape, ...]:
-    if not is_zipfile(path):
-        raise InputError(f"{path}: not an .npz file, or cut; give a folder of meshes or an .npz")
-    with _reading(path, lambda: ZipFile(path)) as archive:
-        arrays = [name.removesuffix(".npy") for name in archive.namelist()]
-    names = [name for name in arrays if re.fullmatch(r"V_\d+", name)]
-    if not names or "F" not in arrays:
-        held = shortened(arrays) or "nothing"
-        raise InputError(f"{path}: holds {held}; it needs positions V_0, V_1, ... and triangles F")
-    return tuple(SourceShape(name, path, name) for name in sorted(names, key=_natural))
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Meshes in vertex correspondence, read from the user's own files: TOSCA, folders, archives."""
+"""Meshes in vertex correspondence, read from the user's own folder, such as TOSCA."""
 
 from __future__ import annotations
 
@@ -81,8 +81,7 @@ class RegisteredSequence(Source):
     Parameters
     ----------
     root : path
-        A folder of .ply, .off, .obj, .vert with .tri, or .mat files; or an .npz file with positions V_0,
-        V_1, ... and triangles F.
+        A folder of .ply, .off, .obj, .vert with .tri, or .mat files.
     facts : mapping
         ``title``, ``origin``, ``unit``, ``axes``, ``licence``, ``citation``.
     layout : str
@@ -248,7 +247,7 @@ class RegisteredSequence(Source):
 
     @cached_property
     def _found(self) -> tuple[Classes, dict[str, str]]:
-        root = existing(self.root, option="source.root to a folder of meshes, or an .npz file")
+        root = existing(self.root, option="source.root to a folder of meshes")
         return find_shapes(root, layout=self.layout)
 
     @cached_property

@@ -71,7 +71,6 @@ def load_task(
     pose: int,
     resolution: str = "high",
     raw: bool = False,
-    source: str | None = None,
     edit: Edit | str | None = None,
     handles: Kind = "stored",
     truth: bool = True,
@@ -92,8 +91,6 @@ def load_task(
         resolutions, if it is known.
     raw : bool
         Keep the stored targets of handles whose vertex is at another position.
-    source : str, optional
-        Name of the source that the dataset must have been built from.
     edit : Edit or str, optional
         An edit of :mod:`defaust.edits`, or its name in :data:`defaust.edits.EDITS`. The task then transfers
         the pose to the edited rest mesh and has no handles. :class:`defaust.edits.Unedited` keeps the mesh.
@@ -124,10 +121,10 @@ def load_task(
     Raises
     ------
     InputError
-        When the folder is not a dataset, has another source, or lacks the subject or pose, or when a file is
-        missing or differs from the dataset's list.
+        When the folder is not a dataset, or lacks the subject or pose, or when a file is missing or differs
+        from the dataset's list.
     """
-    case = _case(Path(root), subject=subject, pose=pose, resolution=resolution, source=source)
+    case = _case(Path(root), subject=subject, pose=pose, resolution=resolution)
     if edit is None:
         return _deformation(case, kind=handles, raw=raw, truth=truth)
     if isinstance(edit, str):
@@ -171,15 +168,13 @@ class StoredCase:
     registered: Callable[[], Registered] | None
 
 
-def _case(root: Path, *, subject: int, pose: int, resolution: str, source: str | None) -> StoredCase:
+def _case(root: Path, *, subject: int, pose: int, resolution: str) -> StoredCase:
     """Check all files of a case, and read them except for the registered meshes."""
     if resolution not in RESOLUTIONS:
         raise InputError(f"resolution {resolution!r} is unknown; use one of {', '.join(RESOLUTIONS)}")
     document = read_dataset(root)
     list_tasks(root, subjects=[subject], poses=[pose])
     built_from = document["source"]
-    if source not in (None, built_from["name"]):
-        raise InputError(f"{root} was built with source={built_from['name']}, not source={source}")
     folder = subject_folder(subject)
     mesh_name = f"{folder}/{REST if resolution == 'high' else REST_LOW}"
     pose_name = f"{folder}/{pose_file(pose)}"

@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from defaust.build.upsample import self_intersecting
-from defaust.sources.animals import SPECIES, Animals, arrays_of, load_animal, unpack
-from defaust.sources.winding import same_triangles
-from sshade import Mesh
-from tests.shapes import bumpy, torus
-from tools.bake.animals import STEPS, bone_weights, find_landmarks, make_poses, pack, read_table
+from defaust.sources.animals import SPECIES, Animals, arrays_of, load_animal
+from tools.bake.animals import bone_weights, find_landmarks, make_poses, read_table
 from tools.bake.capsules import make_rig
 from tools.bake.template import quantise_weights
 
@@ -39,14 +35,3 @@ def test_weights_poses_and_landmarks_of_the_asset_can_be_baked_again(species):
     np.testing.assert_allclose(rotations, arrays["rotations"], atol=1e-6)
     np.testing.assert_allclose(shifts, arrays["shifts"], atol=1e-6)
     assert find_landmarks(V, table["landmarks"]) == dict(animal.landmarks)
-
-
-@pytest.mark.parametrize("mesh", [bumpy(3), torus()], ids=["bumpy", "torus"])
-def test_packing_renumbers_and_moves_no_coordinate_by_more_than_half_a_step(mesh):
-    mesh = Mesh(3.0 * mesh.V - 5.0, mesh.F)
-    V, F = unpack(pack(mesh))
-    step = np.ptp(mesh.V, axis=0).max() / STEPS
-    _, old = cKDTree(mesh.V).query(V)
-    assert sorted(old) == list(range(mesh.n))
-    assert np.abs(V - mesh.V[old]).max() <= (0.5 + 1e-6) * step
-    assert same_triangles(old[F], mesh.F) and Mesh(V, F).volume == pytest.approx(mesh.volume, rel=1e-4)

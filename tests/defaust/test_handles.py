@@ -5,7 +5,7 @@ import pytest
 
 from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
 from defaust.build.options import BuildOptions
-from defaust.sources.source import Region, SourcePose
+from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies
 from sshade import InputError, Mesh
 from tests.shapes import jittered, strip
@@ -63,19 +63,3 @@ def test_records_of_a_pose(sheet):
     np.testing.assert_array_equal(moving["source"], sheet.V[[134, 135]])
     np.testing.assert_array_equal(moving["target"], posed[[134, 135]])
     assert list(absent.values()) == ["absent", "unused", None, None, [], []]
-
-
-def test_regions_are_recorded_by_boxes_and_motion():
-    sheet = strip(4, 4)  # 25 vertices a unit apart
-    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    box = ((-0.1, -0.1, -0.1), (0.1, 10.0, 0.1))  # five vertices
-    regions = [Region("a", (box,)), Region("b", (box,), quarter, np.array([0.0, 0, 3]))]
-    pose = SourcePose("pose", ("a", "b"), regions=tuple(regions))
-    fixed, moved = handle_records(sheet, None, pose, regions="ab", chosen={}, options=BuildOptions())
-    assert (fixed["landmark"], fixed["kind"], fixed["delta"]) == ("a", "static", 0.0)
-    assert (fixed["rotation"], fixed["translation"]) == (np.eye(3).tolist(), [0.0, 0.0, 0.0])
-    assert (moved["kind"], moved["boxes"]) == ("dynamic", (box,))
-    assert (moved["rotation"], moved["translation"]) == (quarter.tolist(), [0.0, 0.0, 3.0])
-    # A quarter turn moves (0, y) to (-y, 0), and the translation adds 3 across the plane.
-    assert moved["delta"] == pytest.approx(sum((2 * y**2 + 9) ** 0.5 for y in range(5)))
-    assert moved["delta_mean"] == pytest.approx(moved["delta"] / 5)

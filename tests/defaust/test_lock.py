@@ -1,12 +1,10 @@
 """One build at a time in a folder, also after a build was killed."""
 
-import errno
 import subprocess
 import sys
 
 import pytest
 
-from defaust.build import lock as module
 from defaust.build.dataset import build
 from defaust.build.lock import sole_builder
 from sshade import InputError
@@ -29,16 +27,3 @@ def test_a_second_builder_is_refused_until_the_first_ends_or_is_killed(tmp_path)
             pass
         process.kill()
     assert len(build(Balls(subjects=(0,)), out, options=KEPT, workers=1)["subjects"]) == 1
-
-
-def test_without_locks_a_build_continues_with_a_warning(tmp_path, monkeypatch, caplog):
-    def none(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(module.fcntl, "flock", none)
-    with sole_builder(tmp_path):
-        pass
-    assert "cannot be locked (No locks available)" in caplog.text
-    monkeypatch.setattr(module, "fcntl", None)  # as on Windows
-    with sole_builder(tmp_path / "out"):
-        assert (tmp_path / "out").is_dir()

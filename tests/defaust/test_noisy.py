@@ -6,10 +6,9 @@ from scipy.spatial import cKDTree
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
-from defaust.sources.noisy import NoisyBodies, correlated_noise, pose_names
+from defaust.sources.noisy import NoisyBodies, correlated_noise
 from defaust.sources.synthetic import SyntheticBodies, load_bodies
 from defaust.tasks import load_task
-from eval.rows.splits import TUNING, split_of
 
 EXACT = NoisyBodies(noise=0.0)
 
@@ -48,14 +47,6 @@ def test_levels_of_noise_and_seeds_never_share_a_name():
     options = [{}, {"noise": 4.0}, {"noise": 2.0000001}, {"seed": 1}, {"seed": 12}]
     names = [NoisyBodies(**given).name for given in options]
     assert names == ["noisy_2mm", "noisy_4mm", "noisy_2.0000001mm", "noisy_2mm_seed1", "noisy_2mm_seed12"]
-
-
-def test_the_first_five_subjects_are_for_tuning_and_the_others_in_neither_half_because_of_their_bodies():
-    poses = [set(pose_names(subject)) for subject in NoisyBodies.subjects]
-    for subject in NoisyBodies.subjects:
-        halves = {split_of(f"defaust-noisy_2mm/subject_{subject:02d}/pose_{k}") for k in range(1, 6)}
-        assert halves == {TUNING if subject < 5 else None}
-    assert not set.union(*poses[:5]) & set.union(*poses[5:])
 
 
 def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):

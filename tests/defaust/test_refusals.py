@@ -20,6 +20,7 @@ REFUSED = {
     "window=[1.1,1.2]": "give two numbers around 1",
     "target_vertices=0": "target_vertices is 0; it must be at least 1",
     "seed=-1": "seed is -1; it must be at least 0",
+    "seed=true": "seed is True, not a whole number",
     "subjects=[]": "subjects is empty",
     "static_below=0": "static_below is 0; it must be a finite number above 0",
     "source.poses_used=[jump]": "there is no 'jump'; choose from arms_up",

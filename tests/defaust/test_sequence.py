@@ -84,27 +84,6 @@ def test_the_poses_of_one_sequence_are_sorted_by_the_numbers_in_their_names(tmp_
     assert sequence(tmp_path / "run").provenance["rest_poses"] == ["rest"]
 
 
-def test_archives_are_read_or_refused(tmp_path):
-    ball, path = icosphere(2), tmp_path / "walk.npz"
-    arrays = {f"V_{k}": bent(ball, k).astype(np.float32) for k in (0, 2, 10)}
-    np.savez(path, F=ball.F.astype(np.int32), other=np.zeros(2), **arrays)
-    source = sequence(path)
-    assert [p.name for p in source.poses(0)] == ["V_2", "V_10"]
-    np.testing.assert_array_equal(source.posed(0, source.poses(0)[1]).V, arrays["V_10"])
-    assert list(source.checksums([0])) == ["walk.npz"]
-    for wrong, words in (
-        ({"V_0": ball.V[:, :2]}, "walk.npz, V_0: "),
-        ({"V_0": ball.V * 1j}, "walk.npz, V_0: its .*no real numbers"),
-        ({"F": ball.F + 0.5}, "walk.npz, V_0: its .*no whole numbers"),
-    ):
-        np.savez(path, **{"V_0": ball.V, "V_1": ball.V, "F": ball.F} | wrong)
-        with pytest.raises(InputError, match=words):
-            sequence(path).rest(0)
-    path.write_text("no archive")
-    with pytest.raises(InputError, match="walk.npz: not an .npz file, or cut; give"):
-        sequence(path)
-
-
 def test_triangles_of_a_class_are_reconciled_and_turned_outward(tmp_path):
     ball = icosphere(2)
     rng = np.random.default_rng(0)
