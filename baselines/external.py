@@ -25,7 +25,6 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.files.meshes import read_file, write_mesh
 from sshade.files.task_files import write_handles
-from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask
 
@@ -33,11 +32,6 @@ from sshade.problem.task import DeformationResult, DeformationTask
 FILES = ("{mesh}", "{handles}", "{output}")
 #: Variable with the time limit of a run in seconds; missing in a run without a limit.
 TIME_LIMIT = "EVAL_TIME_LIMIT"
-#: Time limit in seconds of the run that measures the start-up.
-STARTUP_LIMIT = 60.0
-
-#: Seconds that a command takes on :func:`tetrahedron`, as far as they were measured.
-_startup: dict[tuple[Any, ...], float] = {}
 
 
 def external(
@@ -72,10 +66,8 @@ def external(
     Returns
     -------
     DeformationResult
-        ``seconds`` has the stages write, program and read. ``startup`` is the time of the same program on a
-        mesh of four vertices, if :func:`measure_startup` was called before, and is part of the stage program.
-        ``reported`` is the time that the program itself reports. ``extra["peak_mib"]`` is the memory of the
-        program and its child processes.
+        ``seconds`` has the stages write, program and read. ``reported`` is the time that the program itself
+        reports. ``extra["peak_mib"]`` is the memory of the program and its child processes.
 
     Raises
     ------
@@ -93,9 +85,6 @@ def external(
     finished, V, report, seconds = _run(
         task, words_of(command), formats, seed=seed, limit=None if limit is None else float(limit)
     )
-    startup = _startup.get((*words_of(command), *formats))
-    if startup is not None:
-        seconds["startup"] = startup
     if "seconds" in report:
         seconds["reported"] = report.pop("seconds")
     return DeformationResult(
@@ -105,40 +94,6 @@ def external(
         seconds=seconds,
         extra={**report, "peak_mib": finished.peak_mib},
     )
-
-
-def measure_startup(
-    *,
-    command: list[str],
-    mesh_format: str = "ply",
-    handles_format: str = "json",
-    output_format: str = "ply",
-    **_: Any,
-) -> None:
-    """Time a program on :func:`tetrahedron`, for the column ``seconds.startup`` of later results.
-
-    The time stays unknown if the program fails on the tetrahedron, or needs over :data:`STARTUP_LIMIT`.
-    """
-    formats = mesh_format, handles_format, output_format
-    try:
-        finished, *_ = _run(tetrahedron(), words_of(command), formats, seed=0, limit=STARTUP_LIMIT)
-    except (ProgramFailed, TimeoutError):
-        return
-    _startup[(*words_of(command), *formats)] = finished.seconds
-
-
-# The warm-up of `sshade-eval` calls this function before the clock starts.
-external.measure_startup = measure_startup  # type: ignore[attr-defined]
-
-
-def tetrahedron() -> DeformationTask:
-    """Return a tetrahedron with two fixed vertices, one that moves, and a free one."""
-    V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    F = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    handles = Handles(
-        np.array([0, 1, 2]), V[:3] + [[0, 0, 0], [0, 0, 0], [0, 0.1, 0]], dynamic=[False, False, True]
-    )
-    return DeformationTask("tetrahedron", Mesh(V, F), handles)
 
 
 def words_of(command: Any) -> list[str]:

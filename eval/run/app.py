@@ -154,10 +154,7 @@ def _status(outcome: Outcome) -> str:
     row = outcome.row
     if row["status"] in ("failed", "timeout", "skipped"):
         return f"{row['status']} ({row['reason']})"
-    startup = row.get("seconds.startup")
-    text = f"{row['status']}, {row['seconds.total']:.2f} s"
-    text += f" with a start-up of {startup:.2f} s" if startup is not None else ""
-    text += f", {row['iterations']:g} iterations"
+    text = f"{row['status']}, {row['seconds.total']:.2f} s, {row['iterations']:g} iterations"
     return f"{text}, already there" if outcome.found else text
 
 

@@ -25,8 +25,7 @@ def warm_up(
     """Run a method once on a tiny task, unless this process has done so for `key`.
 
     Methods of :func:`sshade.deform` use other kernels for handle regions and large meshes. For these methods,
-    the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`. A method with a function
-    ``measure_startup`` is not run: the warm-up calls this function with the parameters of the method.
+    the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`.
 
     Parameters
     ----------
@@ -40,13 +39,8 @@ def warm_up(
     """
     if key in _done:
         return
-    function = getattr(method, "func", method)
-    measure_startup = getattr(function, "measure_startup", None)
-    if measure_startup is not None:
-        measure_startup(**method.keywords)
-    else:
-        method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
-    if function is deform:
+    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
+    if getattr(method, "func", method) is deform:
         if kind is DeformationTask:
             method(tiny_regions(), seed=0, **overrides)
         compile_sampling()

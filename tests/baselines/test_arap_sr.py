@@ -6,7 +6,6 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from baselines.arap_sr.anderson import Anderson
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from defaust.sources.generated.lattices import bar
@@ -129,16 +128,3 @@ def test_acceleration_from_rest_untwists_a_bar(vertices):
     assert rest.converged and rigid.converged
     assert energy_of(task.mesh, rest) < 1.001 * energy_of(task.mesh, rigid)
     assert np.abs(rest.vertices - rigid.vertices).max() < 1e-3 * task.mesh.diagonal
-
-
-def test_acceleration_step_equals_the_least_squares_formula():
-    rng = np.random.default_rng(11)
-    U, G = rng.normal(size=(2, 9, 30))
-    mixer, u = Anderson(30, 3), np.empty(30)
-    for k in range(9):
-        u[:] = U[k]
-        mixer.advance(u, G[k])
-        first = max(0, k - 3)
-        dF, dG = np.diff((G - U)[first : k + 1], axis=0).T, np.diff(G[first : k + 1], axis=0).T
-        theta = np.linalg.lstsq(dF, G[k] - U[k], rcond=None)[0] if k else np.zeros(0)
-        assert u == pytest.approx(G[k] - dG @ theta, abs=1e-11)

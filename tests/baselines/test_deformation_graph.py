@@ -56,14 +56,6 @@ def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
         assert singular[1] ** 2 > 1e-6 * singular[0] ** 2
 
 
-def test_nodes_on_one_line_take_all_others_and_give_up():
-    mesh = strip(20, 1)
-    _, fronts = sampled(mesh, 5, first=(0, 8, 16, 24, 32))  # all nodes on one side of the strip
-    edges = node_graph(mesh, fronts)
-    assert np.ptp(mesh.V[fronts.samples, 1]) == 0
-    assert len(edges) == 5 * 4 / 2
-
-
 @pytest.mark.parametrize("name", family())
 @pytest.mark.parametrize("blended", [1, 4, 8])
 def test_binding_equals_plain_loops(name, blended):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,8 +10,7 @@ from shutil import which
 import numpy as np
 import pytest
 
-from baselines import external as module
-from baselines.external import TIME_LIMIT, external, measure_startup, tetrahedron, words_of
+from baselines.external import TIME_LIMIT, external, words_of
 from baselines.program import ProgramFailed
 from sshade import DeformationTask, Handles
 from sshade.core.errors import InputError
@@ -129,12 +127,6 @@ def test_commands_that_are_none_are_refused(task, command, words):
         external(task, command=command)
 
 
-def test_pickled_arrays_are_not_loaded(run):
-    program = "import numpy, sys; numpy.save(sys.argv[1], numpy.array([{}], dtype=object))"
-    with pytest.raises(ProgramFailed, match="allow_pickle"):
-        run(f'{sys.executable} -c "{program}" "$3"', output_format="npy")
-
-
 def test_a_command_without_placeholders_gets_the_files_last():
     assert words_of(["sh", "--o={output}", "{mesh}{handles}"]) == ["sh", "--o={output}", "{mesh}{handles}"]
     assert words_of(["a", 1.5]) == ["a", "1.5", "{mesh}", "{handles}", "{output}"]
@@ -164,50 +156,11 @@ def test_a_program_that_ends_leaves_no_process_behind(run, tmp_path, code):
     wait_for(lambda: ended(pids), seconds=10)
 
 
-@pytest.mark.skipif(not which("setsid"), reason="there is no program setsid")
-def test_a_child_that_leaves_the_group_is_killed_too(run, tmp_path, monkeypatch):
-    monkeypatch.setenv(TIME_LIMIT, "1")
-    pids = tmp_path / "pids"
-    with pytest.raises(TimeoutError):
-        run(f"setsid sh -c 'echo $$ > {pids}; sleep 600; true' & wait")
-    wait_for(lambda: ended(pids), seconds=10)
-
-
 def test_memory_is_of_all_processes_of_the_program(run):
     hold = f"{sys.executable} -I -S -c 'import time; x = 80_000_000 * bytes([1]); time.sleep(1.5)'"
     alone = run(f"{hold}; {SHIFTING}").extra["peak_mib"]
     both = run(f"{hold} & {hold}; wait; {SHIFTING}").extra["peak_mib"]
     assert 76 < alone < 130 and 1.7 * alone < both < 2.3 * alone
-
-
-def test_start_up_is_the_time_on_four_vertices(run, tmp_path, monkeypatch):
-    assert tetrahedron().mesh.n == 4 and tetrahedron().mesh.is_closed and tetrahedron().mesh.volume > 0
-    monkeypatch.setattr(module, "_startup", {})
-    text = f"sleep 0.2; {SHIFTING}"
-    assert "startup" not in run(text).seconds
-    command = ["sh", str(tmp_path / "program.sh")]
-    measure_startup(command=command, files=[], **TEXTS)
-    seconds = run(text).seconds
-    assert 0.2 <= seconds["startup"] < 5 and seconds["program"] >= 0.2
-    monkeypatch.setattr(module, "_startup", {})
-    (tmp_path / "program.sh").write_text("exit 1")
-    measure_startup(command=command, **TEXTS)
-    assert module._startup == {}
-
-
-NUMPY = {**TEXTS, "output_format": "npy"}
-
-
-def test_the_example_in_python_needs_no_sshade_and_moves_with_its_handles(task):
-    script = EXAMPLES / "biharmonic.py"
-    assert "sshade" not in re.findall(r"^(?:from|import) (\w+)", script.read_text(), re.M)
-    command = [sys.executable, "-I", str(script)]
-    result = external(task, command=command, **NUMPY)
-    np.testing.assert_array_equal(result.vertices[task.handles.index], task.handles.target)
-    assert result.iterations == 1 and 0 < result.seconds["reported"] < result.seconds["program"]
-    V, own = task.mesh.V + [1, 2, 3], task.handles
-    shifted = DeformationTask("shifted", task.mesh, Handles(own.index, V[own.index]))
-    np.testing.assert_allclose(external(shifted, command=command, **NUMPY).vertices, V, atol=1e-9)
 
 
 @pytest.mark.skipif(not which("awk"), reason="there is no awk")

@@ -101,18 +101,6 @@ def test_the_energy_of_a_patch_is_that_of_the_loops(weights, literal):
     assert found == pytest.approx(literal(P, triangles, R, images), rel=1e-12)
 
 
-def test_the_authors_overwrite_a_weight_and_list_edges_of_the_boundary_once():
-    # Both triangles have the edge between 0 and 2. They list it as (2, 0) and (0, 2), or twice as (0, 2).
-    apart, same = np.array([[2, 0, 1], [0, 2, 3]]), np.array([[0, 2, 1], [0, 3, 2]])
-    for triangles, corners_of_it in ((apart, 2), (same, 1)):
-        edges, corners = weighted_edges(triangles, "authors")
-        inner = [k for k, edge in enumerate(edges) if {*edge} == {0, 2}]
-        assert len(edges) == 6 and len(inner) == 2
-        assert (corners[:, inner].sum(axis=0) == corners_of_it).all()
-        assert (np.delete(corners, inner, axis=1).sum(axis=0) == 1).all()
-    assert len(weighted_edges(apart, "cotangents")[0]) == 10
-
-
 def test_normalised_mesh_is_centred_and_fits():
     mesh = bumpy(3)
     V, centre, scale = normalised(mesh)

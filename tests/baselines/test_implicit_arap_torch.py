@@ -13,7 +13,6 @@ from baselines.implicit_arap.networks import (  # noqa: E402
     Mlp,
     MotionField,
     euler_rotation,
-    fourier_features,
 )
 from baselines.implicit_arap.patches import (  # noqa: E402
     patches_at,
@@ -69,13 +68,6 @@ def test_euler_angles_compose_x_then_y_then_z():
     angles = 6 * torch.rand(50, 3, generator=generator(), dtype=torch.float64) - 3
     expected = Rotation.from_euler("XYZ", angles.numpy()).as_matrix()
     np.testing.assert_allclose(euler_rotation(angles).numpy(), expected, atol=1e-12)
-
-
-def test_fourier_features_by_hand():
-    x = torch.tensor([[0.25, -0.5]])
-    s, c = np.sin(2 * np.pi * 0.25), np.cos(2 * np.pi * 0.25)
-    expected = [0.25, -0.5, s, 0, 0, 0, c, -1, -1, 1]  # per coordinate: octaves 1 and 2
-    torch.testing.assert_close(fourier_features(x, 2), torch.tensor([expected]).float(), atol=1e-6, rtol=0)
 
 
 def test_published_networks_have_the_published_sizes():

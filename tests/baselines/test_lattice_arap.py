@@ -5,7 +5,6 @@ import pytest
 
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.lattice_arap import lattice_arap
-from sshade.core.errors import InputError
 from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import (
     block,
@@ -17,7 +16,6 @@ from tests.shapes import (
     rotation,
     strip,
     tube,
-    two_spheres,
 )
 
 
@@ -75,11 +73,3 @@ def test_lattice_arap_is_stationary_where_it_stops():
     assert first.converged and second.converged
     assert np.abs(first.vertices - second.vertices).max() < 1e-6 * task.mesh.diagonal
     assert first.extra["handle_before"] < 5e-3
-
-
-def test_lattice_components_need_handles():
-    balls = two_spheres()
-    handles = Handles(np.arange(3), balls.V[:3] + [0, 0, 1])
-    task = DeformationTask("one", balls, handles)
-    with pytest.raises(InputError, match="1 of the 2 components of the coarse volume has no handle"):
-        lattice_arap(task, cells=30)

@@ -2,17 +2,14 @@
 
 import re
 
-import numpy as np
 import pytest
 import yaml
 from eval_rows import frame, lost, row
-from PIL import Image
 
 from eval import CONFIGURATION
 from eval.main import call
 from eval.publish import figures, panels
 from eval.publish.figures import chart_of, read_cases, read_picture, time_and_truth
-from eval.publish.plotting import new_figure, save
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
@@ -68,18 +65,6 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
     assert call("figures", [str(tiny_runs), "--cases", "bumpy_10", "--up", "0", "1", "0"]) == 0
     (shown_row,) = drawn["rows"]
     assert shown_row.name == "bumpy_10" and shown_row.panels[0].view.axes[1].argmax() == 1
-
-
-def test_a_small_picture_has_few_colours_and_keeps_the_rare_ones(tmp_path):
-    pixels = np.linspace(0, 1, 400)[None, :, None] * np.ones((300, 1, 3)) * [1.0, 0.4, 0.2]
-    pixels[:6, :6] = [0.13, 0.40, 0.67]
-    figure = new_figure(4, 3)
-    figure.figimage(pixels)
-    save(figure, tmp_path / "small.png")
-    with Image.open(tmp_path / "small.png") as image:
-        few = np.asarray(image.convert("RGB")).astype(int)
-    assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 256
-    assert np.abs(few - [33, 102, 171]).max(axis=-1).min() <= 8
 
 
 @pytest.mark.parametrize(
