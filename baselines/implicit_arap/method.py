@@ -108,9 +108,8 @@ def implicit_arap(
     Returns
     -------
     DeformationResult
-        `converged` is None. `extra` holds the sizes, the first and last losses, the mean handle error divided
-        by the diagonal, and ``loss_curve`` (steps, 3), the weighted losses of ARAP, moving handles and static
-        handles.
+        `converged` is None. `extra` holds the sizes, the mean handle error divided by the diagonal, and
+        ``loss_curve`` (steps, 3), the weighted losses of ARAP, moving handles and static handles.
 
     Raises
     ------
@@ -157,11 +156,8 @@ def implicit_arap(
     else:
         surface = ImplicitSurface.of(V, mesh.F, device=place)
         fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
-        fit |= {"frequencies": frequencies}
-        random = {"generator": draws, "weights": initial}
-        distance, loss = fit_network_sdf(
-            surface, **fit, **random, learning_rate=sdf_learning_rate, progress=progress
-        )
+        fit |= {"frequencies": frequencies, "learning_rate": sdf_learning_rate}
+        distance, loss = fit_network_sdf(surface, **fit, generator=draws, weights=initial, progress=progress)
         facts |= {"sdf_size": sdf_width, "sdf_steps": sdf_steps, "sdf_loss_last": loss}
     watch.end("sdf")
 
@@ -180,7 +176,7 @@ def implicit_arap(
     watch.end("apply")
     facts |= {"variant": variant, "sdf": sdf, "steps": steps}
     facts |= {"device": torch.cuda.get_device_name(place) if place.type == "cuda" else place.type}
-    facts |= {"points": plan.points(len(handles)), "threads": torch.get_num_threads(), **_loss_facts(losses)}
+    facts |= {"points": plan.points(len(handles)), "threads": torch.get_num_threads()}
     facts |= {"handle_error": handle_error(mesh, handles, vertices), "loss_curve": losses}
     return DeformationResult(vertices, steps, converged=None, seconds=watch.seconds, extra=facts)
 
@@ -201,17 +197,3 @@ def normalised(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
     centre = middle + mesh.face_areas @ barycentres / mesh.area
     scale = HALF_EXTENT / np.abs(mesh.V - centre).max()
     return (mesh.V - centre) * scale, centre, float(scale)
-
-
-def _loss_facts(losses: np.ndarray) -> dict[str, float]:
-    """Return the first and last total loss and the last partial losses; last means the mean of ten steps."""
-    if not len(losses):
-        return {}
-    total, last = losses.sum(axis=1), losses[-10:].mean(axis=0)
-    return {
-        "loss_first": float(total[0]),
-        "loss_last": float(total[-10:].mean()),
-        "loss_arap": float(last[0]),
-        "loss_moving": float(last[1]),
-        "loss_static": float(last[2]),
-    }

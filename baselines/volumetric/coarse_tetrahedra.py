@@ -109,6 +109,10 @@ class CoarseTetrahedra(NamedTuple):
         """Return the entries of a row. Only the first run on a mesh spends ``tetrahedra_seconds``."""
         return {"nodes": len(self.V), "tetrahedra": len(self.T), "tetrahedra_seconds": self.seconds}
 
+    def inverted(self, nodes: np.ndarray) -> int:
+        """Return the number of tetrahedra that are inverted, or without volume, at positions (p, 3)."""
+        return int((six_volumes(nodes, self.T) <= 0).sum())
+
 
 def coarse_tetrahedra(
     mesh: Mesh, *, samples: int = 3000, edge: float = 0.04, envelope: float = 1e-3
@@ -150,7 +154,7 @@ def coarse_tetrahedra(
     return CoarseTetrahedra(
         V=V * scale + centre,
         T=T,
-        volumes=np.linalg.det(V[T[:, 1:]] - V[T[:, :1]]) / 6 * scale**3,
+        volumes=six_volumes(V, T) / 6 * scale**3,
         carry=barycentric_coordinates(V, T, (mesh.V - centre) / scale),
         component=_components(len(V), T),
         seconds=seconds,
@@ -192,12 +196,17 @@ def _filled(V: np.ndarray, F: np.ndarray, *, edge: float, envelope: float) -> tu
         with np.load(Path(folder, "filled.npz"), allow_pickle=False) as filled:
             nodes, T = filled["nodes"], filled["T"]
     T = np.asarray(T, dtype=np.int64).reshape(-1, 4)
-    volumes = np.linalg.det(nodes[T[:, 1:]] - nodes[T[:, :1]])
+    volumes = six_volumes(nodes, T)
     T = np.where((volumes < 0)[:, None], T[:, [0, 2, 1, 3]], T)[volumes != 0]
     if len(T) == 0:
         raise InputError("fTetWild found nothing to fill: the surface encloses no volume")
     used, T = np.unique(T, return_inverse=True)
     return nodes[used], T.reshape(-1, 4)
+
+
+def six_volumes(V: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return six times the signed volume (t,) of each tetrahedron."""
+    return np.linalg.det(V[T[:, 1:]] - V[T[:, :1]])
 
 
 def barycentric_coordinates(V: np.ndarray, T: np.ndarray, points: np.ndarray) -> csr_array:

@@ -128,7 +128,7 @@ def neo_hookean(
     watch.end("solve")
     nodes = x * scale + centre
     V = tetrahedra.carry @ nodes
-    inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
+    inverted = tetrahedra.inverted(nodes)
     residual = residuals[-1] if residuals else np.inf
     watch.end("carry")
     return DeformationResult(
@@ -141,7 +141,7 @@ def neo_hookean(
             "residual": residual,
             "residual_curve": np.array(residuals),
             "energy": problem.energy(x) - problem.rest,
-            "inverted": int(inverted.sum()),
+            "inverted": inverted,
             "handle_error": handle_error(mesh, handles, V),
         },
     )

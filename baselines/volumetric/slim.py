@@ -111,7 +111,7 @@ def slim(
     watch.end("solve")
     nodes = u * scale + centre
     V = tetrahedra.carry @ nodes
-    inverted = np.linalg.det(nodes[tetrahedra.T[:, 1:]] - nodes[tetrahedra.T[:, :1]]) <= 0
+    inverted = tetrahedra.inverted(nodes)
     watch.end("carry")
-    facts = {"inverted": int(inverted.sum()), "handle_error": handle_error(mesh, handles, V)}
+    facts = {"inverted": inverted, "handle_error": handle_error(mesh, handles, V)}
     return iterated(V, done, watch.seconds, **tetrahedra.facts(), **facts)
