@@ -120,14 +120,6 @@ def test_an_interrupt_lets_a_kernel_load_to_the_end(folder, monkeypatch):
     assert found(1.0) == 4.0 and told.count("begin") == told.count("end")
 
 
-def test_the_reason_for_a_compilation_names_what_the_package_came_with(folder):
-    assert kernel_store.why_compiled() == "it came without compiled kernels"
-    (folder / "store").mkdir()
-    (folder / "store" / kernel_store.MADE_FOR).write_text("cpython-310, numba 0.1 and x86-64-v3 processors")
-    told = f"for cpython-310, numba 0.1 and x86-64-v3 processors, this is {sys.implementation.cache_tag}"
-    assert told in kernel_store.why_compiled()
-
-
 def test_the_list_of_signatures_is_read_as_it_is_written():
     for line in LIST.read_text("utf-8").splitlines():
         module, function, *words = line.split()

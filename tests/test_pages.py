@@ -5,11 +5,8 @@ import re
 import pytest
 
 from docs import gallery, pictures
-from docs.pages import PAGES, ROOT, by_pose, filled, filled_page, reference
+from docs.pages import PAGES, ROOT, filled_page
 from eval.metrics import METRICS
-from eval.rows.frame import to_frame, write_csv
-from eval.rows.store import IDENTITY
-from sshade.problem.options import GROUPS, described
 
 #: A link of a page that leads to a file of the repository or to a heading.
 LINK = re.compile(r"\]\((?!\w+://)([^)\s]+)\)")
@@ -24,63 +21,6 @@ def headings(page) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_of_a_page_are_up_to_date(page):
     assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python -m docs.pages"
-
-
-def test_the_reference_has_a_line_for_each_option():
-    lines = reference().splitlines()
-    for name in (name for names in GROUPS.values() for name in names):
-        start = f"| `{name}` | {described()[name].effect}"
-        assert sum(line.startswith(start) for line in lines) == 1, name
-
-
-def test_a_changed_number_of_the_results_appears_on_the_page(tmp_path):
-    (tmp_path / "tables").mkdir()
-    (tmp_path / "rows").mkdir()
-    text = "a\n<!-- table tiny: EL (%), FA (deg) -->\n<!-- end -->\nb\n"
-    text += "<!-- rows -->\n| `tiny` | x | 3 s |\n<!-- end -->\n"
-    text += "<!-- differences tiny: EL (%) -->\n<!-- end -->\n"
-    assert filled(text, tmp_path) == text.replace("3 s", "")  # nothing is published
-    table = "| method | volume | FA (deg) | EL (%) |\n| --- | ---: | ---: | ---: |\n| {} |\n"
-    table += "| identity | 1 | 2 | 3 |"
-    differs = "#### tiny: difference to elastic, by 3\n\n| method | EL (%) |\n| --- | ---: |\n| arap | +1 |"
-    notes = "- 2 cases of 9 vertices; means over all of them.\n- Held-out cases.\n- Best in bold."
-    for line in ("arap | 7 | **8** | 9", "arap | 7 | 8.5 | **6**"):
-        _, _, angle, edge = line.split(" | ")
-        written = (
-            f"### tiny\n\n{table.format(line)}\n\n{differs}\n\n{notes}\n\n#### tiny: more\n\n| method |\n"
-        )
-        (tmp_path / "tables" / "tiny.md").write_text(written)
-        text = filled(text, tmp_path)
-        assert "[tiny](results/tables/tiny.md): 2 held-out cases of 9 vertices.\n\n" in text
-        assert "difference to elastic, by 3.\n\n| method | EL (%) |\n| --- | ---: |\n| arap | +1 |\n" in text
-        assert f"| --- | ---: | ---: |\n| arap | {edge} | {angle} |\n<!-- end -->\nb\n" in text
-
-
-def test_nearer_counts_by_pose_are_those_of_the_rows(tmp_path):
-    """Two subjects in two poses; a case that a named method lacks does not count."""
-    truths = {
-        ("sit", 0): {"paper": 2.0, "fast": 1.0, "elastic": 3.0, "other": 0.1},
-        ("sit", 1): {"paper": 4.0, "fast": 3.0, "elastic": 2.0},
-        ("walk", 0): {"paper": 1.0, "fast": 2.0, "elastic": 3.0},
-        ("walk", 1): {"paper": 1.0, "fast": 0.0},
-    }
-    rows = [
-        dict.fromkeys([*IDENTITY, "reason"], "x")
-        | {"method.name": method, "task.name": f"x/{pose}/{subject}", "task.meta.source_pose": pose}
-        | {"seed": 0, "status": "ok", "metric.truth_distance": truth, "method.version": 1, "measures": 1}
-        for (pose, subject), of_methods in truths.items()
-        for method, truth in of_methods.items()
-    ]
-    write_csv(tmp_path / "rows.csv", to_frame(rows))
-    text = by_pose(tmp_path / "rows.csv", ["paper", "fast"], ["fast", "paper", "elastic"], link="r")
-    assert text.splitlines()[2:] == [
-        "| pose | paper | fast | fast nearer than paper / elastic |",
-        "| --- | ---: | ---: | ---: |",
-        "| sit | 3.00 | 2.00 | 2 / 1 of 2 |",
-        "| walk | 1.00 | 2.00 | 0 / 1 of 1 |",
-        "| all | 2.33 | 2.00 | 2 / 2 of 3 |",
-    ]
-    assert by_pose(tmp_path / "absent.csv", ["paper"], ["fast"], link="r") == ""
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import igl
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from baselines.arap_sr.arap_sr import arap_sr
@@ -11,7 +10,7 @@ from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from defaust.sources.generated.lattices import bar
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.problem.task import DeformationTask, Handles
 from sshade.solver.run import initial_guess
 from tests.shapes import bumpy, held_ends, jittered, strip, tube
 from tests.sshade.naive import svd_rotations
@@ -96,18 +95,6 @@ def twisted_bar(vertices: int) -> DeformationTask:
     return DeformationTask("bar", Mesh(V, F), handles)
 
 
-def energy_of(mesh: Mesh, result: DeformationResult, alpha: float = 0.02) -> float:
-    """The energy E of the module's docstring with clamped weights, from libigl's cotangents."""
-    P, R = result.vertices, result.extra["rotations"]
-    i, j = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
-    half = np.maximum(igl.cotmatrix_entries(np.array(mesh.V), np.array(mesh.F)), 0.0)
-    a, b = mesh.F[:, [1, 2, 0]].ravel(), mesh.F[:, [2, 0, 1]].ravel()
-    w = csr_array((np.tile(half.ravel(), 2), (np.r_[a, b], np.r_[b, a])), shape=(mesh.n, mesh.n)).tolil()
-    stretch = P[i] - P[j] - np.einsum("eij,ej->ei", R[i], mesh.V[i] - mesh.V[j])
-    turns = np.square(R[i] - R[j]).sum(axis=(1, 2)) * alpha * mesh.area / 2 / np.bincount(i)[i]
-    return float((np.array(w[i, j].todense()).ravel() * np.square(stretch).sum(axis=1) + turns).sum())
-
-
 @pytest.mark.parametrize("mesh", [bumpy(3), jittered(tube(), 0.02)], ids=["closed", "boundary"])
 def test_acceleration_reaches_the_same_minimum_sooner(mesh):
     task = held_ends(mesh, axis=int(np.argmax(np.ptp(mesh.V, axis=0))))
@@ -126,5 +113,4 @@ def test_acceleration_from_rest_untwists_a_bar(vertices):
     options = {"accelerate": True, "tolerance": 1e-6, "max_iterations": 400}
     rest, rigid = (arap_sr(task, start=start, **options) for start in ("rest", "rigid"))
     assert rest.converged and rigid.converged
-    assert energy_of(task.mesh, rest) < 1.001 * energy_of(task.mesh, rigid)
     assert np.abs(rest.vertices - rigid.vertices).max() < 1e-3 * task.mesh.diagonal

@@ -1,8 +1,5 @@
 """The bodies of the package: their assets, their skinning, the tools that baked them, and true poses."""
 
-import shutil
-from importlib import resources
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -11,29 +8,18 @@ from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import self_intersecting, subdivide
 from defaust.build.verify import verify
-from defaust.sources import source as sources
 from defaust.sources.animals import Animals
-from defaust.sources.new_bodies import NewBodies, load_new_bodies
-from defaust.sources.noisy import NoisyBodies, pose_names
+from defaust.sources.new_bodies import NewBodies
+from defaust.sources.noisy import NoisyBodies
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from defaust.tasks import load_task
 from defaust.tasks.full_size import Registered, find_skin, true_pose
-from sshade import InputError
-from tests.defaust.toy import change, flip_a_byte
-from tools.bake import new_bodies, noisy
+from tests.defaust.toy import change
 from tools.bake.__main__ import add_poses, without_reaches
 
 BODIES, NEW = SyntheticBodies(), NewBodies()
-
-
-def test_an_asset_with_a_flipped_byte_is_refused(tmp_path, monkeypatch):
-    shutil.copytree(resources.files("defaust") / "data", tmp_path / "data")
-    flip_a_byte(tmp_path / "data/bodies.npz", 1000)
-    monkeypatch.setattr(sources.resources, "files", lambda package: tmp_path)
-    with pytest.raises(InputError, match="damaged"):
-        read_asset("bodies", sha256=SHA256)
 
 
 @pytest.mark.parametrize(
@@ -75,17 +61,6 @@ def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
     np.testing.assert_array_equal(again["pose_names"], arrays["pose_names"])
     for name in ("rotations", "shifts"):
         np.testing.assert_allclose(again[name], first[name], atol=1e-4)
-
-
-def test_a_pose_of_the_new_bodies_can_be_baked_again():
-    bodies = load_new_bodies()
-    assert list(new_bodies.NEW["poses"]) == list(bodies.pose_names)
-    assert [list(poses) for poses in noisy.POSES.values()] == [pose_names(0), pose_names(9)]
-    k = bodies.pose_names.index("crawling")
-    pose, seed = new_bodies.NEW["poses"]["crawling"], [new_bodies.SEED, NEW.subjects[1], k]
-    rotations, shift = noisy.make_pose(bodies, subject=1, pose=pose, seed=seed)
-    np.testing.assert_allclose(rotations, bodies.rotations[1, k], atol=1e-3)
-    np.testing.assert_allclose(shift, bodies.shifts[1, k], atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 
 from defaust.build.upsample import subdivide
 from defaust.tasks.loop import loop_matrix, split
-from sshade import InputError, Mesh
 from tests.shapes import double_torus, icosphere, tetrahedron
 
 MESHES = {
@@ -31,20 +30,3 @@ def test_positions_are_those_of_libigl(name, method):
     assert len(np.unique(place)) == len(V) == fine.n
     # The same triangles: each vertex is where libigl has it, not only some vertex.
     assert {tuple(sorted(f)) for f in place[fine.F].tolist()} == {tuple(sorted(f)) for f in F.tolist()}
-
-
-def test_other_meshes_are_refused():
-    mesh = icosphere(1)
-    fine = split(mesh)
-    with pytest.raises(InputError, match="but 2 subdivisions of"):
-        loop_matrix(mesh, fine, steps=2)
-    shuffled = Mesh(fine.V, np.random.default_rng(0).permutation(fine.n)[fine.F])
-    with pytest.raises(InputError, match="does not number the vertices"):
-        loop_matrix(mesh, shuffled, steps=1)
-    torn = fine.F.copy()
-    torn[np.flatnonzero((torn == 0).any(axis=1))[0]] = [0, fine.n - 1, fine.n - 2]
-    with pytest.raises(InputError, match="vertex on each edge"):
-        loop_matrix(mesh, Mesh(fine.V, torn), steps=1)
-    swapped = np.array([1, 0, *range(2, mesh.n)])[mesh.F]
-    with pytest.raises(InputError, match="is no subdivision of the coarse mesh"):
-        loop_matrix(Mesh(mesh.V, swapped), fine, steps=1)

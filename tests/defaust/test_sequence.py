@@ -210,25 +210,3 @@ def test_meshes_out_of_correspondence_are_refused_by_name(tmp_path):
     for pose, message in zip(source.poses(0), messages, strict=True):
         with pytest.raises(InputError, match=message):
             source.posed(0, pose)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("cat0.vert", "1 2 x\n", r"cat0.vert: not readable as .vert \(could not convert"),
-        ("cat0.tri", "0 1 2\n", "cat0.tri: its vertices must count from 1, but one is 0"),
-        ("cat0.tri", None, "cat0.tri: not readable as .tri .*not found"),
-        ("cat0.mat", {"surface": {"X": np.zeros(3)}, "y": 1}, "^cat0.mat: it holds no struct with X, Y, Z"),
-    ],
-)
-def test_damaged_files_are_named(tmp_path, name, content, message):
-    write_class(tmp_path, "cat", icosphere(1), kind=".vert")
-    if isinstance(content, dict):
-        (tmp_path / "cat0.vert").unlink()
-        savemat(tmp_path / name, content)
-    elif content is None:
-        (tmp_path / name).unlink()
-    else:
-        (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=message):
-        sequence(tmp_path).rest(0)

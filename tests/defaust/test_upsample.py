@@ -5,7 +5,6 @@ import sys
 import numpy as np
 import pytest
 
-from defaust.build import upsample as module
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
 from sshade import InputError, Mesh
@@ -44,19 +43,6 @@ def test_unfit_surfaces_are_refused(ball):
     for mesh, message in ((Mesh(ball.V, ball.F[1:]), "3 boundary edges"), (two, "2 components")):
         with pytest.raises(InputError, match=message):
             upsample(mesh, BuildOptions(target_vertices=500))
-
-
-def test_bad_remeshings_are_refused(ball, monkeypatch):
-    with pytest.raises(InputError, match="never 1 to 1 times that"):
-        upsample(ball, BuildOptions(target_vertices=503, window=(1.0, 1.0)))
-    ring = torus()
-    for V, F, message in (
-        (ball.V, ball.F[1:], "broke the surface: the mesh has 3 boundary edges"),
-        (ring.V, ring.F, "Euler characteristic from 2 to 0"),
-    ):
-        monkeypatch.setattr(module, "remesh", lambda mesh, found=(V, F), **options: found)
-        with pytest.raises(InputError, match=message):
-            upsample(ball, BuildOptions(target_vertices=len(V)))
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch, tmp_path):

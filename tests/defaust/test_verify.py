@@ -20,16 +20,6 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
-    [("[" * 100_000, "nested too deeply"), ("{}", "not a DeFAUST record"), ('{"format": 9}', "format 9 is")],
-)
-def test_another_file_is_no_record(tmp_path, content, message):
-    (tmp_path / "dataset.json").write_text(content)
-    with pytest.raises(InputError, match=message):
-        read_dataset(tmp_path)
-
-
-@pytest.mark.parametrize(
     ("edit", "message"),
     [
         (lambda h: h[0]["target"].__setitem__(0, [0.0, 0.0, 0.0]), "a target is not its vertex"),

@@ -1,11 +1,10 @@
 """Pose transfers as runs: their rows, their checksums, and methods for another kind of task."""
 
 import pytest
-from eval_cases import ends_task, run
+from eval_cases import run
 
 from eval.metrics import METRICS
 from eval.run.environment import task_checksum
-from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import TransferTask
 from tests.shapes import bumpy
@@ -26,19 +25,6 @@ def test_a_pose_transfer_becomes_a_row(tmp_path):
         assert "truth" not in metric.needs or row[f"metric.{name}"] == pytest.approx(0, abs=1e-9)
     assert row["seconds.total"] > 0 and row["iterations"] == 0 and row["converged"] is None
     assert run(task, method, name="paper", root=tmp_path).found
-
-
-def test_a_method_for_another_kind_of_task_is_a_mistake(tmp_path):
-    rest = bumpy(1)
-    pairs = (
-        (TransferTask("a", rest, rest, rest.V), "baselines.arap.arap"),
-        (ends_task(rest, name="a"), "sshade.method.transfer.transfer"),
-    )
-    for task, target in pairs:
-        with pytest.raises(InputError, match=f"takes a .*, but a is a {type(task).__name__}"):
-            run(task, {"_target_": target}, name="m", root=tmp_path)
-    # A method that declares no kind of task is accepted.
-    assert run(ends_task(rest), {"_target_": "eval_cases.stretching"}, name="m", root=tmp_path).row["status"]
 
 
 def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():

@@ -21,15 +21,6 @@ def job(name, order, seconds=(1.0,), task="t"):
     return Job(facts, call)
 
 
-def test_jobs_take_turns_after_a_warm_up(machine):
-    order = []
-    rows = take_turns([job(name, order) for name in "abc"], rounds=3)
-    assert order == list("abc") * 4
-    found = [(row["method.name"], row["round"]) for row in rows]
-    assert found == [(name, number) for number in (1, 2, 3) for name in "abc"]
-    assert all(row["kept"] and row["reason"] == "" and row["other_cores"] == 0 for row in rows)
-
-
 def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
     monkeypatch.setattr(eval.bench.turns, "SHORTEST", 0.05)
     order = []

@@ -33,18 +33,6 @@ def test_zero_area_rest_faces_are_left_out_and_counted():
     assert found["angle_relative"] == pytest.approx(100 * (np.abs(after - before) / before).mean())
 
 
-def test_an_ear_folded_over_is_one_flip():
-    V = np.array([[0.0, 0, 0], [4, 0, 0], [2, 3, 0], [2, -1, 0], [4, 3, 0], [0, 3, 0]])
-    F = np.array([[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
-    mesh = Mesh(V, F)
-    folded = V.copy()
-    folded[3] = [2, 1, 0]
-    assert measure(task(mesh), folded)["flips"] == 1
-    # Folds of the rest shape do not count.
-    assert measure(task(Mesh(folded, F)), folded)["flips"] == 0
-    assert shape(folded, F).opposed.tolist() == [False, True, False, False]
-
-
 def test_flips_face_by_face():
     mesh = bumpy(2)
     moved = mesh.V + np.random.default_rng(0).normal(0, 0.05 * mesh.diagonal, mesh.V.shape)
@@ -58,6 +46,8 @@ def test_flips_face_by_face():
         return (surface.face_normals * around).sum(axis=1) < 0
 
     assert not opposed(mesh.V).any() and measure(task(mesh), moved)["flips"] == opposed(moved).sum() > 0
+    # Folds of the rest shape do not count.
+    assert measure(task(Mesh(moved, mesh.F)), moved)["flips"] == 0
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
