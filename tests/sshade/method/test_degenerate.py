@@ -22,27 +22,14 @@ METHODS = {
 }
 
 
-def split(mesh: Mesh, faces: np.ndarray, share: np.ndarray) -> Mesh:
-    """Return a mesh with a new vertex on an edge of each given face, and thus a face without area.
-
-    The new vertex d lies on the edge ab of a face abc, at the fraction `share`. The faces dbc and adc replace
-    the face abc. The new face abd has no area and connects them to the neighbour, which keeps the edge ab.
-    """
-    a, b, c = mesh.F[faces].T
-    d = mesh.n + np.arange(len(faces))
-    V = np.concatenate([mesh.V, mesh.V[a] + share[:, None] * (mesh.V[b] - mesh.V[a])])
-    kept = np.delete(mesh.F, faces, axis=0)
-    new = np.concatenate([np.stack(t, axis=1) for t in ((a, b, d), (d, b, c), (a, d, c))])
-    return Mesh(V, np.concatenate([kept, new]))
-
-
-@st.composite
-def collapsed(draw) -> Mesh:
-    """Draw a copy of SMALL with new vertices on edges: at an end, near an end, or between the ends."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    faces = rng.choice(SMALL.m, draw(st.integers(1, SMALL.m // 4)), replace=False)
-    share = rng.choice([0.0, 1.0, 1e-12, 1e-9, 0.3, 0.5], len(faces))
-    return split(SMALL, faces, share)
+def flattened(seed: int) -> Mesh:
+    """Move a corner of some faces of SMALL onto the opposite edge, at an end or between the ends."""
+    rng = np.random.default_rng(seed)
+    a, b, c = SMALL.F[rng.choice(SMALL.m, SMALL.m // 8, replace=False)].T
+    share = rng.choice([0.0, 1.0, 0.3, 0.5], len(a))[:, None]
+    V = SMALL.V.copy()
+    V[a] = V[b] + share * (V[c] - V[b])
+    return Mesh(V, SMALL.F)
 
 
 def posed(mesh: Mesh, n: int) -> DeformationTask:
@@ -74,8 +61,9 @@ def test_every_method_takes_collapsed_edges_and_faces(name):
         assert flat.facts.faces_without_area == count > 12
 
 
-@given(collapsed())
-def test_half_cotangents_are_bounded_and_those_of_sound_faces_stay(flat):
+@given(seed=st.integers(0, 2**32 - 1))
+def test_half_cotangents_are_bounded_and_those_of_sound_faces_stay(seed):
+    flat = flattened(seed)
     h = half_cotangents(flat)
     assert np.abs(h).max() <= 0.5 / SLACK + 1
     sound = ~flat.without_area

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.method.regions import edge_vertices
 from sshade.problem.options import PRESETS, SOLVER
 from tests.shapes import bumpy, end_handles
@@ -49,26 +49,14 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
 
 
-def test_no_seconds_no_iterations(task):
-    result = fine(task, vertices=600, polish_seconds=0.0)
-    assert result.iterations == 0 and result.converged is None
-
-
-def test_what_a_proxy_refuses_is_refused_before_the_set_up(task, monkeypatch):
-    monkeypatch.setattr("sshade.method.polish.LocalGlobal", lambda *_, **__: pytest.fail("it was set up"))
-    for options, words in (({"workers": 0}, "workers must be"), ({"volume": -1.0}, "volume must be")):
-        with pytest.raises(InputError, match=words):
-            fine(task, **options)
-
-
 @pytest.mark.parametrize("seconds", [None, 0.0])
 def test_stages_are_reported_in_order_each_to_its_end(task, seconds):
     stages: dict[str, tuple[int, int]] = {}
-    fine(
-        task,
-        vertices=600,
-        polish_seconds=seconds,
-        progress=lambda stage, done, total, _="": stages.update({stage: (done, total)}),
-    )
+
+    def progress(stage, done, total, _=""):
+        stages[stage] = done, total
+
+    result = fine(task, vertices=600, polish_seconds=seconds, progress=progress)
+    assert (result.iterations == 0 and result.converged is None) == (seconds == 0.0)
     assert list(stages) == ["proxy", "polish", "regions"]
     assert all(done == total for done, total in stages.values())

@@ -58,20 +58,6 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
     assert set(result.seconds) == {"remesh", "bind", "solve", "carry"}
 
 
-def test_a_coarse_method_without_rotations_has_them_fitted(body_task):
-    def silently(task, *, seed, progress=silent) -> DeformationResult:
-        return DeformationResult(local_global(task).vertices, iterations=1, converged=True)
-
-    options = {"vertices": 150, "samplings": 1, "frames": "blended"}
-    result = paper(body_task, coarse=silently, **options)
-    binding = bind(body_task.mesh, 150, first=body_task.handles.index, seed=(0, 0), frames="blended")
-    own = body_task.handles
-    solved = local_global(DeformationTask("one", binding.proxy, Handles(np.arange(len(own)), own.target)))
-    assert np.array_equal(result.vertices, binding.carry(solved.vertices)[0])
-    gap = np.abs(paper(body_task, **options).vertices - result.vertices).max()
-    assert 0 < gap < 0.01 * body_task.mesh.diagonal
-
-
 def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
     def unsure(task, *, seed, progress=silent):
         return DeformationResult(task.mesh.V, iterations=1, converged=next(answers))
@@ -79,15 +65,6 @@ def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
     for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
         answers = iter(given)
         assert paper(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
-
-
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_an_error_of_the_coarse_method_is_passed_on(body_task, workers):
-    def failing(task, *, seed, progress=silent):
-        raise ArithmeticError("no solution")
-
-    with pytest.raises(ArithmeticError, match="no solution"):
-        paper(body_task, vertices=60, samplings=3, coarse=failing, workers=workers)
 
 
 def test_a_coarse_method_gets_the_seed_and_the_handles(body_task):

@@ -123,11 +123,8 @@ def test_arrays_take_one_rotation_for_all_or_one_each_and_others_refuse():
     assert np.abs(U.V - BODY.V @ R.T).max() < 1e-5
     with pytest.raises(InputError, match="takes no rotations"):
         deform(task, method=arap)
-    for rotations, words in (
-        (2 * np.eye(3), "no rotation"),
-        (np.diag([1.0, 1, -1]), "no rotation"),
-        (np.eye(3)[None], r"need rotations of shape \(2, 3, 3\)"),
-        ([[np.nan, 0, 0], [0, 1, 0], [0, 0, 1]], "no rotation"),
-    ):
-        with pytest.raises(InputError, match=words):
-            deform(BODY, [3, 9], BODY.V[[3, 9]], rotations=rotations)
+    for wrong in (2 * np.eye(3), np.diag([1.0, 1, -1]), [[np.nan, 0, 0], [0, 1, 0], [0, 0, 1]]):
+        with pytest.raises(InputError, match="no rotation"):
+            deform(BODY, [3, 9], BODY.V[[3, 9]], rotations=wrong)
+    with pytest.raises(InputError, match=r"need rotations of shape \(2, 3, 3\)"):
+        deform(BODY, [3, 9], BODY.V[[3, 9]], rotations=np.eye(3)[None])

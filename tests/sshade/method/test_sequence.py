@@ -51,24 +51,17 @@ def test_poses_far_from_the_pose_before_have_the_bits_of_single_runs(method, mor
 
 def test_near_poses_follow_the_pose_before_and_the_mesh_is_bound_once(monkeypatch):
     task = bar()
-    poses = bends(task, np.linspace(0.3, 0.4, 5))
+    up = task.handles.dynamic[:, None] * np.array([0.0, 0, 1]) * NEAR_POSE * task.mesh.diagonal
+    poses = bends(task, np.linspace(0.3, 0.4, 3))
+    poses += [poses[-1] + 1.01 * up, poses[-1] + 0.02 * up]
     bound = count_samplings(monkeypatch)
     results = list(deform_sequence(task, poses, vertices=300))
     assert bound == [0]
-    assert [result.facts.followed for result in results] == [False, True, True, True, True]
+    assert [result.facts.followed for result in results] == [False, True, True, False, True]
     single = deform(replace(task, handles=task.handles.at(poses[-1])), vertices=300)
     assert np.abs(results[-1].vertices - single.vertices).max() < 2e-3 * task.mesh.diagonal
     for pose, result in zip(poses, results, strict=True):
         np.testing.assert_allclose(result.vertices[task.handles.index], pose, atol=1e-12)
-
-
-def test_the_step_at_which_a_pose_starts_anew_is_a_tenth_of_the_diagonal():
-    task = bar()
-    rest, up = task.mesh.V[task.handles.index], task.handles.dynamic[:, None] * np.array([0.0, 0, 1])
-    step = NEAR_POSE * task.mesh.diagonal
-    poses = [rest, rest + 0.99 * step * up, rest - 0.02 * step * up]
-    followed = [r.facts.followed for r in deform_sequence(task, poses, vertices=150)]
-    assert followed == [False, True, False]
 
 
 @pytest.mark.parametrize("options", [{}, {"volume_goal": 1.3}])
@@ -119,12 +112,7 @@ def test_poses_with_other_handles_are_refused():
     for name, other in others.items():
         with pytest.raises(InputError, match=f"other {name} than the handles of the first pose"):
             list(deform_sequence(task, [other], vertices=100))
-    with pytest.raises(InputError):
-        list(deform_sequence(task, [handles.target[1:]], vertices=100))
     with pytest.raises(InputError, match="pose before"):
         Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))
-
-
-def test_a_sequence_without_a_task_is_refused():
     with pytest.raises(TypeError, match="a sequence takes a DeformationTask, not a Mesh"):
-        list(deform_sequence(bumpy(1), []))
+        list(deform_sequence(task.mesh, []))

@@ -41,6 +41,7 @@ def always(monkeypatch) -> None:
 
 
 def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
+    assert fast(task, vertices=task.mesh.n // 2).facts.coarser_iterations > 0
     alone = SOLVER(task, tolerance=1e-7)
     found = solve(task, tolerance=1e-7)
     assert found.converged and found.extra["coarser_iterations"] > 5
@@ -92,11 +93,6 @@ def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
     assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
     size = max(task.mesh.n // RATIO, ROOM * len(task.handles))
     assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
-
-
-def test_fast_begins_with_it(task, always):
-    result = fast(task, vertices=task.mesh.n // 2, start="rest")
-    assert result.facts.coarser_iterations > 0
 
 
 @pytest.mark.parametrize("levels", [1, 2])
