@@ -104,14 +104,8 @@ def test_handles_of_one_group_that_are_far_apart_move_apart():
     one_group = Handles(apart.index, apart.target)
     again = attached(BAR, one_group, 0.1)
     assert np.array_equal(again.vertex, pulled.vertex) and np.array_equal(again.target, pulled.target)
-
-
-def test_groups_that_touch_move_apart():
-    held = patch(BAR, [0, 1, 0], 24)
-    upper = BAR.V[held, 2] > np.median(BAR.V[held, 2])
-    pulled = attached(BAR, moved_parts(BAR.V, (held[~upper], 0), (held[upper], [0.1, 0.2, 0.3])), 0.1)
-    moved = np.round(pulled.target - BAR.V[pulled.vertex], 9)
-    assert np.unique(moved[len(held) :], axis=0).tolist() == [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]]
+    still = Attachment(BAR, two_patches(BAR, turn=np.eye(3)), 0.1)  # targets are not part of it
+    assert np.allclose(still.pulls(apart.target)[0], pulled.target, atol=1e-12)
 
 
 @pytest.mark.parametrize("way", ["straight to a turn of 150 degrees", "flattened"])
@@ -137,10 +131,3 @@ def test_a_pull_fades_on_the_way_and_never_jumps(way):
     jumps = [np.abs(b - a).max() for a, b in zip(pulls, pulls[1:], strict=False)]
     assert max(jumps) < 0.1 * np.abs(pulls).max()
     assert np.abs(np.diff(fractions)).max() < 0.05
-
-
-def test_goals_of_moved_targets_are_those_of_a_task():
-    still, moved = two_patches(BAR, turn=np.eye(3)), two_patches(BAR)
-    goal, fraction = Attachment(BAR, still, 0.1).pulls(moved.target)
-    pulled = attached(BAR, moved, 0.1)
-    assert (fraction == 1.0).all() and np.allclose(goal, pulled.target, atol=1e-12)

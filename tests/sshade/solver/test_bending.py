@@ -73,10 +73,3 @@ def test_v_cycles_reach_the_minimum_of_the_factorisation(monkeypatch, stiffness)
     assert np.abs(found.vertices - expected.vertices).max() < 1e-4 * task.mesh.diagonal
     without = local_global(task, factorised=False, **energy | {"bending": 0.0})
     assert np.abs(found.vertices - without.vertices).max() > 1e-3 * task.mesh.diagonal
-
-
-def test_a_large_mesh_is_factorised_where_it_bends(monkeypatch):
-    task = TASKS["bar"]
-    expected = local_global(task, bending=LENGTH).vertices
-    monkeypatch.setattr("sshade.solver.local_global.FACTORISED", 1)
-    np.testing.assert_array_equal(local_global(task, bending=LENGTH).vertices, expected)

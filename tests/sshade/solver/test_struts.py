@@ -1,16 +1,14 @@
 """Struts between opposite vertices keep the local thickness."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import sshade
 from baselines.accelerated import local_global
-from sshade import DeformationTask, Deformer, Handles, Mesh
+from sshade import DeformationTask, Deformer, Mesh
 from sshade.solver.terms.struts import opposite_vertices
-from tests.shapes import beside, icosphere, moved_parts, of_all, rotation, shifted, strip, tube
+from tests.shapes import icosphere, moved_parts, strip, tube
 
 
 def hose(wall: float, *, around: int = 32, along: int = 40, length: float = 8.0) -> Mesh:
@@ -67,13 +65,6 @@ def test_the_solver_ends_where_the_energy_is_stationary(multigrid):
         assert abs(up - down) < 1e-3 * (up + down - 2 * value)
 
 
-def test_a_rigid_motion_costs_nothing():
-    R, index = rotation(3), np.arange(0, HOSE.n, 9)
-    moved = HOSE.V @ R.T + [1.0, 2, 3]
-    task = DeformationTask("t", HOSE, Handles(index, moved[index]))
-    assert np.abs(sshade.deform(task, thickness=5).vertices - moved).max() < 1e-6
-
-
 @pytest.mark.parametrize("method", ["fast", "fine"])
 def test_a_bent_wall_keeps_its_thickness(method):
     task = bend_task(HOSE)
@@ -82,16 +73,8 @@ def test_a_bent_wall_keeps_its_thickness(method):
     change = {}
     for weight in (0.0, 3.0):
         V = sshade.deform(task, method=method, thickness=weight).vertices
+        if method == "fast":
+            drag = Deformer(HOSE, task.handles.index, group=task.handles.group, thickness=weight)
+            assert np.abs(drag(task.handles.target).vertices - V).max() < 5e-3
         change[weight] = np.abs(np.linalg.norm(V[i] - V[j], axis=1) / rest - 1)
     assert np.median(change[3.0]) < 0.02 and change[3.0].mean() < 0.5 * change[0.0].mean()
-
-
-def test_a_drag_and_several_components_keep_it_too():
-    task = bend_task(HOSE)
-    drag = Deformer(HOSE, task.handles.index, group=task.handles.group, thickness=3)
-    alone = sshade.deform(task, thickness=3).vertices
-    assert np.abs(drag(task.handles.target).vertices - alone).max() < 5e-3
-    own = task.handles
-    pair = of_all((own, 0), (replace(own, target=own.target + [9.0, 0, 0]), HOSE.n))
-    both = DeformationTask("t", beside(HOSE, shifted(HOSE, [9.0, 0, 0])), pair)
-    assert np.abs(sshade.deform(both, thickness=3).vertices[: HOSE.n] - alone).max() < 2e-2
