@@ -22,6 +22,8 @@ def test_results_come_in_order_again_and_again(workers, count):
         for _ in range(3):
             assert team(square, count) == expected
     assert in_threads(square, count, workers=workers) == in_threads(square, count) == expected
+    with pytest.raises(InputError, match="0 workers were asked for; at least one is needed"):
+        ThreadTeam(0)
 
 
 def test_a_team_works_at_the_same_time():
@@ -47,13 +49,6 @@ def test_the_first_error_in_order_is_raised_and_the_rest_dropped(workers):
         assert team(square, 3) == [0, 1, 4]
 
 
-@pytest.mark.parametrize("workers", [0, -2])
-@pytest.mark.parametrize("make", [ThreadTeam, lambda workers: in_threads(square, 3, workers=workers)])
-def test_no_workers_are_an_error(make, workers):
-    with pytest.raises(InputError, match=f"{workers} workers were asked for; at least one is needed"):
-        make(workers)
-
-
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="CPUs cannot be chosen here")
 def test_cpus_are_those_that_the_process_may_use(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8})
@@ -76,14 +71,6 @@ def test_threads_end_with_their_team():
     for thread in others:
         thread.join(timeout=10)
         assert not thread.is_alive()
-
-
-def test_a_thread_that_an_interrupt_left_out_of_the_list_ends_with_its_team():
-    with ThreadTeam(2) as team:
-        team(square, 2)
-        thread = team._threads.pop()
-    thread.join(timeout=10)
-    assert not thread.is_alive() and team(square, 3) == [0, 1, 4]
 
 
 FORK = """

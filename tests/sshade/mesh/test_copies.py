@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sshade import DeformationTask, Handles, deform, read
+from sshade import DeformationTask, Handles, deform
 from sshade.files.door import open_shape
 from sshade.files.meshes import read_file, write_mesh
 from sshade.mesh.surface import single_steps, surface
-from tests.shapes import beside, icosphere, quads, shifted, strip
+from tests.shapes import quads
 from tests.write import mesh_ply, obj
 
 #: Cells of a sheet along x and y. A slit begins in its middle and goes to its right end.
@@ -96,11 +96,13 @@ def test_what_touches_stays_together_and_what_does_not_may_open(folder, kind, ga
     target = opened.mesh.V[index]
     target[-2:] += up
     task = DeformationTask("m", opened.mesh, Handles(index, target))
-    posed = opened.placed(deform(task, volume=0, area=0).vertices)
+    result = deform(task, volume=0, area=0)
+    posed = opened.placed(result.vertices)
     opening = np.linalg.norm(posed[at[above]] - posed[at[below]], axis=1)
     assert (opening[touching] == 0).all()
-    if not rounded[-1]:
-        assert opening[-1] > 0.2 * size
+    assert rounded[-1] or opening[-1] > 0.2 * size
+    reported = result.facts.opening * opened.mesh.diagonal
+    assert reported == pytest.approx(opening.max()) or (reported == 0 and apart.max() > 1e-7 * size)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
@@ -113,15 +115,6 @@ def test_whole_metres_at_map_coordinates_keep_their_slit(dtype):
     assert ((vertex[below] == vertex[above]) == (np.arange(9) < 5)).all()
 
 
-def test_text_is_exact_whatever_its_header_says(tmp_path):
-    V, F, (below, above) = slit_sheet(1e-6)
-    path = tmp_path / "text.ply"
-    path.write_bytes(mesh_ply(V, F, "", "double").replace(b"property double", b"property float"))
-    assert read_file(path).rounding is None
-    vertex = open_shape(read_file(path)).surface.vertex
-    assert (vertex[below] != vertex[above])[5:].all()
-
-
 def test_a_weld_that_is_given_is_obeyed():
     V, F, (below, above) = slit_sheet(0.0)
     V = (V + [1e4, 0, 0]).astype(np.float32)
@@ -130,15 +123,6 @@ def test_a_weld_that_is_given_is_obeyed():
     for weld, joined in widths.items():
         vertex = surface(V, F, weld=weld).vertex
         assert (vertex[below] == vertex[above]).all() == joined == (vertex[below] == vertex[above]).any()
-
-
-@pytest.mark.parametrize("repair", [False, True])
-def test_no_weld_removes_area(repair):
-    """The vertices of a fine mesh are nearer to each other than the tolerance."""
-    fine = strip(40, 4)
-    sheets = beside(fine, shifted(fine, [0, 0, 1e-2]), shifted(strip(2, 2), [1e5, 0, 0]))
-    whole = surface(sheets.V, sheets.F, weld=1e-3, repair=repair).mesh
-    assert whole.n == sheets.n and whole.area == pytest.approx(sheets.area)
 
 
 def pinched() -> tuple[np.ndarray, np.ndarray]:
@@ -197,31 +181,3 @@ def test_a_pinched_vertex_is_one_in_every_file(shape, split):
     assert {tuple(sorted(face)) for face in to[found.mesh.F].tolist()} == {
         tuple(sorted(face)) for face in whole.F.tolist()
     }
-
-
-def test_a_closed_surface_with_two_vertices_at_its_pinch_is_joined_there():
-    """Programs that make meshes manifold give each fan a vertex of its own."""
-    ball = icosphere(2)
-    V = ball.V.copy()
-    far = int(np.argmin(V @ V[0]))
-    V[far] = V[0]
-    assert surface(V, ball.F).mesh.n == ball.n - 1
-
-
-def test_what_opens_inside_a_component_is_reported(tmp_path, capfd):
-    """The lips of a slit touch along its edges; vertices inside of their faces do not."""
-    from sshade.cli.main import main
-    from sshade.files.task_files import write_handles
-
-    V, F, (below, above) = slit_sheet(1e-7)
-    write_mesh(tmp_path / "slit.ply", V, F)
-    right = np.array([72, 80])
-    at = np.concatenate([np.arange(9), right])
-    target = V[at] + np.array([0, 0, 1.0]) * np.r_[np.zeros(9), 1, -1][:, None]
-    write_handles(tmp_path / "pose.json", Handles(at, target))
-    files = [str(tmp_path / name) for name in ("slit.ply", "pose.json")]
-    assert main(["deform", *files, "-o", str(tmp_path / "out.ply")]) == 0
-    U, _ = read(tmp_path / "out.ply")
-    opening = np.linalg.norm(U[below] - U[above], axis=1).max() / np.linalg.norm(np.ptp(V, axis=0))
-    words = f"parts of the mesh that touched came apart by {100 * opening:.2g} % of the diagonal"
-    assert opening > 0.01 and words in capfd.readouterr().err

@@ -8,7 +8,7 @@ from sshade import DeformationResult, InputError, Mesh, move_along
 from sshade.proxy.along import BEYOND, FARTHEST, NEAREST, REACH
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.vertex_maps import VertexMaps
-from tests.shapes import beside, bumpy, icosphere, jittered, shifted, tube
+from tests.shapes import beside, bumpy, icosphere, jittered, shifted
 from tests.sshade.mesh.test_cutting import t_fin
 
 BALL = jittered(icosphere(3), 0.05)
@@ -45,18 +45,6 @@ def test_rigid_motions_are_exact_and_at_rest_nothing_moves(mesh, origin):
     assert moved == pytest.approx((X - origin) @ R.T + [1, 2, 3], abs=1e-14 * (10 + origin))
 
 
-def test_tight_clothes_stay_outside_of_a_bent_rod():
-    rod = tube(40, 120)
-    for gap in (0.01, 0.05):
-        outward = rod.V * [1, 1, 0] / np.linalg.norm(rod.V[:, :2], axis=1, keepdims=True)
-        moved = move_along(rod, rod_bent(rod.V), rod.V + gap * outward)
-        inverse = 12 / np.pi * np.arctan2(moved[:, 2], 4 - moved[:, 0])
-        inside = (inverse > 1) & (inverse < 5)  # the ends of the rod have samples on one side alone
-        across = np.stack([4 - np.hypot(moved[:, 2], 4 - moved[:, 0]), moved[:, 1]], axis=1)[inside]
-        height = np.linalg.norm(across, axis=1) - np.linalg.norm(rod.V[:, :2], axis=1)[inside]
-        assert height == pytest.approx(gap, abs=0.006)
-
-
 def test_cloth_between_two_balls_stretches_where_the_nearest_sample_alone_would_tear_it():
     left, right = shifted(icosphere(4), [-1.5, 0, 0]), shifted(icosphere(4), [1.5, 0, 0])
     mesh, x = beside(left, right), np.linspace(-3, 3, 301)
@@ -83,12 +71,6 @@ def test_points_move_with_the_weighted_motions_of_the_samples_near_them():
         assert moved == pytest.approx(np.average(motions, axis=0, weights=weight), abs=1e-12)
 
 
-def test_a_point_as_far_from_all_samples_moves_with_their_mean():
-    ball = icosphere(3)
-    assert ball.n > NEAREST
-    assert move_along(ball, ball.V + [0, 0, 2], np.zeros((1, 3))) == pytest.approx(np.array([[0, 0, 2.0]]))
-
-
 def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_few():
     fine = bumpy(5)
     posed = rod_bent(fine.V)
@@ -98,19 +80,26 @@ def test_more_vertices_than_samples_and_more_points_than_a_part_are_the_same_as_
     assert abs(moved[: fine.n] - posed).max() < 0.005 * fine.diagonal
 
 
-def test_no_points_are_allowed():
+def test_no_point_is_allowed_and_one_as_far_from_all_samples_moves_with_their_mean():
     assert move_along(BALL, BALL.V, np.empty((0, 3))).shape == (0, 3)
+    ball = icosphere(3)
+    assert ball.n > NEAREST
+    assert move_along(ball, ball.V + [0, 0, 2], np.zeros((1, 3))) == pytest.approx(np.array([[0, 0, 2.0]]))
 
 
-def test_bad_points_and_poses_are_refused():
-    with pytest.raises(InputError, match="array, not one of shape"):
-        move_along(BALL, BALL.V, np.zeros(3))
-    with pytest.raises(InputError, match="point 1 has a NaN"):
-        move_along(BALL, BALL.V, [[0, 0, 0], [np.nan, 0, 0]])
-    far = (FARTHEST + 0.01) * BALL.diagonal
-    with pytest.raises(InputError, match=r"1 of 2 points is too far .* point 1 by"):
-        move_along(BALL, BALL.V, [[0, 0, 1], [0, 0, 1 + far]])
-    with pytest.raises(InputError, match="pose has shape"):
-        move_along(BALL, BALL.V[1:], around())
-    with pytest.raises(InputError, match="NaN"):
-        move_along(BALL, np.full_like(BALL.V, np.nan), around())
+FAR = (FARTHEST + 0.01) * BALL.diagonal
+
+
+@pytest.mark.parametrize(
+    ("posed", "points", "words"),
+    [
+        (BALL.V, np.zeros(3), "array, not one of shape"),
+        (BALL.V, [[0, 0, 0], [np.nan, 0, 0]], "point 1 has a NaN"),
+        (BALL.V, [[0, 0, 1], [0, 0, 1 + FAR]], r"1 of 2 points is too far .* point 1 by"),
+        (BALL.V[1:], around(), "pose has shape"),
+        (np.full_like(BALL.V, np.nan), around(), "NaN"),
+    ],
+)
+def test_bad_points_and_poses_are_refused(posed, points, words):
+    with pytest.raises(InputError, match=words):
+        move_along(BALL, posed, points)

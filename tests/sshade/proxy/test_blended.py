@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from sshade import InputError, Mesh, bind
 from sshade.proxy.blended import BlendedFrames, nearest_rotations
 from sshade.proxy.projection import Projection
-from sshade.proxy.triangle import AffineFrames, affine_maps
+from sshade.proxy.triangle import AffineFrames
 from sshade.proxy.vertex_maps import VertexMaps
 from tests.shapes import bent, bumpy, family, rotation
 
@@ -116,26 +116,15 @@ def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
 
 
-def test_triangles_without_area_have_no_map():
-    proxy = bumpy(2)
-    NV = bent(proxy.V)
-    NV[proxy.F[30, 2]] = NV[proxy.F[30, :2]].mean(axis=0)
-    A, known = affine_maps(proxy.V, NV, F=proxy.F)
-    assert np.flatnonzero(~known).tolist() == [30] and not A[30].any()
-    on = Projection(np.array([30]), np.full((1, 3), 1 / 3), np.zeros(1))
-    moved, missing = AffineFrames(proxy).decode(np.zeros((1, 3)), NV, on=on)
-    assert missing == 1 and np.allclose(moved[0], NV[proxy.F[30, 0]], rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
+@pytest.mark.parametrize("kind", ["affine", "blended", "blended_affine"])
 def test_collapsed_parts_of_the_proxy_are_counted(kind):
     binding = bind(bumpy(3), 100, frames=kind)
     NV, turn = binding.proxy.V @ rotation(5).T, np.broadcast_to(rotation(5), (binding.proxy.n, 3, 3))
     near = np.argsort(np.linalg.norm(binding.proxy.V - binding.proxy.V[20], axis=1))[:20]
     NV[near] = NV[20]
     V, missing = binding.carry(NV)
-    assert 0 < missing < 20 and np.isfinite(V).all()
-    assert binding.carry(NV, rotations=turn)[1] == (missing if kind == "blended_affine" else 0)
+    assert 0 < missing < (40 if kind == "affine" else 20) and np.isfinite(V).all()
+    assert binding.carry(NV, rotations=turn)[1] == (0 if kind == "blended" else missing)
 
 
 def test_rotations_that_do_not_fit_are_refused():

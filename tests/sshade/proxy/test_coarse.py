@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -68,17 +66,6 @@ def test_crumpled_surfaces_get_a_finer_net(monkeypatch):
     monkeypatch.setattr(coarse, "_NET_AREA", 1e4)
     found = coarse.sample_coarsely(mesh, vertex_graph(mesh), 60, first=np.array([0]))
     assert len(np.unique(found.samples)) == 60
-
-
-def test_lengths_need_not_be_euclidean():
-    mesh = SURFACES["bumpy"]
-    graph = vertex_graph(mesh)
-    owner = np.repeat(np.arange(mesh.n), np.diff(graph.indptr))
-    above = (mesh.V[owner, 2] > 0) & (mesh.V[graph.indices, 2] > 0)
-    graph = replace(graph, lengths=np.where(above, 7.0, 1.0) * graph.lengths)
-    found = coarse.sample_coarsely(mesh, graph, 80, first=np.array([0]))
-    exact = Fronts(graph, found.samples)
-    assert np.array_equal(found.distance, exact.distance) and np.array_equal(found.cell, exact.cell)
 
 
 @pytest.mark.parametrize("name", SURFACES)

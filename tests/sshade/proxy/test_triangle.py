@@ -35,6 +35,10 @@ def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
     assert np.allclose(w, np.cross(g, n), rtol=0, atol=1e-14)
     assert np.allclose(frames.origin, BODY.V[BODY.F].mean(axis=1), rtol=0, atol=1e-15)
     assert not frames.degenerate.any()
+    assert not TriangleFrames.at_rest(Mesh(BODY.V * 1e-30, BODY.F), "best").degenerate.any()
+    for height, degenerate in ((1e-13, True), (1e-10, False)):
+        needle = Mesh([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0]], [[0, 1, 2]])
+        assert TriangleFrames.of_values(needle, np.array([[0.0, 1, 0.5]])).degenerate.all() == degenerate
 
 
 @pytest.mark.parametrize(
@@ -108,10 +112,3 @@ def test_the_mean_of_neighbours_is_a_rotation_even_if_they_fold_over(seed):
     fan = Mesh(np.array(V, dtype=float), [[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 5]])
     NV = np.random.default_rng(seed).normal(size=(6, 3))
     assert_mean_turn(TriangleFrames.at_rest(fan, "x"), 0, collapsed(fan, 0, NV))
-
-
-def test_degeneracy_is_relative_to_the_triangle():
-    assert not TriangleFrames.at_rest(Mesh(BODY.V * 1e-30, BODY.F), "best").degenerate.any()
-    for height, degenerate in ((1e-13, True), (1e-10, False)):
-        needle = Mesh([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0]], [[0, 1, 2]])
-        assert TriangleFrames.of_values(needle, np.array([[0.0, 1, 0.5]])).degenerate.all() == degenerate
