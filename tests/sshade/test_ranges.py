@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from sshade.core.threads import in_ranges
-from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.faces import connectivity
 from sshade.mesh.mesh import Mesh
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.blended import BlendedFrames
-from sshade.proxy.closed_ball import count_unions
-from sshade.proxy.fronts import Fronts
 from sshade.proxy.sample import proxy_mesh, sample_proxy
 from tests.shapes import double_torus, icosphere, jittered, tube
 from tests.sshade.mesh.test_connectivity import CASES
@@ -69,13 +66,3 @@ def test_a_proxy_and_what_is_bound_to_it(many, shape):
     one = bound()
     many()
     assert_same_bits(bound(), one)
-
-
-def test_the_counts_of_regions_that_are_no_discs(many):
-    def counted() -> object:
-        mesh = Mesh(MESHES[1].V, MESHES[1].F)
-        return tuple(count_unions(mesh.F, Fronts(vertex_graph(mesh), np.array([0, 40, 90]))))
-
-    one = counted()
-    many()
-    assert_same_bits(counted(), one)

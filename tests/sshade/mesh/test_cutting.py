@@ -106,13 +106,6 @@ def test_solids_that_touch_along_an_edge_or_at_a_corner_come_apart():
         assert found.mesh.volume == pytest.approx(2.0)  # -2 if both solids were inside out, 0 if one
 
 
-def test_a_face_that_is_there_twice_comes_off_alone():
-    for turned in (False, True):
-        extra = BODY.F[:1, ::-1] if turned else BODY.F[:1]
-        found = cut(Mesh(BODY.V, np.concatenate([BODY.F, extra])))
-        assert found.mesh.n == BODY.n + 3 and found.mesh.topology == (3, 2, 1)
-
-
 @pytest.mark.parametrize(
     ("mesh", "cover"),
     [

@@ -33,6 +33,9 @@ def off(result, f, mesh=BODY) -> float:
 def test_affine_maps_are_exact(f):
     for count in (12, 60, 400):
         assert off(deform(task(f, count), method="interpolate"), f) < 1e-9
+    flat = np.flatnonzero(np.abs(BODY.V[:, 2]) < 1e-12)  # they determine a rotation
+    lying = DeformationTask("flat", BODY, Handles(flat, turned(BODY.V)[flat]))
+    assert off(deform(lying, method="interpolate"), turned) < 1e-9
 
 
 def test_a_spline_is_the_one_of_scipy():
@@ -83,12 +86,6 @@ def test_handles_all_over_the_surface_are_dense_and_regions_are_not():
     ends = np.flatnonzero(np.abs(BODY.V[:, 0]) > 0.1)  # two regions with a thin band in between
     assert not are_dense(DeformationTask("ends", BODY, Handles(ends, bent(BODY.V)[ends])))
     assert not are_dense(task(bent, 600, weight=1.0))
-
-
-def test_flat_handles():
-    flat = np.flatnonzero(np.abs(BODY.V[:, 2]) < 1e-12)
-    lying = DeformationTask("flat", BODY, Handles(flat, turned(BODY.V)[flat]))
-    assert off(deform(lying, method="interpolate"), turned) < 1e-9
 
 
 def test_a_mesh_that_is_no_manifold_is_interpolated():

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
+from sshade.method.normal_shift import shifted
 from sshade.method.regions import HandleRegions, edge_vertices
 from tests.shapes import bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.method.calls import fast, fine, paper
@@ -111,3 +112,16 @@ def test_a_bound_mesh_without_free_vertices_returns_the_targets():
 def test_too_few_samples_for_the_edges_are_refused(task):
     with pytest.raises(InputError, match="50 proxy vertices cannot hold"):
         fast(task, vertices=50)
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.0, 1.1])
+def test_moves_along_normals_reach_a_volume_within_their_limits(ratio):
+    mesh = bumpy(3)
+    F, weight = mesh.F.astype(np.uint32), np.where(mesh.V[:, 0] > 0, 1.0, 0.25)
+    V = shifted(mesh.V, F, weight, ratio * mesh.volume, most=np.inf, error=1e-12)
+    assert Mesh(V, mesh.F).volume == pytest.approx(ratio * mesh.volume, rel=1e-10)
+    moved = np.linalg.norm(V - mesh.V, axis=1)
+    assert moved == pytest.approx(weight * moved.max(), abs=1e-12)
+    assert shifted(mesh.V, F, 0 * weight, 2 * mesh.volume, most=np.inf, error=1e-12) is mesh.V
+    near = shifted(mesh.V, F, weight, 2 * mesh.volume, most=0.01, error=1e-12)
+    assert np.linalg.norm(near - mesh.V, axis=1) == pytest.approx(0.01 * weight)

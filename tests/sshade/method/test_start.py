@@ -12,7 +12,7 @@ from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
 from sshade.method import start
-from sshade.method.start import RATIO, ROOM, OnceSolver, lowest
+from sshade.method.start import OnceSolver, lowest
 from sshade.problem.options import Options
 from sshade.solver.local_global import solve_task
 from tests.shapes import bent, bumpy
@@ -52,16 +52,24 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
 
 @pytest.mark.parametrize(
     ("smallest", "step", "guess"),
-    [(10_000, 1000, False), (100, 3, False), (100, 1000, True)],
-    ids=["small", "many handles", "from a guess"],
+    [(10_000, 1000, False), (100, 3, False), (100, 1000, True), (100, 1000, False)],
+    ids=["small", "many handles", "from a guess", "refused"],
 )
-def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(task, monkeypatch, smallest, step, guess):
+def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(
+    task, monkeypatch, caplog, smallest, step, guess
+):
+    def refuses(*_):
+        raise InputError("too thin")
+
+    caplog.set_level("INFO")
     monkeypatch.setattr("sshade.method.start.SMALLEST", smallest)
+    monkeypatch.setattr("sshade.method.start.proxy_mesh", refuses)
     index, V = np.arange(0, task.mesh.n, step), bent(task.mesh.V)
     task = replace(task, handles=Handles(index, V[index]), guess=V if guess else None)
     found, alone = solve(task), SOLVER(task)
     assert np.array_equal(found.vertices, alone.vertices)
     assert found.extra.get("coarser_iterations") == (None if guess else 0.0)
+    assert ("solved without a coarser proxy" in caplog.text) == (smallest < step and not guess)
 
 
 @pytest.mark.parametrize("guide_attachment", [0.0, 3.0])
@@ -77,22 +85,6 @@ def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, gui
     found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
     assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
     assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
-
-
-def test_so_too_where_the_coarser_proxy_cannot_be_solved_and_the_log_says_why(
-    task, always, monkeypatch, caplog
-):
-    def solver(given, **options):
-        if given.mesh.n < task.mesh.n:
-            raise InputError("1 triangles of the rest mesh have no area")
-        return solve_task(given, **options)
-
-    monkeypatch.setattr(start, "solve_task", solver)
-    caplog.set_level("INFO")
-    found = solve(task)
-    assert np.array_equal(found.vertices, SOLVER(task).vertices) and found.extra["coarser_iterations"] == 0.0
-    size = max(task.mesh.n // RATIO, ROOM * len(task.handles))
-    assert f"solved without a coarser proxy of {size} vertices: 1 triangles of" in caplog.text
 
 
 @pytest.mark.parametrize("levels", [1, 2])

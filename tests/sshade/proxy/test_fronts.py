@@ -53,15 +53,6 @@ def test_sampling_equals_the_naive_algorithm_on_random_lengths(seed, starts, ext
     assert_same(fronts, naive_sampling(graph, starts + extra, first))
 
 
-def test_another_component_is_farthest_of_all():
-    mesh = MESHES["two components"]
-    fronts = Fronts(vertex_graph(mesh), np.array([0]))
-    assert np.isinf(fronts.distance[4:]).all() and (fronts.cell[4:] == -1).all()
-    fronts.insert_farthest(1)
-    assert fronts.samples.tolist() == [0, 4]
-    assert np.isfinite(fronts.distance).all()
-
-
 @pytest.mark.parametrize(
     ("count", "first", "words"),
     [

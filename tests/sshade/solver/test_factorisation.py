@@ -58,9 +58,6 @@ def test_matrices_without_halves_and_of_single_columns(monkeypatch, Q):
     factorisation_of_Q = Factorisation(sp.csr_array(Q))
     assert np.allclose(factorisation_of_Q.solve(B), np.linalg.solve(Q.toarray(), B), rtol=0, atol=1e-12)
     assert factorisation_of_Q.halves in ((0, 0), (20, 40))
-
-
-def test_nothing_to_solve():
     assert Factorisation(sp.csr_array((0, 0))).solve(np.empty((0, 3))).shape == (0, 3)
 
 
