@@ -59,8 +59,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     method = "fast (default), fine or paper: method of the converged shape; the page can change it"
     parser.add_argument("--method", metavar="METHOD", help=method)
     parser.add_argument("--port", type=int, default=0, metavar="P", help="port (default: any free port)")
-    up = "axis of the mesh that points up on the page (default: y)"
-    parser.add_argument("--up", choices=("y", "z"), default="y", help=up)
     add_flags(parser, {"--no-browser": "do not open a browser, only print the address"})
     add_repair(parser)
 
@@ -93,7 +91,7 @@ def _edit(options: argparse.Namespace) -> int:
     for offer in session.recovery.offers:
         when = strftime("%d %b, %H:%M", localtime(offer.time))
         say(f"note: {offer.path} has unsaved work of {when}; recover it on the page")
-    server = Server(session, port=options.port, up=options.up)
+    server = Server(session, port=options.port)
     try:
         _serve(server, browser=not options.no_browser)
     finally:  # also when a signal ends the program

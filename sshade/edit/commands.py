@@ -33,14 +33,10 @@ class Commands:
     ----------
     session : Session
     progress : Progress
-    up : {"y", "z"}
-        Axis that points up when the page opens.
     """
 
-    def __init__(self, session: Session, progress: Progress = silent, *, up: str = "y") -> None:
+    def __init__(self, session: Session, progress: Progress = silent) -> None:
         self._session, self._progress = session, progress
-        self._opened = {"up": up, "coloured": session.document.is_coloured}
-        self._opened["skin"] = session.document.has_skin
         V = session.mesh.V
         self._centre, self._scale = 0.5 * (V.min(axis=0) + V.max(axis=0)), session.mesh.diagonal
         self._preview = None if session.document.has_skin else preview(session.mesh)
@@ -73,13 +69,14 @@ class Commands:
         few = self._preview
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
-        return self._answer("faces", *CHANGED, further=further, **self._opened)
+        document = self._session.document
+        shown = {"coloured": document.is_coloured, "skin": document.has_skin}
+        return self._answer("faces", *CHANGED, further=further, **shown)
 
     def colours(self) -> bytes:
-        """Return the colours of the file."""
+        """Return the colours of the vertices of a file that has some."""
         colours = self._session.document.colours
-        if colours is None:
-            raise InputError(f"{self._session.document.name}: the file has no colours of vertices")
+        assert colours is not None  # the page asks where `coloured` is true
         return packet({}, {"colours": colours.ravel()})
 
     def skin(self) -> bytes:

@@ -187,10 +187,8 @@ class Document:
         Raises
         ------
         InputError
-            When the file has no materials, or materials or texture coordinates cannot be read.
+            When materials or texture coordinates cannot be read.
         """
-        if not self.has_skin:
-            raise InputError(f"{self.name}: the file has no materials")
         try:
             return drawn(skin_of(self.path), self._shape.surface.vertex[self._file.F])
         except (ValueError, LookupError, TypeError) as error:

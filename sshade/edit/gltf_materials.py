@@ -10,7 +10,7 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from sshade.edit.skins import Material, Skin, require_image, srgb
+from sshade.edit.skins import Material, Skin, srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import Gltf, is_embedded
 
@@ -61,9 +61,9 @@ def _image(gltf: Gltf, image: dict[str, Any]) -> bytes:
     if "bufferView" in image:
         view = gltf.tree["bufferViews"][image["bufferView"]]
         begin = view.get("byteOffset", 0)
-        return require_image(bytes(gltf.buffers[view["buffer"]][begin : begin + view["byteLength"]]))
+        return bytes(gltf.buffers[view["buffer"]][begin : begin + view["byteLength"]])
     uri = image["uri"]
     if is_embedded(uri):
         head, _, body = uri.partition(",")
-        return require_image(base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body))
-    return require_image((gltf.source.parent / unquote(uri)).read_bytes())
+        return base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
+    return (gltf.source.parent / unquote(uri)).read_bytes()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from sshade.edit.skins import Material, Skin, require_image
+from sshade.edit.skins import Material, Skin
 from sshade.files.libraries import rest_of, texture_name
 from sshade.files.obj import faces_of, words_of
 from sshade.files.words import key_of
@@ -77,9 +76,5 @@ def _library(path: Path) -> dict[str, Material]:
         elif key == "map_Kd" and (file := texture_name(words)):
             # Exporters write any colour beside a texture; viewers ignore it.
             image = path.parent / file.replace("\\", "/")
-            found[name] = Material(np.ones(3), partial(_image, image))
+            found[name] = Material(np.ones(3), image.read_bytes)
     return found
-
-
-def _image(path: Path) -> bytes:
-    return require_image(path.read_bytes())

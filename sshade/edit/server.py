@@ -61,8 +61,6 @@ class Server(ThreadingHTTPServer):
     session : Session
     port : int
         0 selects a free port.
-    up : {"y", "z"}
-        Axis that points up when the page opens.
 
     Attributes
     ----------
@@ -75,20 +73,19 @@ class Server(ThreadingHTTPServer):
     Raises
     ------
     InputError
-        When the port is in use, or is no port.
+        When the port is in use.
     """
 
     daemon_threads = True
 
-    def __init__(self, session: Session, *, port: int = 0, up: str = "y") -> None:
+    def __init__(self, session: Session, *, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
         self.session = session
-        self.commands = Commands(session, self.progress, up=up)
+        self.commands = Commands(session, self.progress)
         try:
             super().__init__(("127.0.0.1", port), _Handler)
-        except (OSError, OverflowError) as error:
-            why = reason(error) if isinstance(error, OSError) else "a port is a number from 0 to 65535"
-            raise InputError(f"port {port} of this machine cannot be used ({why})") from error
+        except OSError as error:
+            raise InputError(f"port {port} of this machine cannot be used ({reason(error)})") from error
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/{self.token}/"
         self.stage = ""

@@ -7,9 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: First bytes of the images that browsers show: PNG, JPEG, GIF, BMP and WebP.
-_IMAGES = (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF")
-
 
 class Material(NamedTuple):
     """Colour of a surface.
@@ -19,7 +16,7 @@ class Material(NamedTuple):
     colour : (3,) float64
         In sRGB from 0 to 1. It multiplies the texture.
     texture : callable, optional
-        Return the bytes of an image file; raise OSError or ValueError when the image cannot be read.
+        Return the bytes of an image file; raise OSError when the file cannot be read.
     """
 
     colour: np.ndarray
@@ -44,13 +41,6 @@ class Skin(NamedTuple):
     corners: np.ndarray
     material: np.ndarray
     materials: list[Material]
-
-
-def require_image(data: bytes) -> bytes:
-    """Return the bytes of an image file; raise ValueError if browsers do not show its format."""
-    if not data.startswith(_IMAGES):
-        raise ValueError("it is no PNG, JPEG, GIF, BMP or WebP image")
-    return data
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:

@@ -68,9 +68,8 @@ export class Look {
     const images = await Promise.all(materials.map(async ({ image }, i) => {
       if (!image) return null;
       const response = await fetch(`image?material=${i}`);
-      if (response.ok) return createImageBitmap(await response.blob()).catch(() => null);
-      complain(new Error((await response.json()).error));
-      return null;
+      if (!response.ok) return complain(new Error((await response.json()).error));
+      return createImageBitmap(await response.blob()).catch(() => complain(new Error("the browser cannot show a texture of the file")));
     }));
     const looks = materials.map(({ colour: own }, i) => {
       if (!images[i]) return { colour: own };

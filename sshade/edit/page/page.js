@@ -343,8 +343,7 @@ request("whole")
   .then((said) => {
     const { faces, positions, coarse, coarse_faces } = said.sent;
     view.setMesh(faces, positions, coarse && { vertices: coarse, faces: coarse_faces });
-    byId("up").value = said.up;
-    view.home(said.up);
+    view.home(byId("up").value);
     byId("coloured").hidden = !said.coloured && !said.skin;
     if (said.coloured) {
       request("colours").then(({ sent }) => {

@@ -164,7 +164,6 @@ export class View {
       this.scene.add(this.coarse);
     }
     this.setPositions(positions);
-    this.home();
   }
 
   // Show the materials of the file on copies of the vertices, with texture coordinates: see skin.py.

@@ -30,10 +30,8 @@ def as_obj(colours: np.ndarray) -> bytes:
 
 FILES = {
     "bytes.ply": as_ply("uchar", "red green blue", COLOURS),
-    "alpha.ply": as_ply("uchar", "r g b a", np.c_[COLOURS, COLOURS[:, :1]]),
     "words.ply": as_ply("ushort", "diffuse_red diffuse_green diffuse_blue", 257 * COLOURS),
     "floats.ply": as_ply("float", "red green blue", COLOURS / 255),
-    "floats.obj": as_obj(COLOURS / 255),
     "bytes.obj": as_obj(COLOURS),
 }
 

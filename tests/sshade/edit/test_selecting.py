@@ -12,28 +12,23 @@ pytestmark = pytest.mark.usefixtures("here")
 
 
 def test_ways_to_pick_are_those_of_sets():
-    session, rng = begun(), np.random.default_rng(0)
+    mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
+    session, rng = begun(mesh), np.random.default_rng(0)
     a, b = (set(rng.choice(BODY.n, 90, replace=False).tolist()) for _ in range(2))
     steps = [
         ("replace", a, a),
         ("add", b, a | b),
         ("replace", a, a),
         ("remove", b, a - b),
-        ("invert", (), set(range(BODY.n)) - (a - b)),
-        ("all", (), set(range(BODY.n))),
+        ("invert", (), set(range(mesh.n)) - (a - b)),
+        ("all", (), set(range(mesh.n))),
         ("none", (), set()),
+        ("replace", {3, 90}, {3, 90}),
+        ("linked", (), set(range(BODY.n))),  # of two components
     ]
     for how, given, expected in steps:
         session.select(np.array(list(given), dtype=np.int64), how)
         assert session.state.selection.tolist() == sorted(expected), how
-
-
-def test_vertices_are_picked_by_connection():
-    mesh = beside(BODY, shifted(BODY, [4, 0, 0]))
-    session = begun(mesh)
-    session.select(np.array([3, 90]), "replace")
-    session.select(np.zeros(0, dtype=np.int64), "linked")
-    assert session.state.selection.tolist() == list(range(BODY.n))
 
 
 def test_a_limited_group_moves_nothing_beyond_the_distance():

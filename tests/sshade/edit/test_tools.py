@@ -105,7 +105,7 @@ def test_keys_delete_save_and_list_the_keys(page, session):
     assert session.state.groups == () and page.locator("#message").is_hidden()
 
 
-def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
+def test_a_group_is_named_limited_picked_and_told_if_nothing_is_fixed(page, session):
     name = page.locator("#group-name")
     name.fill("paw")
     asked(page, "alter", lambda: name.press("Enter"))
@@ -118,6 +118,12 @@ def test_a_group_is_named_limited_picked_and_refused_values_go(page, session):
     page.locator("#group summary").click()
     asked(page, "pick", page.get_by_role("button", name="pick", exact=True).click)
     assert np.array_equal(session.state.selection, session.state.groups[1].vertices)
+    loose = page.locator("#loose")
+    for name in "beyond paw", "group 1":
+        assert loose.is_hidden()
+        page.locator("#groups button", has_text=name).click()
+        asked(page, "alter", page.locator("#group").get_by_text("Moved").click)
+    assert "Nothing is fixed" in loose.inner_text()
 
 
 def test_the_up_axis_changes_the_view_alone(page, session):
