@@ -157,7 +157,7 @@ def command(options: argparse.Namespace) -> int:
         proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
         proxies = f"{proxies} of {size:.0f} vertices" if size else "without a proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
-        tell(options, opened, result.facts, asked=resolved.vertices, error=error, rounding=rounding)
+        tell(options, opened, result.facts, error=error, rounding=rounding)
     if options.amount and stays_at_rest(task, resolved):
         say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
     if result.converged is False:

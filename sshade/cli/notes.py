@@ -23,7 +23,6 @@ from sshade.method.regions import are_dense
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import SAME_TARGET, astray
 from sshade.problem.handles import Handles
-from sshade.proxy.sample import SPARE
 
 #: Distance between vertices that touched, as a fraction of the diagonal, up to which they still touch.
 APART = 1e-6
@@ -57,13 +56,7 @@ def announced_warnings() -> Iterator[None]:
 
 
 def tell(
-    options: argparse.Namespace,
-    opened: OpenTask,
-    facts: Facts,
-    *,
-    asked: int,
-    error: float,
-    rounding: float,
+    options: argparse.Namespace, opened: OpenTask, facts: Facts, *, error: float, rounding: float
 ) -> None:
     """Print the warnings and notes of a deformation, or of all poses of a sequence together.
 
@@ -73,28 +66,31 @@ def tell(
     opened : OpenTask
     facts : Facts
         Facts of the result. A sequence has the facts of its first pose, with the largest gaps of all poses.
-    asked : int
-        Wanted number of samples.
     error : float
         Largest distance of a hard handle from its target, as a fraction of the diagonal.
     rounding : float
         Largest distance of a stored position from the computed one.
     """
     file, shape, given, poses, task = opened
-    diagonal = shape.mesh.diagonal
-    for warning in warnings_of(error, rounding=rounding / diagonal, exact=options.method != "paper"):
-        say(f"warning: {warning}")
+    moved = rounding / shape.mesh.diagonal
+    if error > max(MISSED, 2 * moved):
+        advice = "; --method fast puts handles exactly at their targets" if options.method == "paper" else ""
+        say(f"warning: a handle is {_percent(error)} away from its target{advice}")
+    if moved > COARSE:
+        say(
+            f"note: {options.output} stores single precision, which moves positions by up to "
+            f"{_percent(moved)}; write .obj or .off in double precision, or move the mesh to the origin"
+        )
     snap = max(float(handles.snap_distance.max()) for handles in poses)
     dense = options.method != "interpolate" and are_dense(task)
     for note in [
-        *_on_rounding(options.output, rounding / diagonal),
         *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
-        *notes(facts, shape.surface, asked=asked, snap=snap, dense=dense),
+        *notes(facts, shape.surface, snap=snap, dense=dense),
     ]:
         say(f"note: {note}")
 
 
-def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: bool) -> Iterator[str]:
+def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[str]:
     """Yield a sentence for each unusual fact.
 
     Parameters
@@ -102,8 +98,6 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
     facts : Facts
         Of the result.
     surface : Surface
-    asked : int
-        Wanted number of samples.
     snap : float
         Largest distance of a handle given by position from its vertex.
     dense : bool
@@ -119,8 +113,6 @@ def notes(facts: Facts, surface: Surface, *, asked: int, snap: float, dense: boo
         yield f"handles given by position were snapped by at most {snap:.3g}, {share}"
     if dense:
         yield "the handles are dense: --method interpolate follows them without an elastic surface in between"
-    if facts.options:
-        yield from _on_samples(facts, asked)
     if flat := facts.faces_without_area:
         yield f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged"
     if dropped := facts.duplicates + rest.duplicates + rest.collapsed:
@@ -159,19 +151,6 @@ def _percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} % of the diagonal"
 
 
-def _on_samples(facts: Facts, asked: int) -> Iterator[str]:
-    """Yield a sentence if the number of samples differs from the number asked for by more than rounding."""
-    samples, coarser = facts.samples, facts.options["coarser"]
-    rounded = (facts.components - facts.rigid) / 2
-    differs = f"the proxy has {counted(samples, 'sample', 'samples')} instead of {asked}: "
-    if 0 < samples < asked - rounded:
-        each = f"every {coarser} of its vertices" if coarser > 1 else "each of its vertices"
-        sides = ", and both sides of a surface count" if facts.one_sided else ""
-        yield f"{differs}a component has at most one for {each}{sides}"
-    elif samples > asked + rounded:
-        yield f"{differs}a component needs one for each handle and {SPARE} more"
-
-
 def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
     """Return the positions that `path` holds after V (n, 3) were written to it: V itself, or rounded."""
     suffix = path.suffix.lower()
@@ -203,32 +182,6 @@ def reached(stored: np.ndarray, whole: Surface, handles: Handles) -> tuple[str, 
     return ", ".join(parts), error
 
 
-def warnings_of(error: float, *, rounding: float, exact: bool) -> list[str]:
-    """Return a sentence if hard handles are far from their targets.
-
-    Parameters
-    ----------
-    error, rounding : float
-        Largest distance of a hard handle from its target, and of a stored position from the computed one, as
-        fractions of the diagonal.
-    exact : bool
-        Whether the method places hard handles at their targets.
-    """
-    if error <= max(MISSED, 2 * rounding):
-        return []
-    advice = "" if exact else "; --method fast puts handles exactly at their targets"
-    return [f"a handle is {100 * error:.2g} % of the diagonal away from its target{advice}"]
-
-
-def _on_rounding(output: Path, moved: float) -> Iterator[str]:
-    """Yield a sentence if a file rounds positions by more than :data:`COARSE` of the diagonal."""
-    if moved > COARSE:
-        yield (
-            f"{output} stores single precision, which moves positions by up to {_percent(moved)}; write .obj "
-            "or .off in double precision, or move the mesh to the origin"
-        )
-
-
 def handle_notes(
     file: HandleFile, handles: Handles, mesh: Mesh, *, original: np.ndarray | None = None
 ) -> list[str]:
@@ -248,10 +201,10 @@ def handle_notes(
         )
     if handles.merge_distance > SAME_TARGET * mesh.diagonal:
         merged = counted(handles.merged, "position was", "positions were")
+        apart = _percent(handles.merge_distance / mesh.diagonal)
         found.append(
             f"{merged} merged with another position of the group at the same vertex; the vertex goes to the "
-            "mean of their targets, at most "
-            f"{100 * handles.merge_distance / mesh.diagonal:.2g} % of the diagonal from each target"
+            f"mean of their targets, at most {apart} from each target"
         )
     turned = []
     for group in file.groups:

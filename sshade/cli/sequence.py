@@ -110,7 +110,7 @@ def deform_poses(
         side_gap=max(one.side_gap for one in found),
         opening=max(one.opening for one in found),
     )
-    tell(options, opened, facts, asked=resolved.vertices, error=max(errors), rounding=max(moves))
+    tell(options, opened, facts, error=max(errors), rounding=max(moves))
     if missed := sum(result.converged is False for result in results):
         say(f"note: the iterations of {_poses(missed)} did not converge")
 

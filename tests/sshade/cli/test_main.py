@@ -3,7 +3,6 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +14,6 @@ import pytest
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.main import PROGRAM, main
 from sshade.cli.notes import notes
-from sshade.core.bars import ENDED, stage_bars, stage_progress
 from sshade.core.console import progress_bar, run_command
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import read_handles, write_handles
@@ -35,7 +33,7 @@ def put_handles(*entries: dict) -> None:
     Path("pose.json").write_text(json.dumps({"handles": list(entries)}))
 
 
-@pytest.mark.parametrize("method", ["paper", "fast", "fine"])
+@pytest.mark.parametrize("method", ["paper", "fine"])
 def test_all_options_reach_the_method(sound, method):
     """The options include `--raw` and `--weight`, which change how handles are read."""
     source = BODY.V[POSE.index] + [0.02, 0, 0]
@@ -111,7 +109,6 @@ BAND = moebius()
 @pytest.mark.parametrize(
     ("V", "F", "handles", "options", "words"),
     [
-        (BODY.V, BODY.F, POSE, "", "the proxy has 40 samples instead of 12000: a component has at most"),
         (BAND.V, BAND.F, end_handles(BAND.V, shift=(0, 0, 0.1)), "", "72 vertices lie on one-sided surfaces"),
         (BODY.V, TURNED, POSE, "", "107 faces were turned around, to agree with their neighbours"),
         (BODY.V, BODY.F, POSE, "--max-iterations 2", "they stopped after 2 on average"),
@@ -134,7 +131,6 @@ def test_what_is_unusual_is_told(sound, capsys, V, F, handles, options, words):
     ("motion", "options", "told"),
     [
         ({}, "", True),
-        ({"kind": "static", "target": [[9, 9, 9]]}, "", True),
         ({"translation": [0.1, 0, 0]}, "", False),
         ({}, "--volume-goal 1.1", False),
     ],
@@ -159,16 +155,9 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
     assert "note: the rotation or scale of entry 1 is about the origin, which lies outside" in err
 
 
-PLAIN = Facts(samples=100, options={"coarser": 4})
-
-
 @pytest.mark.parametrize(
     ("facts", "surface", "dense", "words"),
     [
-        ({"samples": 99, "components": 3}, {}, False, None),  # rounding
-        ({"samples": 40}, {}, False, "40 samples instead of 100: a component has at most one for every 4"),
-        ({"samples": 130}, {}, False, "130 samples instead of 100: a component needs one for each"),
-        ({"samples": 0}, {}, False, None),  # the summary says so
         ({"opening": 0.11}, {}, False, "parts of the mesh that touched came apart by 11 % of the diagonal"),
         ({"opening": 1e-9}, {}, False, None),
         ({}, {"near": 3, "tolerance": 1e-3}, False, "3 vertices lie near another vertex"),
@@ -177,7 +166,7 @@ PLAIN = Facts(samples=100, options={"coarser": 4})
 )
 def test_facts_in_words(facts, surface, dense, words):
     whole = Surface(BODY, np.arange(BODY.n), SurfaceFacts(**surface))
-    found = list(notes(replace(PLAIN, **facts), whole, asked=100, snap=0.0, dense=dense))
+    found = list(notes(Facts(**facts), whole, snap=0.0, dense=dense))
     assert len(found) == bool(words) and (words or "") in "".join(found)
 
 
@@ -292,24 +281,6 @@ def test_progress_draws_a_bar_on_a_terminal_and_nothing_elsewhere(capsys, monkey
         progress("sampling 1", 2, 2, "residual 1e-6")
     out, err = capsys.readouterr()
     assert out == "" and "sampling 1" in err and "residual 1e-6" in err
-
-
-def test_a_stage_that_ended_is_done_starts_anew_and_leaves_the_screen_to_later_stages():
-    bars = stage_bars(disable=True)
-    progress = stage_progress(bars)
-    for done, total in ((0, 1000), (60, 1000), (66, 66)):
-        progress("proxy", done, total)
-    (proxy,) = bars.tasks
-    assert proxy.finished and (proxy.completed, proxy.total) == (66, 66)
-    progress("proxy", 10, 900)
-    assert not proxy.finished and (proxy.completed, proxy.total) == (10, 900)
-    progress("proxy", 20, 20)
-    for number in range(ENDED):
-        assert proxy.visible
-        progress(f"stage {number}", 1, 1)
-    assert [task.visible for task in bars.tasks] == [False, *[True] * ENDED]
-    progress("proxy", 0, 1000)
-    assert proxy.visible
 
 
 def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, capsys):
