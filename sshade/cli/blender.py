@@ -22,7 +22,7 @@ import tempfile
 from collections.abc import Sequence
 from importlib.metadata import distribution, version
 from pathlib import Path
-from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZipFile
 
 from sshade.cli.arguments import add_flags, check_outputs
 from sshade.core.atomic import replacing
@@ -41,8 +41,6 @@ SYSTEMS = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "arm64": "arm64", "aarch64": "arm64"}
 #: Seconds that pip waits for the network, and how often it tries again.
 NETWORK = ("--timeout", "15", "--retries", "1")
-#: Date of all files in archives, so that two builds are equal.
-DATE = (1980, 1, 1, 0, 0, 0)
 
 MANIFEST = """\
 schema_version = "1.0.0"
@@ -118,12 +116,12 @@ def platform_name() -> str:
 
 def write_extension(path: Path, wheels: Sequence[Path]) -> None:
     """Write an extension with the given wheels, which stay unmodified."""
-    with ZipFile(path, "w") as archive:
-        _add(archive, "blender_manifest.toml", manifest([wheel.name for wheel in wheels]).encode())
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        archive.writestr("blender_manifest.toml", manifest([wheel.name for wheel in wheels]))
         for file in sorted(ADDON.glob("*.py")):
-            _add(archive, file.name, file.read_bytes())
+            archive.write(file, file.name)
         for wheel in wheels:
-            _add(archive, f"wheels/{wheel.name}", wheel.read_bytes(), ZIP_STORED)
+            archive.write(wheel, f"wheels/{wheel.name}")
 
 
 def manifest(wheels: Sequence[str]) -> str:
@@ -154,12 +152,12 @@ def own_wheel(folder: Path) -> Path:
     files[f"{info}/WHEEL"] = b"Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     record = []
     path = folder / f"sshade-{package.version}-py3-none-any.whl"
-    with ZipFile(path, "w") as archive:
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for name, content in files.items():
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
             record.append(f"{name},sha256={digest},{len(content)}\n")
-            _add(archive, name, content)
-        _add(archive, f"{info}/RECORD", f"{''.join(record)}{info}/RECORD,,\n".encode())
+            archive.writestr(name, content)
+        archive.writestr(f"{info}/RECORD", f"{''.join(record)}{info}/RECORD,,\n")
     return path
 
 
@@ -196,10 +194,3 @@ def _download(place: Path, requirement: str) -> None:
     why = found.removeprefix("ERROR: ").rstrip(".")
     advice = "check the network, or let PIP_FIND_LINKS name a folder that has the wheel"
     raise InputError(f"pip could not fetch {requirement}: {why}; {advice}")
-
-
-def _add(archive: ZipFile, name: str, content: bytes, compression: int = ZIP_DEFLATED) -> None:
-    """Add a file of a fixed date to an archive."""
-    info = ZipInfo(name, DATE)
-    info.external_attr = 0o644 << 16
-    archive.writestr(info, content, compression)

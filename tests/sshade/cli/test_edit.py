@@ -70,27 +70,21 @@ def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
     assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
 
 
-def test_a_browser_is_opened_at_the_address(monkeypatch, capsys):
-    opened = []
-
+def test_a_browser_opens_at_the_address_with_the_method_that_a_handle_file_was_saved_with(
+    monkeypatch, capsys
+):
+    begun, opened = [], []
     monkeypatch.setattr("sshade.cli.edit.webbrowser.open", lambda address: opened.append(address) or False)
-    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: None)
+    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: begun.append(self))
     monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
-    assert main(["edit", "body.ply"]) == 0
+    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine"}}
+    Path("pose.json").write_text(json.dumps(saved))
+    assert main(["edit", "body.ply", "pose.json"]) == 0
     out, err = capsys.readouterr()
     assert opened == [out.strip()] and "no browser could be opened" in err
     assert main(["edit", "body.ply", "--no-browser"]) == 0
     assert len(opened) == 1
-
-
-def test_it_begins_with_the_method_that_a_handle_file_was_saved_with(monkeypatch):
-    saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine"}}
-    Path("pose.json").write_text(json.dumps(saved))
-    begun = []
-    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: begun.append(self))
-    monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
-    assert main(["edit", "body.ply", "pose.json", "--no-browser"]) == 0
-    assert begun[0].session.state.method == "fine"
+    assert [server.session.state.method for server in begun] == ["fine", "fast"]
 
 
 def test_a_port_that_is_in_use_is_told():

@@ -8,7 +8,7 @@ from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import read_task, write_handles
 from sshade.problem.task import Handles
-from tests.shapes import beside, bumpy, shifted, torn, torus
+from tests.shapes import beside, bumpy, shifted, torn
 from tests.sshade.edit.sessions import edited
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 
@@ -21,17 +21,13 @@ TWO_FANS = beside(BODY, shifted(BODY, V[TOP] - V[BOTTOM]))
 TAKEN = {
     "clean": (V, F),
     "vertices in no face": (np.concatenate([[[9.0, 9, 9]], V]), F + 1),
-    "a face that repeats a vertex": (V, np.concatenate([F, [[4, 4, 7]]])),
-    "a seam": SEAM,
     "a seam with rounding": NEAR,
     "an edge of three faces": (t_fin().V, t_fin().F),
     "two fans at a vertex": (TWO_FANS.V, np.where(BODY.n + BOTTOM == TWO_FANS.F, TOP, TWO_FANS.F)),
     "a face twice": (V, np.concatenate([F, F[:1]])),
     "faces turned": (V, np.concatenate([F[:9, ::-1], F[9:]])),
-    "several components": (beside(BODY, torus(9, 6)).V, beside(BODY, torus(9, 6)).F),
     "one side": (moebius().V, moebius().F),
     "a face of no extent": (np.vstack([V, np.ones((3, 3))]), np.vstack([F, len(V) + np.arange(3)])),
-    "a triangle": (np.eye(3), np.array([[0, 1, 2]])),
     "no width": (V * [0, 0, 1], F),
     "triangles that share no vertex": (V[F].reshape(-1, 3), np.arange(F.size).reshape(-1, 3)),
 }
