@@ -16,11 +16,10 @@ import pytest
 from numba.core.registry import CPUDispatcher
 from scipy.sparse import csr_array
 
-from baselines.accelerated import accelerated_arap, local_global
-from baselines.arap import arap
+from baselines.accelerated import local_global
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer, Handles, Mesh, bind, deform, transfer_pose
+from sshade import DeformationTask, Handles, bind, deform, transfer_pose
 from sshade.core.threads import ThreadTeam
 from sshade.files.meshes import read_file, write_file
 from sshade.mesh.adjacency import vertex_graph
@@ -34,6 +33,7 @@ from tests.robustness.inputs import BODY, pose
 from tests.shapes import bent, double_torus, icosphere, jittered, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.test_kernels import modules_with_kernels
+from tests.write import off
 
 #: Maximum difference, relative to the largest value. The compiler contracts and reorders sums.
 CLOSE = 1e-9
@@ -45,18 +45,13 @@ def task() -> DeformationTask:
     return DeformationTask("body", BODY, pose(BODY.V))
 
 
-def _of_method(method: Callable[..., Any]) -> Callable[[], np.ndarray]:
-    return lambda: method(task(), seed=0).vertices
+def _deformed(**options: Any) -> np.ndarray:
+    return deform(task(), vertices=50, **FEW, **options).vertices
 
 
-def _bound(frames: str) -> np.ndarray:
-    binding = bind(BODY, 40, frames=frames)
+def _bound() -> np.ndarray:
+    binding = bind(BODY, 40, frames="blended_affine")
     return binding.carry(bent(binding.proxy.V))[0]
-
-
-def _dragged() -> np.ndarray:
-    handles = pose(BODY.V)
-    return Deformer(BODY, handles.index, vertices=50)(handles.target, max_iterations=4).vertices
 
 
 def _with_regions() -> np.ndarray:
@@ -68,14 +63,13 @@ def _with_regions() -> np.ndarray:
 
 def _interpolated() -> np.ndarray:
     index = np.arange(0, BODY.n, 8)
-    return deform(
-        DeformationTask("dense", BODY, Handles(index, bent(BODY.V)[index])), method="interpolate"
-    ).vertices
+    dense = DeformationTask("dense", BODY, Handles(index, bent(BODY.V)[index]))
+    return deform(dense, method="interpolate").vertices
 
 
-def _remeshed(mesh: Mesh, vertices: int) -> np.ndarray:
-    """Sample a proxy. With few vertices, cells fail the closed-ball test, which then adds samples."""
-    found = sample_proxy(mesh, vertices, seed=1)
+def _remeshed() -> np.ndarray:
+    """Sample a proxy with few vertices. Cells fail the closed-ball test, which then adds samples."""
+    found = sample_proxy(double_torus(cells=2), 4, seed=1)
     return np.concatenate([found.samples, found.faces.ravel(), found.cell])
 
 
@@ -104,11 +98,9 @@ def _on_needles() -> np.ndarray:
 def _written() -> np.ndarray:
     """Read a text file with normals, bend the mesh, write it, and return the written numbers."""
     body = icosphere(1)
-    rows = "".join("{!r} {!r} {!r} {!r} {!r} {!r}\n".format(*row, *row) for row in body.V.tolist())
-    triangles = "".join(f"3 {a} {b} {c}\n" for a, b, c in body.F.tolist())
     with TemporaryDirectory() as folder:
         path = Path(folder, "a.off")
-        path.write_text(f"NOFF\n{body.n} {body.m} 0\n{rows}{triangles}")
+        path.write_bytes(off(np.column_stack([body.V, body.V]), body.F, keyword="NOFF"))
         file = read_file(path)
         write_file(path, file, bent(file.V))
         return np.array(path.read_text().split()[1:], dtype=np.float64)
@@ -137,9 +129,6 @@ def _factorised_in_halves() -> np.ndarray:
         return local_global(task(), **FEW).vertices
 
 
-COARSE = partial(local_global, **FEW)
-
-
 def _with_many_groups() -> DeformationTask:
     """Return a task of twelve groups, of which one moves."""
     index = np.linspace(0, BODY.n - 1, 12).astype(np.int64)
@@ -148,27 +137,19 @@ def _with_many_groups() -> DeformationTask:
 
 
 WORK: dict[str, Callable[[], np.ndarray]] = {
-    "the paper's": _of_method(partial(deform, method="paper", vertices=50, samplings=1, coarse=COARSE)),
-    "fast": _of_method(partial(deform, method="fast", vertices=50, **FEW)),
-    "fine": _of_method(partial(deform, method="fine", vertices=50, polish_iterations=3, workers=1, **FEW)),
-    "arap": _of_method(partial(arap, **FEW)),
-    "accelerated arap": _of_method(partial(accelerated_arap, **FEW)),
-    "arap sr": _of_method(partial(arap_sr, **FEW)),
-    "accelerated arap sr": _of_method(partial(arap_sr, accelerate=True, **FEW)),
-    "bending": _of_method(partial(local_global, bending=0.1, stiffness=0.1, **FEW)),
+    "fast": _deformed,
+    "fine": partial(_deformed, method="fine", polish_iterations=3, workers=1),
+    "accelerated arap sr": lambda: arap_sr(task(), accelerate=True, **FEW).vertices,
+    "bending": lambda: local_global(task(), bending=0.1, stiffness=0.1, **FEW).vertices,
     "inertia": lambda: deform(_with_many_groups(), vertices=50, inertia=0.2, **FEW).vertices,
-    "deformation graph": _of_method(partial(deformation_graph, nodes=40, **FEW)),
-    "affine frames": partial(_bound, "affine"),
-    "blended frames": partial(_bound, "blended"),
-    "blended affine frames": partial(_bound, "blended_affine"),
+    "deformation graph": lambda: deformation_graph(task(), nodes=40, **FEW).vertices,
+    "blended affine frames": _bound,
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
     "regions": _with_regions,
-    "dragging": _dragged,
     "interpolate": _interpolated,
-    "remeshing a torus": partial(_remeshed, jittered(torus(12, 6), 0.05), 20),
     "sampling from coarse to fine": _sampled_coarsely,
     "cutting": _cut,
-    "remeshing with few samples": partial(_remeshed, double_torus(cells=2), 4),
+    "remeshing with few samples": _remeshed,
     "points near needles": _on_needles,
     "files": _written,
     "multigrid cycles": _cycled,

@@ -1,0 +1,156 @@
+"""Damaged datasets and runs, and settings that make no sense, are refused, and nothing is written."""
+
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sshade.files.meshes import write_mesh
+from tests.defaust.toy import relist
+from tests.robustness.case import assert_refused, check_refusal, run
+from tests.robustness.inputs import BODY
+from tests.robustness.working import RUN, SWEEP, cut, dataset, runs
+from tests.shapes import bent
+
+REST, RECORD = "balls/subject_00/rest.ply", Path("balls/dataset.json")
+
+
+def changed() -> None:
+    RECORD.write_text(RECORD.read_text().replace('"seed": 0', '"seed": 5'))
+
+
+def cut_and_listed() -> None:
+    cut(REST)
+    relist(Path("balls"), "subject_00/rest.ply")
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (changed, "changed after the build"),
+        (lambda: Path(REST).unlink(), "is missing; run the same defaust build again"),
+        (lambda: cut(REST), "not the file that the dataset lists"),
+        (cut_and_listed, "not a readable PLY"),
+    ],
+)
+def test_a_damaged_dataset(here, damage, words):
+    dataset()
+    damage()
+    assert_refused("sshade-eval", RUN, words)
+
+
+def in_run(name: str) -> Path:
+    """Return a file of the first run."""
+    return min(Path("out/runs").rglob(name))
+
+
+def of_another_function() -> None:
+    row = json.loads(in_run("row.json").read_text())
+    in_run("row.json").write_text(json.dumps(row | {"task.source": '{"_target_": "os.getcwd"}'}))
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda: cut(in_run("vertices.npy")), "vertices.npy: not the file of a run"),
+        (lambda: in_run("vertices.npy").write_bytes(pickle.dumps([1])), "not the file of a run"),
+        (lambda: np.save(in_run("vertices.npy"), np.zeros((5, 3))), "5"),
+        (lambda: shutil.rmtree("balls"), "balls"),
+        (of_another_function, "and no task"),
+    ],
+)
+def test_figures_of_a_damaged_run(here, damage, words):
+    """Figures read the files and the source that a row names."""
+    runs()
+    damage()
+    check_refusal(run("sshade-eval figures tiny"), words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("tables tiny -o body.ply", "body.ply: the folder cannot be created"),
+        ("tables tiny -o out/rows", "holds the rows"),
+    ],
+)
+def test_outputs_of_tables(sound, arguments, words):
+    runs()
+    assert_refused("sshade-eval", arguments, words)
+
+
+SETTINGS = {
+    "method=arap method.start=middle": "start must be rest or rigid, not 'middle'",
+    "run.speed=1": "no setting run.speed",
+    "seed=-1": "seed=-1",
+    "run.split=half": "it takes tuning, held_out, both or null",
+    "run.jobs=0": "run.jobs=0",
+    "run.experiment=../tiny": "run.experiment=../tiny is no name of a folder",
+    "method._target_=magic.magic": "no module 'magic'",
+    "dataset._target_=os.getcwd": "os.getcwd has no parameter",
+    "method=magic": "there is no method 'magic'; choose one of acc",
+    "method=arap +method.colour=red": "has no option 'colour'",
+    "method=arap method.max_iterations=many": "max_iterations must be a whole number",
+    "label=": "label is empty",
+    "label=mine/a": "label=mine/a has a '/'",
+    "~seed": "~seed deletes a setting that every run needs",
+    "method._target_=baselines.arap.magic": "no function 'magic'",
+    "'proxy.vertices=[1'": "proxy.vertices=[1 is not understood; close its brackets",
+    "arap": "arap is not understood; write settings as key=value",
+    "method._target_=magic": "_target_ 'magic' is no function; write package.module.function",
+    "method=external method.command=sh": "command='sh' does not fit; it takes list[str]",
+    "dataset._target_=builtins.dict": "dict does not tell its parameters",
+    "dataset=moon": "there is no dataset 'moon'",
+    "paths.runs=body.ply/x": "body.ply/x",
+}
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_settings_of_a_run(sound, settings):
+    dataset()
+    assert_refused("sshade-eval", f"{RUN} {settings}", SETTINGS[settings])
+
+
+def test_a_sweep_that_is_there_already_runs_nothing_again(here):
+    runs()
+    before = {path: path.read_bytes() for path in Path("out/runs").rglob("row.json")}
+    assert run(SWEEP)[0] == 0
+    assert {path: path.read_bytes() for path in Path("out/runs").rglob("row.json")} == before
+
+
+BUILD = "build source=sequence source.root=meshes source.landmarks=3 handles_per_landmark=5 neighbourhood=10"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("build out=out source=scape", "no source 'scape'"),
+        ("build out=out subjects=[1", "subjects=[1 is not"),
+        ("build out=données", "in quotes twice"),
+        ("build out=out subjects=[77]", "no subject 77"),
+        (f"{BUILD} out=body.ply", "body.ply is a file; give a folder"),
+        (f"{BUILD} out=body.ply/x", "the folder cannot be created"),
+        (f"{BUILD} out=.", "is not empty and holds no DeFAUST build"),
+        (f"{BUILD} out=out workers=0", "0 workers"),
+        (f"{BUILD} out=out handles_per_landmark=11", "cannot be drawn"),
+        (
+            f"{BUILD} out=out source._target_=builtins.dict",
+            "source._target_=builtins.dict makes a dict, and no source",
+        ),
+    ],
+)
+def test_arguments_of_a_build(sound, arguments, words):
+    Path("meshes").mkdir()
+    for k, name in enumerate("ab"):
+        write_mesh(f"meshes/{name}.ply", bent(BODY.V, 0.1 * k), BODY.F)
+    assert_refused("defaust", arguments, words)
+
+
+def test_a_build_of_a_cut_mesh(here):
+    Path("meshes").mkdir()
+    for name in ("a.ply", "b.ply"):
+        write_mesh(f"meshes/{name}", BODY.V, BODY.F)
+    cut("meshes/b.ply")
+    check_refusal(run(f"defaust {BUILD} out=out workers=1"), "b.ply")
