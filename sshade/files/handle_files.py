@@ -294,8 +294,7 @@ def _rotation(entry: dict[str, Any]) -> np.ndarray:
     try:
         require_rotations(R[None])
     except InputError as error:
-        why = "its rows must have length 1 and be perpendicular"
-        why = "it mirrors; its determinant must be 1" if np.linalg.det(R) < 0 else why
+        why = "its rows must have length 1 and be perpendicular, and its determinant be 1"
         raise InputError(f'"rotation" is no rotation: {why}') from error
     return R
 

@@ -41,19 +41,14 @@ def decoded(content: bytes) -> str:
 
 def parsed_list(content: bytes, name: str) -> dict[str, Any]:
     """Return the object of a JSON text, which has a list `name`; raise InputError if it has none."""
-    data = parsed_json(content)
+    try:
+        data = json.loads(decoded(content))
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"not readable as JSON ({why})") from error
     if not isinstance(data, dict) or not isinstance(data.get(name), list):
         raise InputError(f'expected an object with a list "{name}"')
     return data
-
-
-def parsed_json(content: bytes) -> Any:
-    """Return the content of a JSON text; raise InputError if it is none, or an object has a key twice."""
-    try:
-        return json.loads(decoded(content), object_pairs_hook=unique_keys)
-    except (ValueError, RecursionError, InputError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise InputError(f"not readable as JSON ({why})") from error
 
 
 def parsed_yaml(content: bytes) -> Any:
@@ -63,21 +58,11 @@ def parsed_yaml(content: bytes) -> Any:
     try:
         data = yaml.safe_load(decoded(content))
         return {} if data is None else data
-    except (yaml.YAMLError, ValueError, RecursionError, InputError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         # PyYAML calls a text by this name.
         why = " ".join(str(error).split()).replace(' in "<unicode string>",', " in")
         why = "nested too deeply" if isinstance(error, RecursionError) else why
         raise InputError(f"not readable as YAML ({why})") from error
-
-
-def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return pairs of keys and values as a dict; raise InputError if a key occurs twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"the key {json.dumps(twice[:LONGEST])} occurs twice in one object")
-    return found
 
 
 def as_ids(values: Any, name: str) -> np.ndarray:
@@ -98,16 +83,7 @@ def as_points(values: Any, name: str) -> np.ndarray:
 
 def as_boxes(values: Any, name: str) -> np.ndarray:
     """Convert a list of boxes, pairs of their lowest and highest corners, to a (b, 2, 3) array."""
-    boxes = as_array(values, name, (None, 2, 3), "a list of pairs of points")
-    swapped = np.argwhere(boxes[:, 0] > boxes[:, 1])
-    if len(swapped):
-        number, axis = swapped[0]
-        low, high = boxes[number, :, axis]
-        raise InputError(
-            f"box {number} of {name} has its corners swapped on axis {'xyz'[axis]}: {low:g} comes before "
-            f"{high:g}; the lowest corner comes first"
-        )
-    return boxes
+    return as_array(values, name, (None, 2, 3), "a list of pairs of points")
 
 
 def as_array(values: Any, name: str, shape: tuple[int | None, ...], form: str) -> np.ndarray:

@@ -20,48 +20,40 @@ def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray | None]]
     data = parsed_yaml(path.read_bytes())
     if not isinstance(data, dict) or not isinstance(data.get("handles"), dict):
         raise InputError("expected a mapping `handles` with `static` and `moving`")
-    _check_keys(data["handles"])
-    static = _names(data["handles"], "static", "positions")
-    moving = _names(data["handles"], "moving", "positions")
-    transforms = _names(data["handles"], "moving", "transform")
+    handles = data["handles"]
+    with naming("`handles`"):
+        require_known(handles, ("static", "moving"))
+    (static,) = _names(handles, "static", "positions")
+    moving, transforms = _names(handles, "moving", "positions", "transform")
     if len(moving) != len(transforms):
         parts_have = counted(len(moving), "moving part has", "moving parts have")
         targets = counted(len(transforms), "transform", "transforms")
         raise InputError(f"{parts_have} {targets}; each needs one")
     if not static and not moving:
         raise InputError("there are no handles; name at least one static or moving part")
-    parts: list[tuple[str, str | None]] = [(name, None) for name in static]
-    parts += zip(moving, transforms, strict=True)
-    found: list[tuple[np.ndarray, np.ndarray | None]] = []
-    for name, transform in parts:
-        points, target = _read_points(path.parent / "parts", name), None
-        if transform is not None:
-            target = _read_points(path.parent / "transforms", transform)
-            if len(points) != len(target):
-                raise InputError(
-                    f"part {name} has {counted(len(points), 'point', 'points')}, its transform {transform} "
-                    f"{len(target)}"
-                )
+    parts, goals = path.parent / "parts", path.parent / "transforms"
+    found: list[tuple[np.ndarray, np.ndarray | None]] = [(_read_points(parts, name), None) for name in static]
+    for name, transform in zip(moving, transforms, strict=True):
+        points, target = _read_points(parts, name), _read_points(goals, transform)
+        if len(points) != len(target):
+            k = counted(len(points), "point", "points")
+            raise InputError(f"part {name} has {k}, its transform {transform} {len(target)}")
         found.append((points, target))
     return found
 
 
-def _check_keys(handles: dict[str, Any]) -> None:
-    """Raise InputError if a key of the handles is unknown. Implicit-ARAP may read other keys of the file."""
-    with naming("`handles`"):
-        require_known(handles, ("static", "moving"))
-    for kind, known in {"static": ("positions",), "moving": ("positions", "transform")}.items():
-        if isinstance(handles.get(kind), dict):
-            with naming(f"`handles.{kind}`"):
-                require_known(handles[kind], known)
-
-
-def _names(handles: dict, kind: str, key: str) -> list[str]:
+def _names(handles: dict[str, Any], kind: str, *keys: str) -> list[list[str]]:
+    """Return the names at the keys of the parts of a kind."""
     parts = handles.get(kind) or {}
-    names = (parts.get(key) or []) if isinstance(parts, dict) else None
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"`handles.{kind}.{key}` must be a list of names")
-    return names
+    with naming(f"`handles.{kind}`"):
+        if not isinstance(parts, dict):
+            raise InputError("it must be a mapping")
+        require_known(parts, keys)
+        found = [parts.get(key) or [] for key in keys]
+        for key, names in zip(keys, found, strict=True):
+            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+                raise InputError(f"`{key}` must be a list of names")
+    return found
 
 
 def _read_points(folder: Path, name: str) -> np.ndarray:

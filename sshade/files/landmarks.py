@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import csv
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,8 +32,6 @@ ENDINGS = (".csv", ".txt", ".mrk.json", ".fcsv", ".pp", ".particles")
 SYSTEMS = {"RAS": "RAS", "0": "RAS", "LPS": "LPS", "1": "LPS"}
 #: The values of a line of a table.
 ORDER = "x y z, or name, x, y, z"
-#: A number that is no id of a landmark.
-DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 
 
 class Landmark(NamedTuple):
@@ -128,8 +125,6 @@ def _table(content: bytes) -> Iterator[Landmark]:
             )
         fields = dict(zip(columns or ["name", "x", "y", "z"][-len(row) :], row, strict=True))
         name = next((fields[key] for key in ("name", "label", "landmark", "id") if key in fields), "")
-        if not columns and DECIMAL.fullmatch(name.strip()):
-            raise InputError(f"landmark {number} has 4 numbers; expected {ORDER}")
         yield Landmark(name.strip(), [fields[axis] for axis in "xyz"])
 
 

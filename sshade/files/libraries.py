@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from os.path import isfile
 from pathlib import Path
 
 from sshade.files.mesh_file import goes_along, moved_reference
@@ -13,7 +12,7 @@ _MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
 
 def moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    written, names = _libraries(line, source)
+    names = _libraries(line)
     # Materials go along with all their textures, or stay where they are.
     moved = [
         name
@@ -23,21 +22,19 @@ def moved_library(line: bytes, source: Path, path: Path) -> bytes:
     ]
     if moved == names:
         return line
-    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[len(written.rstrip()) :]
+    end = len(line.partition(b"#")[0].rstrip())
+    return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[end:]
 
 
-def _libraries(line: bytes, source: Path) -> tuple[bytes, list[str]]:
-    """Return a line "mtllib" without its comment, and the names in it."""
-    written = line if isfile(source.parent / rest_of(line)) else line.partition(b"#")[0]
-    text = rest_of(written)
-    # Names are separated by blanks, but a single name may contain blanks.
-    single = isfile(source.parent / text) or text.lower().count(".mtl") == 1
-    return written, [text] if single else text.split()
+def _libraries(line: bytes) -> list[str]:
+    """Return the names in a line "mtllib". Blanks separate them, but a single name may contain blanks."""
+    text = rest_of(line.partition(b"#")[0])
+    return [text] if text.lower().count(".mtl") == 1 else text.split()
 
 
 def library_files(line: bytes, source: Path) -> list[str]:
     """Return the names of the .mtl files in a line "mtllib" of `source`, and of their textures."""
-    return [file for name in _libraries(line, source)[1] for file in _files_of(name, source)]
+    return [file for name in _libraries(line) for file in _files_of(name, source)]
 
 
 def _files_of(name: str, source: Path) -> list[str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.core.errors import InputError, counted
+from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, fanned, present
 from sshade.files.words import Text, edited, without_comments
 from sshade.mesh.normals import turned, vertex_turns
@@ -25,8 +25,6 @@ def read_off(path: Path) -> MeshFile:
     ------
     ValueError
         When the file is no OFF file, or holds fewer or more numbers than it announces.
-    InputError
-        When the file is binary.
     """
     data = path.read_bytes()
     text = Text(without_comments(data))
@@ -34,8 +32,6 @@ def read_off(path: Path) -> MeshFile:
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or its vertices do not have three coordinates each")
-    if b"BINARY" in head[0]:
-        raise InputError(f"{path}: it is a binary OFF file; write it as text, or in another format")
     letters = keyword[1].upper()
     rows = _rows(text, keyword[2], 3 + 3 * (b"N" in letters) + 4 * (b"C" in letters) + 2 * (b"ST" in letters))
     positions = text.numbers(rows.vertices[:, None] + np.arange(3))

@@ -80,10 +80,6 @@ def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
     solid, end, facet, vertex = (key == key_of(word) for word in (b"solid", b"endsolid", b"facet", b"vertex"))
     facets, vertices = np.flatnonzero(facet), np.flatnonzero(vertex)
     corners, normals = text.vectors(vertices, 1, "a vertex"), text.vectors(facets, 2, "a normal")
-    if len(longer := vertices[text.size[vertices] != 4]):
-        raise ValueError(f"line {text.line_number(longer[0])} has more than three coordinates")
-    if (key == key_of(b"endfacet")).sum() != len(facets):
-        raise ValueError("it ends within a facet")
     count = np.diff(np.searchsorted(vertices, facets), append=len(vertices))
     if len(uneven := facets[count != 3]):
         raise ValueError(

@@ -126,7 +126,6 @@ BAD = {
     "twice.csv": (lines(POINTS, "aacd", ","), "twice.csv: two landmarks have the name 'a'"),
     "nan.csv": ("chin,nan,0,0\n", "nan.csv: landmark 0 'chin' has a NaN or infinite position"),
     "word.txt": ("1 2 z\n", "word.txt: landmark 0 has no position of three numbers"),
-    "weights.txt": ("0.5 2 3 1\n", "landmark 0 has 4 numbers; expected x y z, or name, x, y, z"),
     "few.csv": ("name,x,y,z\nnasion,1,2\n", "few.csv: landmark 0 has 3 values"),
     "none.csv": ("# nothing\n", "none.csv: it has no landmarks"),
     "broken.pp": ("<PickedPoints>", "broken.pp: not a readable landmark file (no element found"),
