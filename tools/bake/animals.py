@@ -1,15 +1,8 @@
-"""Bake the asset of the animals from the tables in animals.yaml.
-
-Run this only to change the animals, after an edit of tools/bake/animals.yaml::
-
-    python -m tools.bake.animals --out defaust/data/animals.npz
-"""
+"""Bake the asset of the animals from animals.yaml: ``python -m tools.bake animals --out FILE``."""
 
 from __future__ import annotations
 
-import argparse
 import logging
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +18,6 @@ from defaust.sources.animals import unpack
 from defaust.sources.skinning import apply_motions, bone_motions
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
-from tools.bake import bake_command, write_asset
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.template import neighbour_average, quantise_weights
 
@@ -213,7 +205,7 @@ def find_landmarks(V: np.ndarray, points: dict[str, list[float]]) -> dict[str, i
     return found
 
 
-def bake() -> dict[str, np.ndarray]:
+def bake(_: Path | None) -> dict[str, np.ndarray]:
     """Bake every species; return the arrays of the asset."""
     arrays = {}
     for name, species in read_table().items():
@@ -221,13 +213,3 @@ def bake() -> dict[str, np.ndarray]:
         log.info("%s: %d vertices", name, len(baked["bone"]))
         arrays |= {f"{name}.{key}": value for key, value in baked.items()}
     return arrays
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Parse the command line, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bake.animals", description=__doc__)
-    return bake_command(parser, lambda args: write_asset(args.out, bake()), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

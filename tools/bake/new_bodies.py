@@ -1,15 +1,12 @@
-"""Make the new bodies: ``python -m tools.bake.new_bodies --mpfb2 DIR --out defaust/data/new_bodies.npz``.
+"""Make the new bodies: ``python -m tools.bake new_bodies --mpfb2 DIR --out FILE``.
 
 The bodies have the faces, the rig and the landmarks of the bodies of the package. Their shapes are other
-morphs of the same base mesh, interpolated at the vertices of the first body. The result is committed;
-run this only to change the new bodies. :mod:`tools.bake` says where MPFB2's data are.
+morphs of the same base mesh, interpolated at the vertices of the first body.
 """
 
 from __future__ import annotations
 
-import argparse
 import logging
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +21,6 @@ from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.synthetic import QUANTUM, load_bodies
 from defaust.tasks.full_size import interpolation
 from sshade import Mesh
-from tools.bake import bake_command, write_asset
 from tools.bake.morphs import BONES, PARAMETERS, Shape, morph, read_base, read_joints
 from tools.bake.noisy import make_pose
 from tools.bake.template import fill, outer_skin, without_intersections
@@ -85,14 +81,3 @@ def make_shapes(root: Path, rig: Bodies) -> tuple[np.ndarray, np.ndarray]:
         rest.append(without_intersections(shaped - floor, rig.faces))
         joints.append([V[ids].mean(axis=0) - floor for ids in joint_ids])
     return np.array(rest), np.array(joints)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Parse the command line, bake, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bake.new_bodies", description=__doc__)
-    parser.add_argument("--mpfb2", type=Path, required=True, help="folder with 3dobjs, rigs and targets")
-    return bake_command(parser, lambda args: write_asset(args.out, bake(args.mpfb2)), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

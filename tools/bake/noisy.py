@@ -1,14 +1,12 @@
-"""Make the poses of the noisy bodies: ``python -m tools.bake.noisy --out defaust/data/poses.npz``.
+"""Make the poses of the noisy bodies: ``python -m tools.bake noisy --out FILE``.
 
 Wrists and ankles bend, heads turn, and hands rest on the body. Inverse kinematics place the hands on each
-subject. The result is committed, because it depends on the optimiser; run this only to change the poses.
+subject.
 """
 
 from __future__ import annotations
 
-import argparse
 import logging
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +21,6 @@ from defaust.sources.bodies import Bodies
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import load_bodies
-from tools.bake import bake_command, write_asset
 from tools.bake.morphs import BONES
 from tools.bake.poses import JITTER, _both_sides
 
@@ -145,7 +142,7 @@ def _starts(side: str) -> list[np.ndarray]:
     return [np.zeros(12), bent.ravel()]
 
 
-def bake() -> dict[str, np.ndarray]:
+def bake(_: Path | None) -> dict[str, np.ndarray]:
     """Make the arrays of the asset."""
     bodies = load_bodies()
     count = len(bodies.rest)
@@ -164,13 +161,3 @@ def bake() -> dict[str, np.ndarray]:
         "rotations": np.round(rotations / ANGLE).astype(np.int16),
         "shifts": np.round(shifts / LENGTH).astype(np.int16),
     }
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Parse the command line, and write the asset."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bake.noisy", description=__doc__)
-    return bake_command(parser, lambda args: write_asset(args.out, bake()), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
