@@ -8,10 +8,9 @@ import pytest
 
 import sshade
 from baselines.accelerated import local_global
-from baselines.arap import arap
-from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, TransferTask
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.files.task_files import write_handles
-from sshade.proxy.binding_file import load_binding, save_binding
+from sshade.proxy.binding_file import save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal
 from tests.shapes import bumpy, rotation
@@ -32,16 +31,10 @@ def refused(array: np.ndarray) -> np.ndarray:
     return array
 
 
-OUT = {
-    "short": np.zeros((3, 3)),
-    "float32": np.zeros((BODY.n, 3), np.float32),
-    "of columns": np.zeros((BODY.n, 3), order="F"),
-    "read-only": refused(np.zeros((BODY.n, 3))),
-    "list": [[0.0, 0.0, 0.0]] * BODY.n,
-}
+OUT = [np.zeros((3, 3)), np.zeros((BODY.n, 3), order="F"), refused(np.zeros((BODY.n, 3)))]
 
 
-@pytest.mark.parametrize("out", OUT.values(), ids=OUT)
+@pytest.mark.parametrize("out", OUT, ids=["short", "of columns", "read-only"])
 def test_no_kernel_writes_into_an_array_that_does_not_fit(out):
     bound, drag = sshade.bind(BODY, 40), Deformer(BODY, HELD, vertices=40)
     for call in (lambda: bound.carry(bound.proxy.V, out=out), lambda: drag(TARGETS, out=out)):
@@ -62,31 +55,13 @@ LARGE = np.array([0, 2**64 - 5], np.uint64)
 TWO = TARGETS[:2]
 WRONG = {
     "large ids": (lambda: sshade.deform(BODY.V, BODY.F, LARGE, TWO), "is no id of a vertex"),
-    "large handle": (lambda: Handles(LARGE, TWO), "is no id of a vertex"),
-    "one rotation of two": (
-        lambda: Handles([5, 5], BODY.V[[5, 5]], rotation=[FREE, TURN]),
-        "two rotations, or is given with a rotation and without",
-    ),
     "flat positions": (lambda: Handles.from_positions(BODY, np.zeros(9), np.zeros(9)), "of shape"),
-    "no proxy": (lambda: sshade.bind(BODY, 0), "vertices must be"),
-    "coarser": (lambda: sshade.bind(BODY, coarser=0), "coarser must be"),
-    "half a sample": (lambda: sample_proxy(BODY, 40, first=[1.7]), "integers"),
     "mask as ids": (lambda: sample_proxy(BODY, 40, first=[True, False]), "integers"),
     "no seed": (lambda: sample_proxy(BODY, 40, seed=None), "a seed is 0 or a positive integer"),
-    "half a seed": (lambda: sample_proxy(BODY, 40, seed=1.5), "a seed is 0 or a positive integer"),
-    "ids": (lambda: LocalGlobal(BODY, [0.9, 3, 7, 20]), "integers"),
     "id twice": (lambda: LocalGlobal(BODY, [3, 3]), "given twice"),
     "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS, tolerance=np.nan), "tolerance must be"),
-    "iterations": (lambda: arap(task(), max_iterations=2.5), "max_iterations a whole number"),
-    "targets": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS[:2]), "need targets of shape"),
     "volume": (lambda: local_global(task(), volume=np.inf, volume_goal=-1.0), "above 0, not -1"),
-    "method": (lambda: sshade.deform_sequence(task(), [], method="zz"), "there is no method"),
-    "option": (lambda: sshade.deform_sequence(task(), [], voluem=1), "did you mean 'volume'"),
-    "float faces": (lambda: sshade.write("x.obj", BODY.V, BODY.F + 0.7), "faces must be integers"),
-    "NaN": (lambda: sshade.write("x.obj", np.where(BODY.V > 0.9, np.nan, BODY.V), BODY.F), "NaN"),
-    "no faces": (lambda: sshade.write("x.glb", BODY.V, BODY.F[:0]), "needs a face"),
     "key": (lambda: write_handles("x.json", task().handles, about={"author": "me"}), "there is no key"),
-    "suffix": (lambda: write_handles("x.txt", task().handles), "are written as .json"),
     "soft group": (
         lambda: write_handles("x.json", Handles(HELD, TARGETS, weight=[1.0, 2.0, 1.0, 1.0])),
         "the soft handles of group 0 differ",
@@ -103,20 +78,15 @@ def test_a_wrong_argument_is_refused(name, here):
     assert not list(here.iterdir())
 
 
-NO_MESH = {
-    "bind": lambda: sshade.bind((BODY.V, BODY.F)),
-    "along": lambda: sshade.move_along((BODY.V, BODY.F), BODY.V, BODY.V),
-    "transfer": lambda: sshade.transfer_pose(BODY.V, BODY.V),
-    "task": lambda: TransferTask("t", BODY.V, BODY.V, BODY.V),
-    "binding": lambda: load_binding("gone.npz", BODY.V),
-    "positions": lambda: Handles.from_positions(BODY.V, TWO, TWO),
-}
-
-
-@pytest.mark.parametrize("call", NO_MESH.values(), ids=NO_MESH)
-def test_what_is_no_mesh_is_a_type_error(call):
-    with pytest.raises(TypeError, match=r"takes a sshade\.Mesh"):
-        call()
+def test_what_is_no_mesh_is_a_type_error():
+    for call in (
+        lambda: sshade.bind((BODY.V, BODY.F)),
+        lambda: sshade.move_along((BODY.V, BODY.F), BODY.V, BODY.V),
+        lambda: sshade.transfer_pose(BODY.V, BODY.V),
+        lambda: Handles.from_positions(BODY.V, TWO, TWO),
+    ):
+        with pytest.raises(TypeError, match=r"takes a sshade\.Mesh"):
+            call()
 
 
 def test_faces_of_another_mesh_are_refused_beside_a_file(tmp_path):
@@ -138,11 +108,6 @@ def test_meshes_and_handles_stay_read_only_in_views_and_copies():
         for copied in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
             arrays = [value for value in vars(copied).values() if isinstance(value, np.ndarray)]
             assert arrays and not any(array.flags.writeable for array in arrays)
-
-
-def test_a_transfer_task_holds_arrays_of_float64():
-    made = TransferTask("t", BODY, BODY, BODY.V.astype(np.float32).tolist(), BODY.V.astype(np.float32))
-    assert made.posed.dtype == made.truth.dtype == np.float64
 
 
 def test_a_result_of_a_sequence_may_be_changed():

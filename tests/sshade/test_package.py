@@ -4,8 +4,6 @@ import pkgutil
 import re
 import subprocess
 import sys
-import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -23,12 +21,6 @@ def test_help_imports_no_library(program):
     *text, modules = run.stdout.splitlines()
     assert run.returncode == 0 and len(text) > 5
     assert not {"numpy", "scipy", "numba", "yaml", *HEAVY, *EXTRAS} & set(modules.split())
-
-
-def test_extras_have_names_that_older_pips_find():
-    """Metadata say `neo-hookean` whatever stands there, and pip before 23.3 compares letter by letter."""
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
-    assert all(re.fullmatch("[a-z0-9]+(-[a-z0-9]+)*", name) for name in project["optional-dependencies"])
 
 
 def test_names_of_the_package_are_found_when_they_are_asked_for():

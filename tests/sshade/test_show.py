@@ -25,7 +25,7 @@ from sshade.plotting.pictures import (
 from sshade.problem.task import Handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
-from tests.shapes import end_handles, rotation
+from tests.shapes import end_handles
 
 
 def coloured(pixels: np.ndarray, *, red=(0, 255), green=(0, 255), blue=(0, 255)) -> np.ndarray:
@@ -57,21 +57,6 @@ def test_colour_range_leaves_the_few_largest_and_a_few_shapes_out():
     assert colour_range([np.zeros(5)]) == 1
 
 
-def test_a_view_holds_its_shapes_upright(body):
-    R = rotation(2)
-    shapes = [body.V, body.V @ R.T + 3]
-    view = View.of(shapes, towards=[1.0, 0.3, 0.2], up=[0, 0, 1.0])
-    axes = view.axes
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(axes) == pytest.approx(1) and axes[1, 2] > 0.9
-    for V in shapes:
-        assert (np.abs((V - view.centre) @ axes.T) < 0.5 * view.size).all()
-    foot = view.with_foot(0.25)
-    assert foot.size[1] == 1.25 * view.size[1]
-    # The upper edge of the view stays in place.
-    assert (foot.centre - view.centre) @ axes[1] + foot.size[1] / 2 == pytest.approx(view.size[1] / 2)
-
-
 def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     low, high = np.argsort(body.V[:, 2])[[0, -1]]
     handles = Handles(np.array([low, high]), body.V[[low, high]], dynamic=np.array([False, True]))
@@ -87,6 +72,8 @@ def test_a_picture_fills_the_view_with_the_shape_and_its_handles(body):
     assert rows.min() == pytest.approx(margin * height, abs=0.02 * height)
     assert rows.max() == pytest.approx((1 - margin) * height, abs=0.02 * height)
     assert columns.min() == pytest.approx(margin * width, abs=0.02 * height)
+    with pytest.raises(InputError, match="looks along the upward direction"):
+        View.of([body.V], towards=[0, 2, 0])
     # The lowest vertex is static, the highest moves.
     assert np.nonzero(coloured(pixels, **BLUE))[0].min() > 0.9 * height
     assert np.nonzero(coloured(pixels, **YELLOW))[0].max() < 0.1 * height
@@ -126,11 +113,6 @@ def test_show_opens_a_page_in_the_browser(sound, monkeypatch, capsys, tmp_path):
         assert label in case["label"] and len(case["handles"]) == 4
     said = capsys.readouterr().err
     assert said.count(str(page)) == 2 and said.count("no browser was found") == 1
-
-
-def test_a_view_along_the_upward_direction_is_refused():
-    with pytest.raises(InputError, match="looks along the upward direction"):
-        View.of([BODY.V], towards=[0, 2, 0])
 
 
 def test_with_nothing_to_draw_with_the_libraries_are_told(sound, monkeypatch):

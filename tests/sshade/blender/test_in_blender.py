@@ -102,7 +102,6 @@ def test_a_scaled_empty_pauses_the_live_mode(report):
         "scaled": SCALED,
         "unequal": "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)",
         "no group": "object 'Body' has no vertex group 'moving'",
-        "no empty": "group 'moving' is moved, but has no empty in a scene; choose or add one",
         "deleted": "group 'moving' is moved, but has no empty in a scene; choose or add one",
         "no handles": "there are no groups; add vertex groups in the panel SShaDe",
         "twice": "group 'moving' is in the list twice; remove one of the two",

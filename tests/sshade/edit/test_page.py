@@ -1,16 +1,13 @@
 """The page in a browser: pick, mark, drag, undo and save; the command line repeats the saved shape."""
 
 import re
-from pathlib import Path
 
 import igl
 import numpy as np
 import pytest
 
-from sshade.cli.main import main
 from sshade.edit import preview
 from sshade.edit.session import Session
-from sshade.files.meshes import read_arrays
 from tests.browser import changed, opened, pixels
 from tests.shapes import bumpy
 from tests.sshade.edit.lent import lent, unpacked
@@ -167,38 +164,6 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
     page.wait_for_selector(f"#picked:text-is('{len(session.state.selection):,}')")  # a busy page is late
     assert page.said == []
-
-
-def test_a_gizmo_turns_a_group_as_the_command_does_and_a_mistake_is_told_on_the_page(page, session):
-    V = session.mesh.V
-    mark(page, session, where(page, V, V))
-    page.locator("#gizmo-bar label", has_text="Turn").click()
-    # The ball in the middle of the gizmo turns freely.
-    drag(page, where(page, V, session.state.groups[1].target.mean(axis=0))[0] + [3, 0], (37, 5))
-    release(page)
-    group = session.state.groups[1]
-    assert np.arccos((np.trace(group.turn) - 1) / 2) > 0.1
-    shift = (group.target - session.mesh.V[group.vertices]).mean(axis=0)
-    assert np.abs(shift).max() < 1e-6 * session.mesh.diagonal
-
-    page.get_by_label("file for the handles").fill("../stolen.json")
-    asked(page, "save", page.get_by_role("button", name="Save handles").click)
-    page.wait_for_selector("#message:has-text('without a folder')")
-    assert not Path("../stolen.json").exists()
-    page.locator("#message button").click()
-    page.get_by_label("file for the handles").fill("body_handles.json")
-    page.get_by_text("Options, method fast").click()
-    page.get_by_label("method").select_option("fine")
-    page.wait_for_selector("#method-name:text-is('fine')")
-    page.wait_for_selector("#stage[data-state=converged]")
-    asked(page, "save", page.get_by_role("button", name="Save handles").click)
-    page.wait_for_selector("#command:has-text('sshade deform')")
-    session.settle()
-    assert main(page.locator("#command").inner_text().split()[1:]) == 0
-    gap = np.abs(read_arrays("body_deformed.ply")[0] - session.shown).max()
-    assert gap < 1e-6 * session.mesh.diagonal
-    # The browser logs the refused requests and nothing else.
-    assert all("400" in text for text in page.said)
 
 
 @pytest.mark.parametrize("page", [390], indirect=True)

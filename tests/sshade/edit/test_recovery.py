@@ -86,12 +86,11 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
     with pytest.raises(InputError, match="recovery file of another mesh"):
         other.recover()
     assert other.state.groups == () and path.read_bytes() == content
-    for damaged in content[:-200], b"":
-        again = begun()
-        path.write_bytes(damaged)
-        with pytest.raises(InputError, match="not a recovery file"):
-            again.recover()
-        path.write_bytes(content)
+    again = begun()
+    path.write_bytes(content[:-200])
+    with pytest.raises(InputError, match="not a recovery file"):
+        again.recover()
+    path.write_bytes(content)
     Path("body.ply.recovery-0.npz").write_bytes(content[:-200])
     again = begun()
     assert [offer.path for offer in again.recovery.offers] == [path]

@@ -66,10 +66,13 @@ def test_a_creature_is_posed_survives_a_killed_program_and_is_saved(browser, ses
         drag(page, gizmo(page), (50, 30))
         release(page)
         assert "the volume changed by" in page.locator("#hint").inner_text()
+        moved = unpacked(get(f"{address}whole"))
         page.locator("#gizmo-bar label", has_text="Turn").click()
         drag(page, gizmo(page) + [3, 0], (37, 5))
         release(page)
         posed = unpacked(get(f"{address}whole"))
+        pivots = [facts["groups"][1]["pivot"] for facts in (moved, posed)]
+        assert np.allclose(*pivots, atol=1e-6)  # a turn is about the middle of the group
         press(page, "Undo", "undo")
         straight = unpacked(get(f"{address}whole"))["positions"]
         assert np.abs(straight - posed["positions"]).max() > 0.05

@@ -87,11 +87,12 @@ def test_a_view_says_what_it_leaves_out(monkeypatch):
     monkeypatch.setattr(module, "HANDLES", 20)
     mesh = bumpy(3)
     handles = Handles(np.arange(50), mesh.V[:50] + [0, 0, 1], dynamic=np.arange(50) > 25)
+    monkeypatch.setattr(module.surface, "__kwdefaults__", {"limit": 600, "samples": 150})
     facts = packed_view(mesh, [ViewShape("rest", "", mesh.V)], handles=handles, label="x")
-    assert facts["note"] == "20 of 50 handles are shown."
+    assert facts["note"] == f"{facts['vertices']} of 642 vertices are shown. 20 of 50 handles are shown."
     assert len(facts["handles"]) == len(facts["dynamic"]) == len(facts["targets"]) == 20
-    assert np.abs(np.array(facts["low"]) + np.array(facts["span"]) / 2).max() < 1e-9  # about the centre
-    assert np.ptp(facts["handles"]) == 49 and np.linalg.norm(facts["span"]) == pytest.approx(1)
+    assert np.abs(np.array(facts["low"]) + np.array(facts["span"]) / 2).max() < 0.01  # about the centre
+    assert facts["vertices"] < 200 and max(facts["handles"]) < 200
 
 
 def test_colours_are_those_of_matplotlib():
