@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from sshade import InputError
-from sshade.core.threads import ThreadTeam, available_cpus, in_threads
+from sshade.core.threads import ThreadTeam, in_threads
 
 
 def square(i: int) -> int:
@@ -47,12 +47,6 @@ def test_the_first_error_in_order_is_raised_and_the_rest_dropped(workers):
             team(chunk, 50)
         assert len(begun) <= 2 * workers
         assert team(square, 3) == [0, 1, 4]
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="CPUs cannot be chosen here")
-def test_cpus_are_those_that_the_process_may_use(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8})
-    assert available_cpus() == 3
 
 
 def test_threads_end_with_their_team():

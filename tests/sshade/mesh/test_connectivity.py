@@ -6,8 +6,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade import InputError, Mesh
-from sshade.mesh import faces as module
+from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.faces import connectivity
 from sshade.mesh.sides import group_rows, sides_by_edge, sort_by_id
@@ -115,13 +114,6 @@ def test_a_vertex_of_many_faces(closed):
     facts = mesh.connectivity
     assert (facts.edges, facts.components, facts.boundary_loops) == (2 * MANY - (not closed), 1, 1)
     assert facts.split_vertex == -1 and facts.oriented and len(mesh.edges) == facts.edges
-
-
-def test_tables_of_more_entries_than_ids_have_bits_are_refused(monkeypatch):
-    mesh = tetrahedron()
-    monkeypatch.setattr(module, "MOST", 11)
-    with pytest.raises(InputError, match="6 edges, and at most 5 are supported"):
-        connectivity(mesh.F, mesh.n)
 
 
 @pytest.mark.parametrize("n", [4, 2**22])

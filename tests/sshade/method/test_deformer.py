@@ -31,27 +31,15 @@ def lifted(mesh: Mesh, held: np.ndarray, height: float) -> np.ndarray:
     return mesh.V[held] + np.where(np.arange(16) < 8, 0.0, height)[:, None] * [0.5, 0, 1]
 
 
-def test_a_drag_takes_fewer_iterations_and_ends_where_a_cold_solve_does(mesh, held):
-    drag = Deformer(mesh, held, method="paper", vertices=150)
-    drag(lifted(mesh, held, 0.3))
-    steps = [drag(lifted(mesh, held, 0.3 + 0.01 * step)).iterations for step in range(1, 6)]
-    released = drag(lifted(mesh, held, 0.35), tolerance=1e-9)
-    drag.reset()
-    cold = drag(lifted(mesh, held, 0.35), tolerance=1e-9)
-    assert max(steps) < cold.iterations
-    assert np.abs(released.vertices - cold.vertices).max() < 1e-5 * mesh.diagonal
-    assert released.facts.energy == pytest.approx(cold.facts.energy, rel=1e-6)
-
-
-@pytest.mark.parametrize("kind", ["arrays", "trimesh", "soup"])
-def test_a_drag_takes_what_deform_takes(mesh, held, kind):
+@pytest.mark.parametrize("soup", [False, True])
+def test_a_drag_takes_what_deform_takes(mesh, held, soup):
     V, F = mesh.V, mesh.F
     mask, target = np.isin(np.arange(mesh.n), held), V.copy()
     target[held] = lifted(mesh, held, 0.4)
-    if kind == "soup":
-        V, mask, target, F = V[F].reshape(-1, 3), mask[F].ravel(), target[F].reshape(-1, 3), F
+    if soup:
+        V, mask, target = V[F].reshape(-1, 3), mask[F].ravel(), target[F].reshape(-1, 3)
         F = np.arange(len(V)).reshape(-1, 3)
-    shape = (trimesh.Trimesh(V, F, process=False),) if kind == "trimesh" else (V, F)
+    shape = (V, F) if soup else (trimesh.Trimesh(V, F, process=False),)
     expected = deform(V, F, mask, target[mask], vertices=150)
     drag, out = Deformer(*shape, mask, vertices=150), np.empty_like(V)
     np.testing.assert_array_equal(drag(target[mask], out=out).vertices, expected)
@@ -205,15 +193,15 @@ def test_other_handles_are_taken_without_binding_anew(weight):
     own = {"group": others.group, "weight": weight}
     drag(ends.target)
     drag.rebind_handles(others.index, **own)
-    for _ in range(2):
-        moved = drag(others.target, tolerance=1e-7).vertices
+    drag(others.target)
+    moved = drag(others.target, tolerance=1e-7).vertices
     anew = Deformer(mesh, others.index, **own, vertices=600)(others.target, tolerance=1e-7).vertices
     assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
     off = np.linalg.norm(moved[others.index] - others.target, axis=1).max()
     assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
     drag.rebind_handles(ends.index, group=ends.group)
-    for _ in range(2):
-        still = drag(mesh.V[ends.index], tolerance=1e-7).vertices
+    drag(mesh.V[ends.index])
+    still = drag(mesh.V[ends.index], tolerance=1e-7).vertices
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
 
 
