@@ -130,12 +130,3 @@ def test_vertices_and_faces_in_another_order(name, number, seed):
         )
         there = METHODS[name](DeformationTask("other", Mesh(V, F), handles), seed=1).vertices
     assert_same(there[new], result, task, ROUNDING[name])
-
-
-@pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=EXAMPLES)
-@given(number=NUMBERS, seed=NUMBERS)
-def test_a_seed_gives_the_same_bits_with_any_number_of_workers(name, number, seed):
-    task = drawn(number)
-    one, two, again = (METHODS[name](task, seed=seed, workers=w).vertices for w in (1, 2, None))
-    assert np.array_equal(one, two) and np.array_equal(one, again)

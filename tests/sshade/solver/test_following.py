@@ -48,32 +48,13 @@ def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachme
     following = begun(solver, attachment)
     for angle in np.linspace(0.02, 0.4, 20):
         last = following.solve(at(attachment, angle), tolerance=1e-4)
+    assert last.iterations <= 5  # with the pairs of earlier solves
     end = following.solve(at(attachment, 0.4), tolerance=1e-9)
     anew = solver.solve(**vars(at(attachment, 0.4)), start=last.positions, tolerance=1e-9, **ENERGY)
     assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
     assert end.area_error < 1e-6 and end.area_constraint == "exact"
     assert np.array_equal(end.positions[attachment.vertex[:18]], handles_at(0.4).target)
-
-
-def test_a_drag_lags_less_behind_the_minima_than_one_of_as_many_plain_steps(solver, attachment):
-    following, lag, plain_lag = begun(solver, attachment), [], []
-    plain = minimum = solver.solve(**vars(at(attachment, 0.0)), **ENERGY)
-    for angle in np.linspace(0.02, 0.4, 20):
-        step = following.solve(at(attachment, angle), tolerance=1e-4)
-        from_last = {"start": plain.positions, "rotations": plain.rotations, "accelerate": False}
-        plain = solver.solve(
-            **vars(at(attachment, angle)),
-            **from_last,
-            tolerance=0,
-            max_iterations=int(step.iterations),
-            **ENERGY,
-        )
-        near = {"start": minimum.positions, "rotations": minimum.rotations}
-        minimum = solver.solve(**vars(at(attachment, angle)), **near, tolerance=1e-8, **ENERGY)
-        lag.append(np.abs(step.positions - minimum.positions).max())
-        plain_lag.append(np.abs(plain.positions - minimum.positions).max())
-    assert step.iterations <= 5 and max(lag[5:]) < 0.3 * max(plain_lag[5:])
 
 
 def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solver, attachment):

@@ -9,7 +9,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import ConjugateGradients, Multigrid, VCycle
 from sshade.solver.run import Solution
-from tests.shapes import bumpy, double_torus, held_ends, jittered, tube
+from tests.shapes import bumpy, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
 
 #: A turn by 30 degrees about x.
@@ -18,7 +18,6 @@ BALL = held_ends(bumpy(3))
 #: Tasks of several topologies, with regions, single vertices or soft handles, and with faces without area.
 TASKS = {
     "region": BALL,
-    "genus two": held_ends(double_torus(cells=3), axis=0, share=0.1, turn=np.eye(3)),
     "boundary": held_ends(jittered(tube(30, 30), 0.02), axis=2, share=0.1, turn=TILT),
 }
 SOFT = {"stiffness": 0.1, "strain": 0.02}
@@ -32,13 +31,6 @@ def _several_levels(monkeypatch):
         "sshade.solver.system.Multigrid",
         lambda A, held, **options: Multigrid(A, held, coarsest=50, **options),
     )
-
-
-def pinned(task: DeformationTask, count: int = 9) -> DeformationTask:
-    """Return the task with only `count` of its handles."""
-    chosen = np.linspace(0, len(task.handles) - 1, count).astype(int)
-    own = Handles(task.handles.index[chosen], task.handles.target[chosen])
-    return DeformationTask("pinned", task.mesh, own)
 
 
 def flattened(task: DeformationTask, faces: int = 40) -> DeformationTask:
@@ -57,7 +49,6 @@ def pulled(task: DeformationTask) -> DeformationTask:
 
 
 TASKS |= {
-    "pinned": pinned(BALL),
     "faces without area": flattened(BALL),
     "pulled": pulled(held_ends(BALL.mesh, turn=TILT)),
 }

@@ -7,7 +7,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.multigrid import Multigrid
-from tests.shapes import bumpy, double_torus, jittered, strip, tube
+from tests.shapes import bumpy, jittered, strip
 
 
 def without_area(mesh: Mesh, faces: int) -> Mesh:
@@ -22,16 +22,13 @@ def every(mesh: Mesh, step: int) -> np.ndarray:
     return np.arange(mesh.n) % step == 0
 
 
-BALL, SHEET, TUBE = bumpy(4), jittered(strip(60, 40), 0.2), jittered(tube(60, 60), 0.02)
+BALL, SHEET = bumpy(4), jittered(strip(60, 40), 0.2)
 SQUASHED = Mesh(SHEET.V * [1.0, 5.0, 1.0], SHEET.F)
 #: For each case: the mesh, its fixed vertices, and the largest fraction of an error after a V-cycle.
 CASES = {
     "closed, few handles": (BALL, every(BALL, 500), 0.7),
-    "closed, one handle": (BALL, np.arange(BALL.n) == 7, 0.7),
     "closed, a region": (BALL, BALL.V[:, 2] > 0.5, 0.7),
     "boundary": (SHEET, every(SHEET, 900), 0.7),
-    "boundary, held ends": (TUBE, (TUBE.V[:, 2] < 0.5) | (TUBE.V[:, 2] > 5.5), 0.7),
-    "genus two": (double_torus(cells=6), None, 0.7),
     "faces without area": (without_area(BALL, 100), every(BALL, 500), 0.7),
     "long triangles": (SQUASHED, every(SQUASHED, 900), 0.95),
 }
@@ -39,7 +36,6 @@ CASES = {
 
 def matrix(name: str) -> tuple[csr_array, np.ndarray]:
     mesh, held, _ = CASES[name]
-    held = every(mesh, 400) if held is None else held
     return laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh))), held
 
 
