@@ -18,7 +18,8 @@ from defaust.sources.source import Source, SourcePose, provenance_texts
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
-from sshade.mesh.surface import cleaned, without_duplicates
+from sshade.mesh.cutting import without_duplicates
+from sshade.mesh.surface import cleaned
 from sshade.proxy.fronts import Fronts, farthest_point_sampling
 
 #: Facts for the dataset card that only the user knows.

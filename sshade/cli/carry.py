@@ -45,7 +45,7 @@ def command(options: argparse.Namespace) -> int:
 def _carry(options: argparse.Namespace) -> int:
     """Read the files, carry the mesh, and write the output."""
     from sshade.files.meshes import write_file
-    from sshade.mesh.surface import cut_surface, mean_of_copies
+    from sshade.mesh.cutting import cut_surface, mean_of_copies
     from sshade.proxy.binding_file import load_binding
 
     proxy = read(options.edited)

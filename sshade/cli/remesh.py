@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
 def _remesh(options: argparse.Namespace) -> int:
     """Read the mesh, and write the proxy and the map."""
     from sshade.files.meshes import write_mesh
-    from sshade.mesh.surface import cut_surface
+    from sshade.mesh.cutting import cut_surface
     from sshade.proxy.bind import bind
     from sshade.proxy.binding_file import save_binding
 

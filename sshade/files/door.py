@@ -19,11 +19,11 @@ from sshade.files.handle_files import HandleFile, HandleGroup
 from sshade.files.mesh_file import MeshFile
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.rigid import rotations_partway
 from sshade.mesh.surface import Surface, rounding_steps, surface
 from sshade.problem.handle_checks import SAME_TARGET
 from sshade.problem.handles import Handles
 from sshade.problem.registration import implicit_arap_frame
+from sshade.problem.similarity import rotations_partway
 from sshade.problem.snapping import snap_to_vertices, vertices_in
 from sshade.problem.task import DeformationTask
 

@@ -58,8 +58,8 @@ from sshade.files.handwritten import (
 from sshade.files.implicit_arap import read_implicit_arap
 from sshade.files.landmarks import ENDINGS, is_landmark_file, read_landmarks
 from sshade.files.mesh_file import check_input
-from sshade.mesh.rigid import Similarity
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
+from sshade.problem.similarity import Similarity
 
 #: Suffixes of handle files.
 FORMATS = (".json", ".yaml", ".yml")

@@ -8,7 +8,7 @@ import numpy as np
 
 from sshade.files.words import Edits, Numbers
 from sshade.mesh.normals import smooth_groups, turned, turns
-from sshade.mesh.seams import same_rows
+from sshade.mesh.places import same_rows
 
 #: Decimal places of written normals.
 DECIMALS = 6

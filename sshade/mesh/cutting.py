@@ -14,7 +14,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh, unit_rows
-from sshade.mesh.seams import connected
+from sshade.mesh.places import connected
 from sshade.mesh.sides import EdgeSides, sides_by_edge
 
 #: Difference below which two cosines count as equal. Between faces that continue a face equally well, the
@@ -232,3 +232,27 @@ def _fans(mesh: Mesh, edges: EdgeSides, pairs: np.ndarray) -> tuple[np.ndarray, 
     origin = np.empty(len(first), dtype=np.int64)
     origin[place] = vertex
     return place[fan].reshape(-1, 3), origin
+
+
+def cut_surface(mesh: Mesh) -> Cut:
+    """Drop duplicate faces, and cut into an oriented manifold: see :func:`cut_to_manifold`."""
+    return cut_to_manifold(without_duplicates(mesh))
+
+
+def mean_of_copies(cut: Cut, V: np.ndarray) -> np.ndarray:
+    """Return the mean (n, 3) of the positions V (k, 3) of all copies of each original vertex."""
+    count = np.bincount(cut.origin)
+    if len(count) == len(V):
+        return V
+    return np.stack([np.bincount(cut.origin, x) / count for x in V.T], axis=1)
+
+
+def without_duplicates(mesh: Mesh) -> Mesh:
+    """Drop faces that have the three vertices of an earlier face, in any order.
+
+    A manifold mesh has no duplicates and is returned itself.
+    """
+    if mesh.is_manifold:
+        return mesh
+    _, first = np.unique(np.sort(mesh.F, axis=1), axis=0, return_index=True)
+    return mesh if len(first) == mesh.m else Mesh(mesh.V, mesh.F[np.sort(first)])

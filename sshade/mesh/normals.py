@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.core.kernels import kernel, subroutine
-from sshade.mesh.seams import same_rows
+from sshade.mesh.places import same_rows
 
 #: Largest difference of the coordinates of two unit normals of one place that are one normal, rounded: 0.1
 #: degrees, or three decimals.

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.mesh.cutting import Cut, cut_to_manifold
+from sshade.mesh.cutting import without_duplicates
 from sshade.mesh.mesh import Mesh, check_faces, repeats_vertex
-from sshade.mesh.seams import first_at_label, pinches, seams, vertex_places, with_faces
+from sshade.mesh.places import first_at_label, pinches, vertex_places, with_faces
+from sshade.mesh.seams import seams
 from sshade.mesh.weld import NEAR, check_weld
 
 #: Largest distance of a copy of a vertex from its place, in rounding steps of the largest coordinate, where
@@ -114,7 +115,7 @@ def surface(
 
     Drops faces that repeat a vertex, then vertices that no face uses (:func:`cleaned`), and merges
     vertices along seams (:func:`sshade.mesh.seams.seams`) and where fans meet in a point
-    (:func:`sshade.mesh.seams.pinches`): fans of one component, or of vertices that the file has split. In a
+    (:func:`sshade.mesh.places.pinches`): fans of one component, or of vertices that the file has split. In a
     soup, where no two faces share a vertex, all vertices at one place are merged, as they are in a file with
     vertex ids. Everything else keeps its position and its order.
 
@@ -239,27 +240,3 @@ def cleaned(V: np.ndarray, F: np.ndarray) -> Surface:
         vertex = np.where(used, np.cumsum(used) - 1, -1)
         V, F = V[used], vertex[F]
     return Surface(Mesh(V, F), vertex, facts)  # raises whatever else is wrong
-
-
-def cut_surface(mesh: Mesh) -> Cut:
-    """Drop duplicate faces, and cut into an oriented manifold: see :func:`sshade.mesh.cutting`."""
-    return cut_to_manifold(without_duplicates(mesh))
-
-
-def mean_of_copies(cut: Cut, V: np.ndarray) -> np.ndarray:
-    """Return the mean (n, 3) of the positions V (k, 3) of all copies of each original vertex."""
-    count = np.bincount(cut.origin)
-    if len(count) == len(V):
-        return V
-    return np.stack([np.bincount(cut.origin, x) / count for x in V.T], axis=1)
-
-
-def without_duplicates(mesh: Mesh) -> Mesh:
-    """Drop faces that have the three vertices of an earlier face, in any order.
-
-    A manifold mesh has no duplicates and is returned itself.
-    """
-    if mesh.is_manifold:
-        return mesh
-    _, first = np.unique(np.sort(mesh.F, axis=1), axis=0, return_index=True)
-    return mesh if len(first) == mesh.m else Mesh(mesh.V, mesh.F[np.sort(first)])

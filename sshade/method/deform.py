@@ -29,8 +29,8 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.places import opening_within
 from sshade.mesh.rigid import common_motion
-from sshade.mesh.seams import opening_within
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.pieces import Piece, Pieces, both
 from sshade.method.polish import Polish

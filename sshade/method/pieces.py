@@ -24,8 +24,7 @@ import numpy as np
 
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, renamed
-from sshade.mesh.cutting import cut_to_manifold
-from sshade.mesh.surface import without_duplicates
+from sshade.mesh.cutting import cut_to_manifold, without_duplicates
 from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.method.component_set import ComponentSet, at_means
 from sshade.problem.facts import Facts

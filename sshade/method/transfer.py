@@ -13,9 +13,8 @@ import numpy as np
 
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
-from sshade.mesh.cutting import Cut
+from sshade.mesh.cutting import Cut, cut_surface, mean_of_copies
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.surface import cut_surface, mean_of_copies
 from sshade.method.proxies import mean_of, of_samplings, threads_of
 from sshade.problem.facts import Facts
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options

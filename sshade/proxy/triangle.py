@@ -31,10 +31,11 @@ from typing import ClassVar
 import numpy as np
 
 from sshade.core.errors import InputError
+from sshade.core.kernels import kernel
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
 from sshade.proxy.blended import nearest_rotations
-from sshade.proxy.frames import Frames, Placer, edges_and_normals, on_triangles, place_on_triangles
+from sshade.proxy.frames import ZERO_AREA, Frames, Placer
 from sshade.proxy.projection import Projection
 from sshade.proxy.vertex_maps import adjacent_triangles, fill_from_neighbours
 
@@ -228,3 +229,31 @@ def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tup
     A = sum(d[:, :, None] * row[:, None] for d, row in zip((d1, d2, m), rows, strict=True))
     A[~known] = 0.0
     return A, known
+
+
+def edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the edges from the first corner, the unit normals, and the doubled areas of triangles.
+
+    Shapes are (l, 3) and (l,). Normal and area are 0 up to :data:`ZERO_AREA`.
+    """
+    a, b, c = (V[F[:, corner]] for corner in range(3))
+    e1, e2 = b - a, c - a
+    n, longest = np.cross(e1, e2), np.max([(e**2).sum(axis=1) for e in (e1, e2, e1 - e2)], axis=0)
+    doubled = np.linalg.norm(n, axis=1)
+    doubled[doubled <= ZERO_AREA * longest] = 0.0
+    return e1, e2, np.divide(n, doubled[:, None], out=np.zeros_like(n), where=doubled[:, None] > 0), doubled
+
+
+def on_triangles(A: np.ndarray, origin: np.ndarray) -> Placer:
+    """Return a function that places points on triangles t at ``A_t local + origin_t``."""
+    return lambda first, end, local, on, V: place_on_triangles(first, end, local, on.face, A, origin, V)
+
+
+@kernel
+def place_on_triangles(first, end, local, face, A, origin, V):
+    """Write V_i = A_t local_i + origin_t for points i in triangles t, with A (l, 3, 3) and origin (l, 3)."""
+    for i in range(first, end):
+        t = face[i]
+        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        for a in range(3):
+            V[i, a] = A[t, a, 0] * x + A[t, a, 1] * y + A[t, a, 2] * z + origin[t, a]

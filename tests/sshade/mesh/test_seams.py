@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh
-from sshade.mesh.seams import same_rows
+from sshade.mesh.places import same_rows
 from sshade.mesh.surface import surface
 from tests.shapes import beside, icosphere, jittered, quads, shifted, strip, unjoined
 from tests.sshade.mesh.test_cutting import moebius
