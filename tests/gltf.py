@@ -13,12 +13,12 @@ KINDS = {kind: np.dtype(name) for name, kind in COMPONENTS.items()}
 WIDTHS = {element: width for width, element in ELEMENTS.items()}
 
 
-def glb(tree: dict, buffer: bytes, further: bytes = b"") -> bytes:
+def glb(tree: dict, buffer: bytes) -> bytes:
     text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
     buffer += bytes(-len(buffer) % 4)
     body = len(text).to_bytes(4, "little") + b"JSON" + text
-    body += len(buffer).to_bytes(4, "little") + b"BIN\0" + buffer + further
+    body += len(buffer).to_bytes(4, "little") + b"BIN\0" + buffer
     return b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
 
 
@@ -58,25 +58,12 @@ def arrays(tree: dict, buffer: bytes) -> list[np.ndarray]:
 
 def with_arrays(tree: dict, *arrays: np.ndarray) -> bytes:
     """Return the .glb of a tree whose accessors are the arrays (k, width), with their bounds."""
-    arrays = [array.astype(f"<{array.dtype.kind}4") for array in arrays]
-    begin = np.cumsum([0, *(array.nbytes for array in arrays)]).tolist()
-    tree = tree | {
-        "asset": {"version": "2.0"},
-        "accessors": [
-            {
-                "bufferView": k,
-                "componentType": COMPONENTS[array.dtype.str],
-                "type": ELEMENTS[array.shape[1]],
-                "count": len(array),
-                "min": array.min(axis=0).tolist(),
-                "max": array.max(axis=0).tolist(),
-            }
-            for k, array in enumerate(arrays)
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": begin[k], "byteLength": array.nbytes}
-            for k, array in enumerate(arrays)
-        ],
-        "buffers": [{"byteLength": begin[-1]}],
-    }
-    return glb(tree, b"".join(array.tobytes() for array in arrays))
+    views, accessors, data = [], [], b""
+    for array in (array.astype(f"<{array.dtype.kind}4") for array in arrays):
+        kind = {"componentType": COMPONENTS[array.dtype.str], "type": ELEMENTS[array.shape[1]]}
+        bounds = {name: getattr(array, name)(axis=0).tolist() for name in ("min", "max")}
+        accessors.append({"bufferView": len(views), "count": len(array), **kind, **bounds})
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+        data += array.tobytes()
+    tree = {"asset": {"version": "2.0"}, "accessors": accessors, "bufferViews": views, **tree}
+    return glb({**tree, "buffers": [{"byteLength": len(data)}]}, data)

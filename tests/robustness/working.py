@@ -10,9 +10,8 @@ from tests.defaust.toy import OPTIONS, Balls
 from tests.files import scratch
 from tests.robustness.case import run
 
-RUN = "run dataset=defaust dataset.root=balls subject=0 pose=1 method=identity"
 SWEEP = "sshade-eval run -m dataset=defaust dataset.root=balls subject=0 pose=1,2 method=identity"
-SWEEP += " run.experiment=tiny"
+RUN = "run dataset=defaust dataset.root=balls subject=0 pose=1 method=identity"
 
 
 @cache
@@ -32,7 +31,7 @@ def _done() -> Path:
     place.mkdir()
     with chdir(place):
         dataset()
-        assert run(SWEEP)[0] == 0
+        assert run(f"{SWEEP} run.experiment=tiny")[0] == 0
         assert run("sshade-eval collect tiny")[0] == 0
     return place
 
