@@ -153,51 +153,43 @@ def test_materials_and_textures_go_along_so_that_other_readers_find_them(here):
     Path("in/maps").mkdir(parents=True)
     Path("out").mkdir()
     Image.new("RGB", (2, 2), (9, 120, 30)).save("in/maps/skin.png")
-    Path("in/skin.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd -s 1 1 1 maps\\skin.png\n")
-    Path("in/a.obj").write_text(as_obj(ball.V, ball.F))
+    Path("in/my skin.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd -s 1 1 1 maps\\skin.png\n")
+    Path("in/a.obj").write_text(as_obj(ball.V, ball.F).replace("skin.mtl", "my skin.mtl"))
     posed = Path("out/b.obj")
     for _ in range(2):  # also where the files are there already
         write_file(posed, read_file("in/a.obj"), ball.V)
         assert posed.read_text() == Path("in/a.obj").read_text()
-        assert sorted(p.name for p in Path("out").rglob("*.*")) == ["b.obj", "skin.mtl", "skin.png"]
+        assert sorted(p.name for p in Path("out").rglob("*.*")) == ["b.obj", "my skin.mtl", "skin.png"]
         assert trimesh.load_mesh(posed, process=False).visual.material.name == "skin"
     # Another file of that name stays, and the output refers to the old place.
     Path("out/maps/skin.png").write_bytes(b"another image")
     write_file(posed, read_file("in/a.obj"), ball.V)
-    assert "mtllib ../in/skin.mtl\n" in posed.read_text()
+    assert "mtllib ../in/my skin.mtl\n" in posed.read_text()
     assert Path("out/maps/skin.png").read_bytes() == b"another image"
 
 
+OBJ_OF = "{}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
 @pytest.mark.parametrize(
-    ("line", "moved"),
+    ("text", "old", "new"),
     [
-        ("mtllib maps/one.mtl two.mtl", "mtllib ../in/maps/one.mtl ../in/two.mtl"),
-        ("mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
-        ("mtllib not there.mtl", "mtllib ../in/not there.mtl"),
-        ("mtllib of it 2.mtl", None),
-        ("mtllib C:\\models\\one.mtl", None),
-        ("mtllib /models/one.mtl", None),
+        (OBJ_OF, "mtllib maps/one.mtl two.mtl", "mtllib ../in/maps/one.mtl ../in/two.mtl"),
+        (OBJ_OF, "mtllib one.mtl # by a program", "mtllib ../in/one.mtl # by a program"),
+        (OBJ_OF, "mtllib not there.mtl", "mtllib ../in/not there.mtl"),
+        (OBJ_OF, "mtllib C:\\models\\one.mtl", "mtllib C:\\models\\one.mtl"),
+        (OBJ_OF, "mtllib /models/one.mtl", "mtllib /models/one.mtl"),
+        (MESHLAB.replace("skin of it.png", "{}"), "skin of it.png", "../in/skin of it.png"),
     ],
 )
-def test_the_name_of_a_library_is_what_programs_read(here, line, moved):
-    """A single name may contain blanks. A file that exists goes along."""
+def test_files_that_are_not_there_are_named_from_the_new_place(here, text, old, new):
+    suffix = ".obj" if text == OBJ_OF else ".ply"
     for name in ("in", "out"):
         Path(name).mkdir()
-    Path("in/of it 2.mtl").write_text("newmtl red\n")
-    Path("in/a.obj").write_text(f"{line}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    file = read_file("in/a.obj")
-    write_file("out/a.obj", file, file.V)
-    assert Path("out/a.obj").read_text().startswith((moved or line) + "\n")
-    assert [p.name for p in Path("out").glob("*.mtl")] == [line[7:]] * ("of it" in line)
-
-
-def test_a_texture_in_the_comments_of_a_ply_is_named_from_the_new_place(here):
-    for name in ("in", "out"):
-        Path(name).mkdir()
-    Path("in/a.ply").write_text(MESHLAB)
-    file = read_file("in/a.ply")
-    write_file("out/b.ply", file, file.V)
-    assert Path("out/b.ply").read_text() == MESHLAB.replace("skin of", "../in/skin of")
+    Path(f"in/a{suffix}").write_text(text.format(old))
+    file = read_file(f"in/a{suffix}")
+    write_file(f"out/a{suffix}", file, file.V)
+    assert Path(f"out/a{suffix}").read_text() == text.format(new)
 
 
 def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
