@@ -99,22 +99,6 @@ def test_another_configuration_is_refused(dataset, source, options, message):
         build(source, dataset, options=options, workers=1)
 
 
-def test_a_recipe_is_replaced_unless_there_are_other_files_or_subjects(tmp_path):
-    out = tmp_path / "balls"
-    with pytest.raises(InputError, match="subject 0: only 642 vertices can be reached"):
-        build(Balls(), out, options=replace(OPTIONS, subjects=(0,), neighbourhood=1000), workers=1)
-    (out / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"holds notes\.txt, which no build has written; give another out"):
-        build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
-    (out / "notes.txt").unlink()
-    (out / "subject_02").mkdir()  # a build ended between a subject and its record
-    with pytest.raises(InputError, match="was built with another configuration"):
-        build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
-    (out / "subject_02").rmdir()
-    build(Balls(), out, options=replace(OPTIONS, subjects=(0,)), workers=1)
-    assert verify(out) == []
-
-
 class Odd(Balls):
     """Balls: subject 1 has no poses, and the second pose of the others is the rest pose."""
 

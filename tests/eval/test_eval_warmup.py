@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from tests.full import few
+
 #: Program that prints the kernels that a method compiles or loads after its warm-up, for two tasks.
 #: The handles are two small caps in the first task and two large caps in the second task.
 COMPILED = """
@@ -37,7 +39,7 @@ for share in (0.05, 0.4):
 """
 
 
-@pytest.mark.parametrize("name", ["fast", "fine"])
+@pytest.mark.parametrize("name", few(["fast", "fine"], "fine"))
 def test_after_a_warm_up_nothing_is_compiled_by_landmarks_or_regions(name):
     told = subprocess.run([sys.executable, "-c", COMPILED, name], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == ["", ""]

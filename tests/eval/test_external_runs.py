@@ -10,6 +10,7 @@ from external_programs import COPYING, TEXTS, ended, program, wait_for
 from test_eval_interrupt import alive, start_eval
 
 from eval.rows.store import require_vertices
+from tests.full import few
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
 
@@ -54,7 +55,7 @@ def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
     assert (row["status"], row["reason"]) == ("timeout", "no result within 0.2 s")
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("end", few([signal.SIGINT, signal.SIGKILL], signal.SIGKILL))
 def test_ctrl_c_and_a_kill_end_the_program_and_the_process_of_its_run(tmp_path, end):
     program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
     pids, run_of = tmp_path / "pids", ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]"]

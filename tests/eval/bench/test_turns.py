@@ -31,17 +31,6 @@ def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
     assert row["seconds.total"] == pytest.approx(mean) and row["seconds.solve"] == 0.5
 
 
-def test_a_disturbed_repeat_is_rejected_and_repeated(machine):
-    machine(0.0, 0.0, 0.2, 0.3, 0.0)  # quiet warm-ups of a and b; two rejected repeats of a; then quiet
-    order = []
-    rows = take_turns([job(name, order) for name in "ab"], rounds=1)
-    assert order == list("abaaab")
-    assert [row["method.name"] for row in rows] == list("aaab")
-    assert [row["kept"] for row in rows] == [False, False, True, True]
-    assert rows[0]["reason"] == "other processes used 20% of the machine"
-    assert rows[0]["other_cores"] == pytest.approx(0.2, abs=0.01)
-
-
 def test_several_rejected_repeats_in_a_row_end_the_command(machine):
     machine(0.3)
     order = []

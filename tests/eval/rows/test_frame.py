@@ -7,7 +7,7 @@ from eval_rows import frame, row
 
 from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
-from eval.rows.frame import newest, read_csv, records, to_frame, write_csv
+from eval.rows.frame import newest, read_csv, records, write_csv
 from eval.rows.store import read_row, write_row
 from sshade.core.errors import InputError
 
@@ -43,28 +43,6 @@ def test_rows_that_no_run_wrote_are_refused(tmp_path, changes, words):
     write_csv(tmp_path / "r.csv", frame(row() | changes))
     with pytest.raises(InputError, match=words):
         read_csv(tmp_path / "r.csv")
-
-
-def test_types_survive(tmp_path):
-    facts = {
-        "method.hash": "12e4567890123456",
-        "method.vertices": 6000,
-        "method.exact": True,
-        "method.weight": 1e-7,
-        "method.kind": "rest, or rigid",
-        "env.omp_num_threads": "2",
-        "env.version.numpy": "2.0",
-        "env.python": "3.12",
-        "peak_mib": None,
-        "extra.gap": float("inf"),
-    }
-    rows = [row() | facts, row("b", reason="two\nlines")]
-    write_csv(tmp_path / "r.csv", to_frame(rows))
-    back = records(read_csv(tmp_path / "r.csv"))
-    expected = [{name: rows[i].get(name) for name in back[0]} for i in (0, 1)]
-    expected[0]["reason"] = None  # an empty text is read back as None
-    assert back == expected
-    assert {name: type(back[0][name]) for name in facts} == {name: type(v) for name, v in facts.items()}
 
 
 @pytest.mark.parametrize("label", ["5.0", "1e3", "true", "nan", "007", "a|b"])
