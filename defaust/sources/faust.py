@@ -136,7 +136,7 @@ class Faust(OneTemplate):
         return self._read(10 * subject + int(pose.name.split("_", 1)[0]))
 
     def _read(self, number: int) -> Mesh:
-        """Registration, checked: closed, manifold, one component, with the faces of the first one."""
+        """Registration, checked: manifold, one component, with the faces of the first one."""
         if number not in self._files:
             complete = [s for s in self.subjects if self._files.keys() >= {*self._numbers(s)}]
             poses = shortened((self.rest_pose, *self.target_poses))
@@ -155,8 +155,6 @@ class Faust(OneTemplate):
                 raise InputError(
                     f"{mesh.n} vertices and {mesh.m} faces, but the registrations have {VERTICES} and {FACES}"
                 )
-            if not mesh.is_closed:
-                raise InputError(f"{len(mesh.boundary_edges)} boundary edges; it must be closed")
             if number != first and not np.array_equal(mesh.F, self._faces):
                 raise InputError(
                     f"its faces differ from the faces of {self._files[first].name}, but all registrations "
@@ -168,8 +166,6 @@ class Faust(OneTemplate):
     def _files(self) -> dict[int, Path]:
         """File of each registration by its number."""
         root = existing(self.root, option="source.root=MPI-FAUST")
-        if root.is_file():
-            raise InputError(f"{root} is a file; give a folder")
         for folder in (root / inside for inside in INSIDE):
             files = mesh_files(folder, MESH_SUFFIXES) if folder.is_dir() else {}
             names = [name for name in sorted(files) if re.fullmatch(r"tr_reg_0\d\d", name)]

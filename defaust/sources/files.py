@@ -99,8 +99,6 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
     InputError
         When there is no usable mesh.
     """
-    if root.is_file():
-        raise InputError(f"{root} is a file; set source.root to a folder of meshes")
     files = mesh_files(root)
     if not files:
         deeper = sorted(path.name for path in root.iterdir() if path.is_dir() and mesh_files(path))
@@ -124,9 +122,11 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
 
 
 def existing(root: Any, *, option: str) -> Path:
-    """Path that the user named; InputError if nothing is there."""
+    """Folder that the user named; InputError if there is none."""
     path = Path(os.path.expanduser(str(root)))
-    if not path.exists():
+    if path.is_file():
+        raise InputError(f"{path} is a file; give a folder")
+    if not path.is_dir():
         raise InputError(f"{path}: no such folder; set {option}")
     return path
 

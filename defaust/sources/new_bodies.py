@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from defaust.sources.bodies import Bodies, SkinnedSource
-from defaust.sources.choices import OneTemplate
+from defaust.sources.bodies import Bodies
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
-from defaust.sources.synthetic import QUANTUM, SyntheticBodies, load_bodies
+from defaust.sources.synthetic import QUANTUM, Adults, load_bodies
 
 #: Checksum of the asset; a new bake changes it.
 SHA256 = "03672091240f4a4a68b7ff07992a5c036676ab93250496ebe15e9f2a44c83856"
@@ -40,23 +39,16 @@ def load_new_bodies() -> Bodies:
 
 
 @dataclass(frozen=True)
-class NewBodies(OneTemplate, SkinnedSource):
+class NewBodies(Adults):
     """Source of the five new synthetic adults."""
 
     name = "new_bodies"
     subjects = SUBJECTS
-    base_landmarks = SyntheticBodies.base_landmarks
-    more_landmarks = SyntheticBodies.more_landmarks
 
     @property
     def provenance(self) -> Mapping[str, object]:
         """Facts for the dataset card."""
         return {**provenance_texts("new_bodies"), "asset_sha256": SHA256}
-
-    @property
-    def landmarks(self) -> Mapping[str, int]:
-        """Vertex of each landmark of the asset."""
-        return load_new_bodies().landmarks
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The six target poses."""

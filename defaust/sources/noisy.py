@@ -14,10 +14,8 @@ from functools import cache
 import numpy as np
 
 from defaust.schema import mismatch
-from defaust.sources.bodies import Bodies, SkinnedSource
-from defaust.sources.choices import OneTemplate
 from defaust.sources.source import SourcePose, provenance_texts, read_asset
-from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.sources.synthetic import SHA256, Adults, SyntheticBodies, load_bodies
 from sshade import InputError, Mesh
 
 #: Units of the stored integers: rotations in radians, shifts in metres.
@@ -66,7 +64,7 @@ def correlated_noise(points: np.ndarray, *, rms: float, seed: list[int]) -> np.n
 
 
 @dataclass(frozen=True)
-class NoisyBodies(OneTemplate, SkinnedSource):
+class NoisyBodies(Adults):
     """Source of the ten synthetic adults as registrations.
 
     Every pose has noise: its registered mesh, and with it the targets of the handles, are displaced. The rest
@@ -90,8 +88,6 @@ class NoisyBodies(OneTemplate, SkinnedSource):
     seed: int = 0
 
     subjects = SyntheticBodies.subjects
-    base_landmarks = SyntheticBodies.base_landmarks
-    more_landmarks = SyntheticBodies.more_landmarks
 
     def __post_init__(self) -> None:
         given = {"noise": self.noise, "seed": self.seed}
@@ -124,18 +120,9 @@ class NoisyBodies(OneTemplate, SkinnedSource):
             "noise_seed": self.seed,
         }
 
-    @property
-    def landmarks(self) -> Mapping[str, int]:
-        """Vertex of each landmark of the asset."""
-        return load_bodies().landmarks
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The five target poses of the subject."""
         return self._poses((name, True) for name in pose_names(subject))
-
-    def body(self, subject: int) -> tuple[Bodies, int]:
-        """The ten bodies, and a subject's row there."""
-        return load_bodies(), subject
 
     def stance(self, subject: int, pose: str) -> tuple[np.ndarray, np.ndarray]:
         """Rotation vectors (b, 3) of a subject's bones in a pose, in radians, and shift (3,) in metres."""

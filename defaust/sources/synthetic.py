@@ -38,8 +38,24 @@ def decode(arrays: Mapping[str, np.ndarray]) -> Bodies:
     return Bodies.rigged(rest, arrays["faces"].astype(np.int64), arrays)
 
 
+class Adults(OneTemplate, SkinnedSource):
+    """A source of adults with the template and the landmarks of the ten bodies."""
+
+    base_landmarks = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
+    more_landmarks = ("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r", "chest", "upper_back")
+
+    @property
+    def landmarks(self) -> Mapping[str, int]:
+        """Vertex of each landmark."""
+        return load_bodies().landmarks
+
+    def body(self, subject: int) -> tuple[Bodies, int]:
+        """The ten bodies, and a subject's row there."""
+        return load_bodies(), subject
+
+
 @dataclass(frozen=True)
-class SyntheticBodies(OneTemplate, SkinnedSource):
+class SyntheticBodies(Adults):
     """Source of the ten synthetic adults.
 
     Parameters
@@ -57,8 +73,6 @@ class SyntheticBodies(OneTemplate, SkinnedSource):
 
     name = "synthetic"
     subjects = tuple(range(10))
-    base_landmarks = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
-    more_landmarks = ("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r", "chest", "upper_back")
 
     def __post_init__(self) -> None:
         known = load_bodies().pose_names
@@ -70,15 +84,6 @@ class SyntheticBodies(OneTemplate, SkinnedSource):
         """Facts for the dataset card."""
         return {**provenance_texts("synthetic"), "asset_sha256": SHA256}
 
-    @property
-    def landmarks(self) -> Mapping[str, int]:
-        """Vertex of each landmark of the asset."""
-        return load_bodies().landmarks
-
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The chosen target poses."""
         return self._poses((name, name not in UNALIGNED) for name in self.poses_used)
-
-    def body(self, subject: int) -> tuple[Bodies, int]:
-        """The ten bodies, and a subject's row there."""
-        return load_bodies(), subject
