@@ -66,13 +66,13 @@ FORMATS = (".json", ".yaml", ".yml")
 #: Keys of which an entry has one: they say where its handles are. Functions check their values.
 PLACES = {"vertices": as_ids, "source": as_points, "boxes": as_boxes}
 #: Keys that give the motion of a group without targets.
-MOTION = {"rotation", "scale", "translation"}
+MOTION = ("rotation", "scale", "translation")
 #: Keys of the name of a group.
 NAMES = ("name", "landmark")
 #: Words for a kind, and whether the handles move.
 KINDS = {"fixed": False, "moved": True, "static": False, "dynamic": True}
 #: Keys of an entry.
-KEYS = (*NAMES, "kind", *PLACES, "target", *sorted(MOTION), "center", "weight")
+KEYS = (*NAMES, "kind", *PLACES, "target", *MOTION, "center", "weight")
 #: Keys that this project writes into entries and files, and that readers of handles ignore.
 RECORDS, FILE_RECORDS = ("delta", "delta_mean"), ("source_pose", "made")
 #: Greatest accepted difference between the length of a quaternion and 1; files round to a few digits.
@@ -123,7 +123,7 @@ class HandleGroup:
     @property
     def title(self) -> str:
         """How messages name the group, such as ``entry 0 "foot"``."""
-        return _entry_title(self.number, self.name)
+        return _title(self.number, self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,36 +188,21 @@ def _landmarks(rest: Path, target: Path, *, raw: bool) -> HandleFile:
 def _handles(path: Path, *, raw: bool) -> HandleFile:
     """Read a file in this project's JSON, or in the YAML of Implicit-ARAP."""
     check_input(path, FORMATS)
-    if path.suffix.lower() == ".json":
-        return parsed_handle_file(path.read_bytes(), path, raw=raw)
     with naming(path):
-        groups = [
-            HandleGroup(number, "", target is not None, source=points, target=target)
-            for number, (points, target) in enumerate(read_implicit_arap(path))
-        ]
-        return HandleFile(tuple(groups), raw, implicit_arap=True)
-
-
-def parsed_handle_file(content: bytes, path: str | os.PathLike[str], *, raw: bool = False) -> HandleFile:
-    """Parse the content of a handle file in JSON; messages name the file `path`.
-
-    Raises
-    ------
-    InputError
-        When the content is no JSON or inconsistent.
-    """
-    with naming(path):
-        data = parsed_list(content, "handles")
+        if path.suffix.lower() != ".json":
+            parts = enumerate(read_implicit_arap(path))
+            groups = [HandleGroup(k, "", goal is not None, source=at, target=goal) for k, (at, goal) in parts]
+            return HandleFile(tuple(groups), raw, implicit_arap=True)
+        data = parsed_list(path.read_bytes(), "handles")
         require_known(data, ("handles",), FILE_RECORDS)
         found = [_checked_group(number, entry, raw=raw) for number, entry in enumerate(data["handles"])]
-        groups = tuple(group for group in found if group is not None)
-        if not groups:
+        if not any(found):
             raise InputError(NO_HANDLES)
         made = data.get("made")
-        return HandleFile(groups, raw, made=made if isinstance(made, dict) else {})
+        return HandleFile(tuple(filter(None, found)), raw, made=made if isinstance(made, dict) else {})
 
 
-def _entry_title(number: int, name: str) -> str:
+def _title(number: int, name: str) -> str:
     """Return how messages name an entry of a handle file, such as ``entry 0 "foot"``."""
     return f"entry {number} {json.dumps(name, ensure_ascii=False)[:LONGEST]}" if name else f"entry {number}"
 
@@ -227,11 +212,13 @@ def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
 
     Targets and motions of handles that do not move are ignored unless `raw`.
     """
-    names = [entry[key] for key in NAMES if key in entry] if isinstance(entry, dict) else []
-    with naming(_entry_title(number, next((name for name in names if isinstance(name, str)), ""))):
-        if (moves := _moves(entry)) is None:
-            return None
+    with naming(f"entry {number}"):
         name = _name(entry)
+    with naming(_title(number, name)):
+        require_known(entry, KEYS, RECORDS)
+        if entry.get("kind") == "unused":
+            return None
+        moves = _moves(entry)
         key = next(key for key in PLACES if key in entry)
         place = PLACES[key](entry[key], f'"{key}"')
         target, motion, rotation = None, None, None
@@ -244,21 +231,13 @@ def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
             motion = _motion(entry)
         elif "rotation" in entry and "boxes" not in entry:
             rotation = _rotation(entry)
-        return HandleGroup(
-            number,
-            name,
-            moves,
-            target=target,
-            motion=motion,
-            rotation=rotation,
-            weight=_weight(entry),
-            **{key: place},
-        )
+        given: dict[str, Any] = {key: place, "target": target, "motion": motion, "rotation": rotation}
+        return HandleGroup(number, name, moves, **given, weight=_weight(entry))
 
 
 def _moves_rigidly(entry: dict[str, Any], moves: bool) -> bool:
     """Whether a rotation, a translation or a scale is the motion of the group, and no prescribed rotation."""
-    if "target" in entry or not MOTION & set(entry):
+    if "target" in entry or not any(key in entry for key in MOTION):
         return False
     return moves or any(key in entry for key in ("boxes", "translation", "scale", "center"))
 
@@ -313,38 +292,25 @@ def _is_positive(value: Any) -> bool:
     return number and value > 0 and not (isinstance(value, int) and value > 2**1000)
 
 
-def _name(entry: dict[str, Any]) -> str:
+def _name(entry: Any) -> str:
     """Return the name of an entry; empty if it has none."""
-    given = [key for key in NAMES if key in entry]
-    if len(given) > 1:
-        raise InputError('give its name either as "name" or as "landmark"')
-    name = entry[given[0]] if given else ""
+    if not isinstance(entry, dict):
+        raise InputError("it is no JSON object")
+    name = next((entry[key] for key in NAMES if key in entry), "")
     if isinstance(name, bool) or not isinstance(name, str | int):
-        raise InputError(f'"{given[0]}" must be a name')
+        raise InputError('"name" must be a name')
     return str(name)
 
 
-def _moves(entry: Any) -> bool | None:
-    """Return whether the handles of an entry move, None if it is unused; check the keys of its kind."""
-    if not isinstance(entry, dict):
-        raise InputError("it is no JSON object")
-    require_known(entry, KEYS, RECORDS)
-    if entry.get("kind") == "unused":
-        return None
+def _moves(entry: dict[str, Any]) -> bool:
+    """Return whether the handles of an entry move; check that it says where they are, and how they move."""
+    if sum(key in entry for key in PLACES) != 1:
+        raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
     moves = any(key in entry for key in ("target", "translation", "scale"))
     moves = moves or ("rotation" in entry and ("boxes" in entry or "center" in entry))
     kind = entry.get("kind", "moved" if moves else "fixed")
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"unknown kind {ascii(kind)[:LONGEST]}; use fixed, moved or unused")
-    if sum(key in entry for key in PLACES) != 1:
-        raise InputError('give its handles either as "vertices", as "source" or as "boxes"')
-    _check_motion(entry, kind)
-    return KINDS[kind]
-
-
-def _check_motion(entry: dict[str, Any], kind: str) -> None:
-    """Raise InputError unless the entry gives one motion, or none."""
-    needed = sorted(MOTION) if "boxes" in entry else ["target", *sorted(MOTION)]
     if "boxes" in entry and "target" in entry:
         raise InputError('"boxes" have no "target"; give a "rotation", a "scale" or a "translation"')
     for key in ("translation", "scale", "center"):
@@ -352,5 +318,7 @@ def _check_motion(entry: dict[str, Any], kind: str) -> None:
             raise InputError(f'give the motion either as "target" or as "{key}"')
     if "center" in entry and "rotation" not in entry and "scale" not in entry:
         raise InputError('"center" needs a "rotation" or a "scale"')
+    needed = MOTION if "boxes" in entry else ("target", *MOTION)
     if KINDS[kind] and not any(key in entry for key in needed):
         raise InputError(f"it is {kind} and has no {' or '.join(map(json.dumps, needed))}")
+    return KINDS[kind]

@@ -140,7 +140,6 @@ ENTRIES = [
     ({**BOX, "translation": [[0, 0, 0]]}, '"translation" must be three numbers'),
     ({**BOX, "rotation": TURN, "center": "middle"}, '"center" must be .* or "centroid", not "middle"'),
     ({"vertices": [1], "center": [0, 0, 0]}, '"center" needs a "rotation" or a "scale"'),
-    ({"name": "a", "landmark": "a", "vertices": [1]}, 'entry 0 "a": .* either as "name" or as "landmark"'),
     ({"name": [], "vertices": [1]}, 'entry 0: "name" must be a name'),
     ({"kind": "free", "vertices": [1]}, "unknown kind 'free'; use fixed, moved or unused"),
     (1, "entry 0: it is no JSON object"),
