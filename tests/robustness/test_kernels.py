@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from scipy.sparse import csr_array
 from baselines.accelerated import local_global
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Handles, bind, deform, transfer_pose
+from sshade import DeformationTask, bind, deform, transfer_pose
 from sshade.core.threads import ThreadTeam
 from sshade.files.meshes import read_file, write_file
 from sshade.mesh.adjacency import vertex_graph
@@ -27,44 +26,31 @@ from sshade.mesh.cutting import cut_to_manifold
 from sshade.proxy.coarse import sample_coarsely
 from sshade.proxy.projection import _closest_in_triangle
 from sshade.proxy.sample import sample_proxy
-from sshade.solver import factorisation
 from sshade.solver.multigrid import ConjugateGradients, Multigrid
-from tests.robustness.inputs import BODY, pose
-from tests.shapes import bent, double_torus, icosphere, jittered, torus
+from tests.shapes import bent, bumpy, double_torus, held_ends, icosphere, jittered, moved_parts, torus
 from tests.sshade.mesh.test_cutting import moebius, t_fin
 from tests.test_kernels import modules_with_kernels
 from tests.write import off
 
 #: Maximum difference, relative to the largest value. The compiler contracts and reorders sums.
 CLOSE = 1e-9
+BODY = bumpy(2)
 FEW: dict[str, Any] = {"tolerance": 0.0, "max_iterations": 4}
 
 
-def task() -> DeformationTask:
-    """A body of 162 vertices with one end fixed and the other end moved."""
-    return DeformationTask("body", BODY, pose(BODY.V))
+#: A body of 162 vertices with one end fixed and the other end moved: a few handles, and whole regions.
+TASK, REGIONS = held_ends(BODY, share=0.1), held_ends(BODY, share=0.35)
+#: Twelve handles of one vertex, of which one moves.
+ALONE = moved_parts(BODY.V, *(([vertex], 0.2 * (vertex > 150)) for vertex in range(0, BODY.n, 14)))
 
 
-def _deformed(**options: Any) -> np.ndarray:
-    return deform(task(), vertices=50, **FEW, **options).vertices
+def _deformed(task: DeformationTask = TASK, **options: Any) -> np.ndarray:
+    return deform(task, vertices=50, **FEW, **options).vertices
 
 
 def _bound() -> np.ndarray:
     binding = bind(BODY, 40, frames="blended_affine")
     return binding.carry(bent(binding.proxy.V))[0]
-
-
-def _with_regions() -> np.ndarray:
-    low, high = (np.flatnonzero(sign * BODY.V[:, 2] > 0.3) for sign in (-1, 1))
-    target = np.concatenate([BODY.V[low], BODY.V[high] + [0.1, 0, 0.1]])
-    handles = Handles(np.concatenate([low, high]), target, group=np.repeat([0, 1], [len(low), len(high)]))
-    return deform(DeformationTask("caps", BODY, handles), vertices=50, seed=0, **FEW).vertices
-
-
-def _interpolated() -> np.ndarray:
-    index = np.arange(0, BODY.n, 8)
-    dense = DeformationTask("dense", BODY, Handles(index, bent(BODY.V)[index]))
-    return deform(dense, method="interpolate").vertices
 
 
 def _remeshed() -> np.ndarray:
@@ -124,36 +110,23 @@ def _cycled() -> np.ndarray:
     return np.concatenate([X, Y])
 
 
-def _factorised_in_halves() -> np.ndarray:
-    with patch.object(factorisation, "SHARED", 0):
-        return local_global(task(), **FEW).vertices
-
-
-def _with_many_groups() -> DeformationTask:
-    """Return a task of twelve groups, of which one moves."""
-    index = np.linspace(0, BODY.n - 1, 12).astype(np.int64)
-    target = BODY.V[index] + np.array([0.2, 0, 0]) * (index == index[-1])[:, None]
-    return DeformationTask("groups", BODY, Handles(index, target, group=np.arange(12)))
-
-
 WORK: dict[str, Callable[[], np.ndarray]] = {
     "fast": _deformed,
     "fine": partial(_deformed, method="fine", polish_iterations=3, workers=1),
-    "accelerated arap sr": lambda: arap_sr(task(), accelerate=True, **FEW).vertices,
-    "bending": lambda: local_global(task(), bending=0.1, stiffness=0.1, **FEW).vertices,
-    "inertia": lambda: deform(_with_many_groups(), vertices=50, inertia=0.2, **FEW).vertices,
-    "deformation graph": lambda: deformation_graph(task(), nodes=40, **FEW).vertices,
+    "accelerated arap sr": lambda: arap_sr(TASK, accelerate=True, **FEW).vertices,
+    "bending": lambda: local_global(TASK, bending=0.1, stiffness=0.1, **FEW).vertices,
+    "inertia": partial(_deformed, DeformationTask("alone", BODY, ALONE), inertia=0.2),
+    "deformation graph": lambda: deformation_graph(TASK, nodes=40, **FEW).vertices,
     "blended affine frames": _bound,
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,
-    "regions": _with_regions,
-    "interpolate": _interpolated,
+    "regions": partial(_deformed, REGIONS),
+    "interpolate": lambda: deform(REGIONS, method="interpolate").vertices,
     "sampling from coarse to fine": _sampled_coarsely,
     "cutting": _cut,
     "remeshing with few samples": _remeshed,
     "points near needles": _on_needles,
     "files": _written,
     "multigrid cycles": _cycled,
-    "factorisation in halves": _factorised_in_halves,
 }
 
 

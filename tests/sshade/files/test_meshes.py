@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh
+from sshade.files.door import open_shape
 from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_file, read_mesh, write_file, write_mesh
 from sshade.mesh.surface import surface
-from tests.shapes import icosphere
+from tests.shapes import bumpy, icosphere
 
 
 def shuffled() -> Mesh:
@@ -57,3 +58,19 @@ def test_repair_drops_unused_vertices_repeated_and_duplicate_faces():
     assert np.array_equal(mesh.V, V[[1, 2, 3, 5]])
     with pytest.raises(InputError, match=r"face 3 .*the ids go from 0 to 5"):
         surface(V, np.array([[1, 2, 3], [1, 2, 2], [4, 2, 3], [1, 999, 3]]), repair=True)
+
+
+BODY = bumpy(2)
+
+
+@pytest.mark.parametrize("given", [(BODY.V, BODY.F), (BODY,)])
+def test_a_result_is_a_copy_also_if_it_is_the_shape_itself(given):
+    shape = open_shape(*given)
+    moved = shape.moved(shape.mesh.V)
+    moved = moved.V if isinstance(moved, Mesh) else moved
+    assert np.array_equal(moved, BODY.V) and not np.shares_memory(moved, BODY.V)
+
+
+def test_what_is_no_shape_is_refused():
+    with pytest.raises(InputError, match="no mesh in an object of type list"):
+        open_shape([BODY.V])
