@@ -154,9 +154,7 @@ class ComponentSet:
         """Return the vertices (k,) of the uncut mesh of a component's vertices."""
         return self._cut.origin[self._members[component]]
 
-    def part(
-        self, component: int, stage: str, changes: dict[str, Any]
-    ) -> tuple[DeformationTask, dict[str, Any]]:
+    def part(self, component: int, stage: str, vertices: int) -> tuple[DeformationTask, dict[str, Any]]:
         """Return the task of a component, and options that differ from the options of the whole.
 
         Parameters
@@ -164,8 +162,8 @@ class ComponentSet:
         component : int
         stage : str
             Name of the task.
-        changes : dict
-            Options, among them the share of ``vertices``.
+        vertices : int
+            Its share of the proxy vertices.
         """
         vertex, origin, guess = self._members[component], self.origin(component), self._guess[component]
         shape, handles = self._cut.mesh.part(vertex, self._faces[component]), self._handles_of(origin)
@@ -174,17 +172,19 @@ class ComponentSet:
             raise InputError(
                 f"the surface around vertex {origin[0]} has one side and no volume; give it no volume goal"
             )
+        vertices, coarser = max(vertices, least_vertices(len(handles))), self._options.coarser
+        changes: dict[str, Any] = {
+            "vertices": proxy_vertices(vertices, shape.n, len(handles), coarser=coarser)
+        }
         if not two_sided:  # the sides enclose nothing
-            changes = {**changes, "volume": 0.0}
+            changes["volume"] = 0.0
             if self._options.thickness:
                 changes["thickness"] = 0.0
         if not isinstance(function := self._options.frame_function, str):
-            changes = {**changes, "frame_function": vertex_values(function, len(self._number))[origin]}
-        vertices = max(changes["vertices"], least_vertices(len(handles)))
-        vertices = proxy_vertices(vertices, shape.n, len(handles), coarser=self._options.coarser)
+            changes["frame_function"] = vertex_values(function, len(self._number))[origin]
         guess = None if guess is None else guess[origin]
         task = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
-        return task, {**changes, "vertices": vertices}
+        return task, changes
 
     def put(self, component: int, V: np.ndarray) -> None:
         """Store the deformed positions (k, 3) of a component's vertices."""

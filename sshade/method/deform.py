@@ -131,7 +131,7 @@ def deform_piece(
             result = polish.solve(through_proxies(task, options.of_proxy(), make_proxies, progress))
     else:
         result = through_proxies(task, options, make_proxies, progress)
-    totals = replace(options, **whole.subset(("vertices", "polish_seconds", "volume", "volume_goal")))
+    totals = replace(options, **whole.subset(("vertices", "volume", "volume_goal")))
     facts = replace(result.facts, options=as_row(totals, method))
     if options.volume_goal is not None:
         error = goal_error(task.mesh, result.vertices, options.volume_goal)

@@ -93,10 +93,10 @@ class Pieces:
     ----------
     task : DeformationTask
     options : Options
-        `vertices` and `polish_seconds` are totals, distributed over components by area. A component with n
-        vertices has at most n / 4 proxy vertices, and at least its handles and a few more: see
-        :func:`sshade.proxy.sample.proxy_vertices`. Other components get the rest of its portion. Both
-        sides of a one-sided surface count.
+        `vertices` is a total, distributed over components by area. A component with n vertices has at most
+        n / 4 proxy vertices, and at least its handles and a few more: see
+        :func:`sshade.proxy.sample.proxy_vertices`. Other components get the rest of its portion. Both sides
+        of a one-sided surface count.
     progress : Progress
 
     Raises
@@ -155,14 +155,10 @@ class Pieces:
             assert self._alone is not None
             yield Piece(self._alone, {}, self._progress)
             return
-        vertices, area = parts.proxy_vertices(self._order), parts.area[self._order]
-        self._seconds_left = self._options.polish_seconds
+        vertices = parts.proxy_vertices(self._order)
         for number, component in enumerate(self._order):
-            changes: dict[str, Any] = {"vertices": int(vertices[number])}
-            if self._seconds_left is not None:
-                changes["polish_seconds"] = area[number] / area[number:].sum() * self._seconds_left
             stage = f"component {number + 1}/{len(self._order)}"
-            task, changes = parts.part(component, stage, changes)
+            task, changes = parts.part(component, stage, int(vertices[number]))
             report = renamed(self._progress, stage, within=True)
             where = f"the component of {task.mesh.n} vertices around vertex {parts.origin(component)[0]}"
             yield Piece(task, changes, report, component, where)
@@ -174,11 +170,7 @@ class Pieces:
         means = at_means(self._parts.origin(piece.component), result.vertices)
         if np.linalg.norm(result.vertices - means, axis=1).max() <= APART * piece.task.mesh.diagonal:
             return None
-        changes = dict(piece.changes)
-        if changes.get("polish_seconds") is not None:
-            left = changes["polish_seconds"] - result.seconds.get("polish", 0.0)
-            changes["polish_seconds"] = max(0.0, left)
-        return replace(piece, task=replace(piece.task, guess=means), changes=changes)
+        return replace(piece, task=replace(piece.task, guess=means))
 
     def put(self, piece: Piece, result: DeformationResult) -> None:
         """Take the result of a piece."""
@@ -187,8 +179,6 @@ class Pieces:
             if self._parts.sides(piece.component) == 2 and self._options.volume > 0:
                 facts = replace(result.facts, volume_constraint="off: one-sided")
                 result = replace(result, facts=facts)
-            if self._seconds_left is not None:
-                self._seconds_left = max(0.0, self._seconds_left - result.seconds.get("polish", 0.0))
         self._results.append(result)
 
     def together(self) -> DeformationResult:

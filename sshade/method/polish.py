@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from math import inf
 from time import perf_counter
 from typing import Any
 
@@ -63,8 +62,8 @@ class Polish:
         Returns
         -------
         DeformationResult
-            `iterations` counts the polish alone. `converged` is None where it used up its iterations or
-            seconds, as usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
+            `iterations` counts the polish alone. `converged` is None where it used up its iterations, as
+            usual. Handles are on their targets, and exact constraints hold to 1e-6. ``seconds``:
             ``precompute`` overlaps with ``proxy``; ``wait`` is the time that it took longer.
         """
         task, options, arrived = self._task, self._options, perf_counter()
@@ -83,7 +82,6 @@ class Polish:
             tolerance=options.tolerance,
             max_iterations=options.polish_iterations,
             window=WINDOW,
-            max_seconds=inf if options.polish_seconds is None else options.polish_seconds,
             progress=renamed(self._progress, "polish"),
             **energy,
         )

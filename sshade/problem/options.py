@@ -119,9 +119,6 @@ class Options:
     polish_iterations : int
         Largest number of iterations at full resolution. A larger number removes more traces of the proxy.
         Where joints turn far, a finite `strain_limit` keeps the polish from converging.
-    polish_seconds : float, optional
-        Largest time of the polish in seconds, for all components together. The result then depends on the
-        machine.
     coarser_start, polish : bool
         Fixed for each method: a proxy solve initialised on a coarser proxy, and a second solve at full
         resolution.
@@ -155,7 +152,6 @@ class Options:
     proxy_bending: float = _option(0.0, "[0, inf)", "fine")
     proxy_stiffness: float = _option(1.0, "(0, 1]", "fine")
     polish_iterations: int = _option(0, "[0, inf)", "fine")
-    polish_seconds: float | None = _option(None, "[0, inf]", "fine")
     coarser_start: bool = _option(False, "", "")
     polish: bool = _option(False, "", "")
 
@@ -180,14 +176,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness", "inertia"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "accelerate"),
-    "Polish": (
-        "detail",
-        "proxy_attachment",
-        "proxy_bending",
-        "proxy_stiffness",
-        "polish_iterations",
-        "polish_seconds",
-    ),
+    "Polish": ("detail", "proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations"),
 }
 #: Options of functions that sample proxies.
 PROXIES = GROUPS["Proxy"]

@@ -11,7 +11,6 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
-from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -60,7 +59,6 @@ class LocalGlobal(System):
         max_iterations: int = 1000,
         accelerate: bool = True,
         window: int = 5,
-        max_seconds: float = inf,
         workers: int = 1,
         softened: bool = False,
         progress: Progress = silent,
@@ -88,8 +86,6 @@ class LocalGlobal(System):
             Take quasi-Newton steps, L-BFGS; see :mod:`sshade.solver.quasi_newton`.
         window : int
             Number of steps that L-BFGS stores.
-        max_seconds : float
-            No iteration begins later. The result then depends on the machine.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
@@ -126,7 +122,7 @@ class LocalGlobal(System):
             state.begin(tolerance)
             if state.softens:
                 tolerance *= SOFTENED
-            done = run(state, Stop(tolerance, max_iterations, max_seconds), progress=progress)
+            done = run(state, Stop(tolerance, max_iterations), progress=progress)
         return self.solution(state, done, targets, options)
 
     def solution(self, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:

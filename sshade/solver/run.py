@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from time import perf_counter
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -113,15 +112,12 @@ class Stop(NamedTuple):
     tolerance : float
         Residual below which it stops; 0 never stops early.
     max_iterations : int
-    max_seconds : float
-        No iteration begins later. The result then depends on the machine.
     least_iterations : int
         Convergence counts from this iteration on.
     """
 
     tolerance: float = 1e-5
     max_iterations: int = 1000
-    max_seconds: float = inf
     least_iterations: int = 0
 
 
@@ -169,8 +165,7 @@ def run(
             f"{tolerance} and {most}"
         )
     residuals: list[float] = []
-    deadline, residual, converged = perf_counter() + stop.max_seconds, inf, False
-    last = min(stop.max_iterations, stop.max_seconds) <= 0
+    residual, converged, last = inf, False, stop.max_iterations == 0
     progress("iterations", 0, stop.max_iterations)
     while not last:
         residual = state.step()
@@ -181,7 +176,7 @@ def run(
                 f"the positions are not finite after {counted(iterations, 'iteration', 'iterations')}"
             )
         converged = state.end_step(residual < stop.tolerance) and iterations >= stop.least_iterations
-        last = converged or iterations == stop.max_iterations or perf_counter() >= deadline
+        last = converged or iterations == stop.max_iterations
         state.move(last=last)
         if iterations % report_every == 0:
             progress("iterations", iterations, stop.max_iterations, f"residual {residual:.1e}")

@@ -49,14 +49,14 @@ def test_fine_ends_in_the_minimum_at_full_resolution(task, volume):
     assert np.abs(result.vertices - plain.vertices).max() < 1e-3 * task.mesh.diagonal
 
 
-@pytest.mark.parametrize("seconds", [None, 0.0])
-def test_stages_are_reported_in_order_each_to_its_end(task, seconds):
+@pytest.mark.parametrize("most", [50, 0])
+def test_stages_are_reported_in_order_each_to_its_end(task, most):
     stages: dict[str, tuple[int, int]] = {}
 
     def progress(stage, done, total, _=""):
         stages[stage] = done, total
 
-    result = fine(task, vertices=600, polish_seconds=seconds, progress=progress)
-    assert (result.iterations == 0 and result.converged is None) == (seconds == 0.0)
+    result = fine(task, vertices=600, polish_iterations=most, progress=progress)
+    assert (result.iterations == 0 and result.converged is None) == (most == 0)
     assert list(stages) == ["proxy", "polish", "regions"]
     assert all(done == total for done, total in stages.values())

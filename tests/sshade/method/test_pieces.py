@@ -226,18 +226,6 @@ def test_a_face_that_is_there_twice_changes_nothing(turned):
     assert other.facts.duplicates == 3 and other.facts.copies == 0 and one.facts.duplicates == 0
 
 
-def test_components_share_the_seconds_of_a_polish(monkeypatch):
-    given = []
-
-    def polished(polish, proxy):
-        given.append(polish._options.polish_seconds)
-        return replace(proxy, seconds={"polish": 4.0})
-
-    monkeypatch.setattr("sshade.method.polish.Polish.solve", polished)
-    result = deformed(PAIR, OF_PAIR, fine, polish_seconds=10.0)
-    assert given == pytest.approx([5.0, 6.0]) and result.facts.options["polish_seconds"] == 10.0
-
-
 @pytest.mark.parametrize("method", [METHOD, fast])
 def test_a_guess_is_where_iterations_begin(method):
     task = DeformationTask("two", PAIR, OF_PAIR)
