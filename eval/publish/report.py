@@ -254,7 +254,7 @@ def write_page(
         data=[view.pop("data") for view in views],
         views=views,
         camera={name: list(axis) for name, axis in direction.items()},
-        ramp=plotting.ramp(),
+        ramp=plotting.COLOURS,
         three=threejs.source(),
         viewer=plotting.part("viewer.js"),
         view_markup=plotting.part("view.html"),

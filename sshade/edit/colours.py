@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.edit.skins import srgb
+from sshade.edit.materials import srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import accessor_bytes
 from sshade.files.obj import words_of

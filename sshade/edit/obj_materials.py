@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.edit.skins import Material, Skin
+from sshade.edit.materials import Material, Skin
 from sshade.files.libraries import rest_of, texture_name
 from sshade.files.obj import faces_of, words_of
 from sshade.files.words import key_of

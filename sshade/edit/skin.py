@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.edit import skins
 from sshade.edit.gltf_materials import gltf_skin
+from sshade.edit.materials import Material, Skin
 from sshade.edit.obj_materials import obj_skin
 from sshade.files.mesh_file import MORPHS, MeshFile
 from sshade.mesh.mesh import repeats_vertex
@@ -27,14 +27,14 @@ class DrawnSkin(NamedTuple):
         Triangles, by material.
     runs : list of (int, int, int)
         First triangle, number of triangles, and place in `materials`.
-    materials : list of sshade.edit.skins.Material
+    materials : list of sshade.edit.materials.Material
     """
 
     vertex: np.ndarray
     uv: np.ndarray
     faces: np.ndarray
     runs: list[tuple[int, int, int]]
-    materials: list[skins.Material]
+    materials: list[Material]
 
 
 def has_skin(file: MeshFile) -> bool:
@@ -42,17 +42,17 @@ def has_skin(file: MeshFile) -> bool:
     return "materials" in file.holds and file.source.suffix.lower() in (".obj", *MORPHS)
 
 
-def skin_of(path: Path) -> skins.Skin:
+def skin_of(path: Path) -> Skin:
     """Return the materials of the triangles of a file."""
     return obj_skin(path) if path.suffix.lower() == ".obj" else gltf_skin(path)
 
 
-def drawn(skin: skins.Skin, F: np.ndarray) -> DrawnSkin:
+def drawn(skin: Skin, F: np.ndarray) -> DrawnSkin:
     """Prepare the materials of a file for drawing.
 
     Parameters
     ----------
-    skin : sshade.edit.skins.Skin
+    skin : sshade.edit.materials.Skin
     F : (m, 3) int64
         Vertices of the mesh at the corners of the file's triangles; -1 where the mesh has none.
     """

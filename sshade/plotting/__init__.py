@@ -5,10 +5,7 @@
 
 from __future__ import annotations
 
-import base64
 from importlib.resources import files
-
-import numpy as np
 
 #: Colours of values from the least to the greatest, at equal distances: magma of matplotlib, reversed.
 COLOURS = (
@@ -25,11 +22,3 @@ def part(name: str) -> str:
 def style() -> str:
     """Return the style sheet of the view."""
     return f"{part('view.css')}.ramp {{ background: linear-gradient(to right, {COLOURS}); }}\n"
-
-
-def ramp() -> str:
-    """Return 256 colours of values, three bytes each, as base64."""
-    known = np.array([list(bytes.fromhex(colour[1:])) for colour in COLOURS.split(", ")], dtype=float)
-    at, places = np.linspace(0, 1, 256), np.linspace(0, 1, len(known))
-    colours = np.stack([np.interp(at, places, channel) for channel in known.T], axis=1)
-    return base64.b64encode(np.rint(colours).astype(np.uint8).tobytes()).decode("ascii")

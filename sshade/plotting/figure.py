@@ -24,7 +24,7 @@ from sshade.files.arrays import Arrays
 from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, SurfaceFacts, cleaned
-from sshade.plotting import part, ramp, style, threejs
+from sshade.plotting import COLOURS, part, style, threejs
 from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, TOWARDS, UP, colour_range, colour_values
 from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.handles import Handles
@@ -328,7 +328,7 @@ def _page(view: dict[str, Any], camera: Mapping[str, Sequence[float]]) -> str:
     return Template(part("figure.html")).substitute(
         style=style(),
         view=part("view.html"),
-        ramp=ramp(),
+        ramp=COLOURS,
         cases=cases.replace("<", "\\u003c"),  # no text may end the element
         data=data,
         scripts=_scripts(),

@@ -6,7 +6,6 @@ import base64
 import gzip
 from collections.abc import Sequence
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,8 +22,6 @@ LIMIT, SAMPLES = 28_000, 20_000
 PARTS = 200
 #: Greatest number of handles that are shown.
 HANDLES = 1500
-#: Reduced meshes and the vertices that they keep, so that several views of a mesh reduce it once.
-_REDUCED: WeakKeyDictionary[Mesh, tuple[bytes, ViewSurface]] = WeakKeyDictionary()
 
 
 class ViewShape(NamedTuple):
@@ -79,17 +76,8 @@ def surface(mesh: Mesh, *, keep: np.ndarray, limit: int = LIMIT, samples: int = 
     """
     if mesh.n <= limit:
         return ViewSurface(np.arange(mesh.n), mesh.F, np.arange(mesh.n))
-    key = np.array([limit, samples, *keep]).tobytes()
-    found = _REDUCED.get(mesh)
-    if found is None or found[0] != key:  # another thread may replace it at any time
-        found = _REDUCED[mesh] = key, _reduced(mesh, keep, samples)
-    return found[1]
-
-
-def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
-    count = mesh.topology.components
-    if 1 < count <= PARTS:
-        return _reduced_parts(mesh, keep, samples, count)
+    if 1 < mesh.topology.components <= PARTS:
+        return _surface_of_parts(mesh, keep, samples)
     try:
         coarse = sample_proxy(mesh, max(samples, len(keep)), first=keep)
         return ViewSurface(coarse.samples, coarse.faces, coarse.cell)
@@ -99,9 +87,10 @@ def _reduced(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
         return ViewSurface(np.concatenate([few.vertices, beside]), few.faces, few.cell)
 
 
-def _reduced_parts(mesh: Mesh, keep: np.ndarray, samples: int, count: int) -> ViewSurface:
+def _surface_of_parts(mesh: Mesh, keep: np.ndarray, samples: int) -> ViewSurface:
     """Reduce each component for itself: clusters of all would join components that touch."""
     component, cell, kept, faces, total = mesh.component, np.zeros(mesh.n, dtype=np.int64), [], [], 0
+    count = mesh.topology.components
     vertices, triangles = members(component, count), members(component[mesh.F[:, 0]], count)
     for number, (own, face) in enumerate(zip(vertices, triangles, strict=True)):
         part = mesh.part(own, face)

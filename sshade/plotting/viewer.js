@@ -2,7 +2,7 @@
 (() => {
   "use strict";
   const { cases, camera: look } = JSON.parse(document.getElementById("turn-cases").textContent);
-  const ramp = linear(decode(document.getElementById("turn-ramp").textContent));
+  const ramp = interpolated(document.getElementById("turn-ramp").textContent.split(", "));
   const byId = (name) => document.getElementById(`turn-${name}`);
   const stage = byId("stage"), list = byId("case"), shapes = byId("shapes");
   const body = new THREE.Color("#d9d5cf");
@@ -30,12 +30,13 @@
     return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   }
 
-  // three.js computes with linear colours; the ramp is in those of a screen.
-  function linear(bytes) {
-    const colour = new THREE.Color(), values = new Float32Array(bytes.length);
-    for (let i = 0; i < bytes.length; i += 3) {
-      colour.setRGB(bytes[i] / 255, bytes[i + 1] / 255, bytes[i + 2] / 255, THREE.SRGBColorSpace);
-      colour.toArray(values, i);
+  // Return 256 colours between the given ones, as three.js computes with them.
+  function interpolated(names) {
+    const given = names.map((name) => new THREE.Color(name)), colour = new THREE.Color();
+    const values = new Float32Array(3 * 256);
+    for (let i = 0; i < 256; i += 1) {
+      const at = (i / 255) * (given.length - 1), k = Math.min(Math.floor(at), given.length - 2);
+      colour.lerpColors(given[k], given[k + 1], at - k).toArray(values, 3 * i);
     }
     return values;
   }

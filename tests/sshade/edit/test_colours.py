@@ -7,7 +7,7 @@ import pytest
 
 from sshade.edit.colours import colours_of
 from sshade.edit.document import Document
-from sshade.edit.skins import srgb
+from sshade.edit.materials import srgb
 from sshade.files.meshes import write_mesh
 from tests.shapes import icosphere
 from tests.write import columns, mesh_ply, obj, rows
