@@ -20,8 +20,8 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
     vertices : (k,) int
         Vertices for "replace", "add" and "remove".
     how : str
-        "replace", "add", "remove", "all", "none", "invert", or "linked", which adds all vertices of the
-        components of selected vertices.
+        "replace", "add", "remove", "invert", or "linked", which adds all vertices of the components of
+        selected vertices.
 
     Returns
     -------
@@ -29,11 +29,9 @@ def selected(mesh: Mesh, before: np.ndarray, vertices: np.ndarray, how: str) -> 
         Selected vertices, ascending.
     """
     chosen = np.zeros(mesh.n, dtype=bool)
-    chosen[before] = how not in ("replace", "none")
+    chosen[before] = how != "replace"
     if how in ("replace", "add", "remove"):
         chosen[vertices] = how != "remove"
-    elif how == "all":
-        chosen[:] = True
     elif how == "invert":
         chosen = ~chosen
     elif how == "linked":

@@ -21,8 +21,6 @@ def test_ways_to_pick_are_those_of_sets():
         ("replace", a, a),
         ("remove", b, a - b),
         ("invert", (), set(range(mesh.n)) - (a - b)),
-        ("all", (), set(range(mesh.n))),
-        ("none", (), set()),
         ("replace", {3, 90}, {3, 90}),
         ("linked", (), set(range(BODY.n))),  # of two components
     ]

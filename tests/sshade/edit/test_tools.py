@@ -67,9 +67,9 @@ def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session
     page.locator("#through").check()
     assert "pick through" not in hint.inner_text()
     page.get_by_text("More ways to pick").click()
-    asked(page, "select", page.get_by_role("button", name="all").click)
+    asked(page, "select", page.get_by_role("button", name="invert").click)
     assert step.inner_text() == "Fix them or make them move" and "Click Fix" in hint.inner_text()
-    asked(page, "select", page.get_by_role("button", name="none").click)
+    asked(page, "select", page.get_by_role("button", name="invert").click)
     tool(page, "View")
     state = session.state
     page.mouse.click(*gizmo(page))
