@@ -1,6 +1,6 @@
 """Scenes that Blender runs without its window: ``python -m tests.sshade.blender.scenes ZIP REPORT.json``.
 
-The extension is installed first. The report has the traceback of each scene that failed, and is "" for the others.
+The extension is installed first. The report has the traceback of each scene that failed, "" for the others.
 """
 
 import hashlib
@@ -23,6 +23,9 @@ SCALED = (
     "empty 'moving' was scaled, or the object's scale was applied; set the scale back, or clear the empty "
     "and choose it again"
 )
+UNEQUAL = "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"
+WITHOUT = "group 'moving' is moved, but has no empty in a scene; choose or add one"
+TWICE = "group 'moving' is in the list twice; remove one of the two"
 MOVE, TURN = (0.1, 0.0, 0.3), (0.0, 0.2, 0.1)
 
 
@@ -111,7 +114,7 @@ def refused(call):
     return ""
 
 
-def last_key(obj):
+def shown(obj):
     """Return the positions (n, 3) of the last shape key."""
     return points(obj.data.shape_keys.key_blocks[-1])
 
@@ -129,10 +132,10 @@ def scene_results_are_those_of_the_package_bit_by_bit_and_all_else_stays():
     for method in ("fast", "fine"):
         obj.sshade.method = method
         bpy.ops.sshade.deform()
-        assert (last_key(obj) == expected(obj, V, F, fixed, moving, method=method)).all()
+        assert (shown(obj) == expected(obj, V, F, fixed, moving, method=method)).all()
     keys = obj.data.shape_keys.key_blocks
     assert keys.keys() == ["Basis", "SShaDe", "SShaDe.001"] and [key.value for key in keys[1:]] == [0, 1]
-    assert np.abs(last_key(obj) - V).max() > 0.3 and (rest(obj) == V).all() and contents(obj) == before
+    assert np.abs(shown(obj) - V).max() > 0.3 and (rest(obj) == V).all() and contents(obj) == before
 
 
 def scene_the_live_mode_follows_and_ends_at_the_result_of_the_operator():
@@ -148,15 +151,15 @@ def scene_the_live_mode_follows_and_ends_at_the_result_of_the_operator():
         bpy.context.view_layer.update()
         matrix = np.array(empty.matrix_world @ obj.sshade.handles["moving"].rest)
         goal = V[moving] @ matrix[:3, :3].T + matrix[:3, 3]
-        assert np.abs(last_key(obj)[moving] - goal).max() < 1e-6 * diagonal
+        assert np.abs(shown(obj)[moving] - goal).max() < 1e-6 * diagonal
     goal = expected(obj, V, F, fixed, moving)
-    lag = np.abs(last_key(obj) - goal).max()
+    lag = np.abs(shown(obj) - goal).max()
     running = live_module().RUNNING[obj.session_uid]
     while running.settle() is not None:
         pass
-    assert np.abs(last_key(obj) - goal).max() <= lag < 0.02 * diagonal
+    assert np.abs(shown(obj) - goal).max() <= lag < 0.02 * diagonal
     bpy.ops.sshade.live_finish()
-    assert (last_key(obj) == goal).all() and obj.data.shape_keys.key_blocks.keys() == ["Basis", "SShaDe"]
+    assert (shown(obj) == goal).all() and obj.data.shape_keys.key_blocks.keys() == ["Basis", "SShaDe"]
     assert contents(obj) == before and (rest(obj) == V).all()
 
 
@@ -166,7 +169,7 @@ def scene_cancel_restores_the_object_and_its_earlier_key():
     before = contents(obj)
     bpy.ops.sshade.deform()
     bpy.ops.sshade.live_start()
-    assert np.abs(last_key(obj) - V).max() > 0.3
+    assert np.abs(shown(obj) - V).max() > 0.3
     assert not bpy.ops.sshade.live_start.poll() and not bpy.ops.sshade.deform.poll()
     bpy.ops.sshade.live_cancel()
     keys = obj.data.shape_keys.key_blocks
@@ -179,13 +182,13 @@ def scene_a_scaled_empty_pauses_the_live_mode():
     with_handles(obj, V)
     empty = obj.sshade.handles["moving"].empty
     bpy.ops.sshade.live_start()
-    shape = last_key(obj)
+    shape = shown(obj)
     empty.scale = (2.0, 1.0, 1.0)
     move(obj, 0.1)
-    assert obj.sshade.message == SCALED and (last_key(obj) == shape).all()
+    assert obj.sshade.message == SCALED and (shown(obj) == shape).all()
     empty.scale = (1.0, 1.0, 1.0)
     move(obj, 0.1)
-    assert obj.sshade.message == "" and np.abs(last_key(obj) - shape).max() > 0.1
+    assert obj.sshade.message == "" and np.abs(shown(obj) - shape).max() > 0.1
 
 
 def scene_undo_and_redo():
@@ -201,15 +204,15 @@ def scene_undo_and_redo():
     assert len(obj.data.shape_keys.key_blocks) == 2
     bpy.ops.sshade.live_start()
     bpy.ops.ed.undo_push(message="live")
-    at_start = last_key(obj)
+    at_start = shown(obj)
     move(obj, 0.3)
-    moved = last_key(obj)
+    moved = shown(obj)
     bpy.ops.ed.undo_push(message="move")
     bpy.ops.ed.undo()
     obj = bpy.data.objects["Body"]
-    assert np.abs(last_key(obj) - at_start).max() < 0.01 < 0.2 < np.abs(moved - at_start).max()
+    assert np.abs(shown(obj) - at_start).max() < 0.01 < 0.2 < np.abs(moved - at_start).max()
     move(obj, 0.3)
-    assert np.abs(last_key(obj) - moved).max() < 0.01
+    assert np.abs(shown(obj) - moved).max() < 0.01
     assert bpy.ops.sshade.live_finish() == {"FINISHED"}
 
 
@@ -225,11 +228,11 @@ def scene_an_edit_ends_the_live_mode_and_nothing_is_lost():
         obj, V, F = fresh()
         with_handles(obj, V)
         bpy.ops.sshade.live_start()
-        shape = last_key(obj)
+        shape = shown(obj)
         edit(obj)
         move(obj, 0.1)
         assert obj.sshade.message.startswith("the live mode ended, because ") and said in obj.sshade.message
-        assert "gone" in said or (last_key(obj) == shape).all()
+        assert "gone" in said or (shown(obj) == shape).all()
         assert refused(bpy.ops.sshade.live_start) == ""
 
 
@@ -239,19 +242,11 @@ def scene_a_mistake_is_one_sentence_and_changes_nothing():
 
     mistakes = {
         SCALED: lambda obj: setattr(handle(obj).empty, "scale", (1, 2, 1)),
-        "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)": lambda obj: (
-            setattr(obj, "scale", (1, 2, 1))
-        ),
-        "object 'Body' has no vertex group 'moving'": lambda obj: obj.vertex_groups.remove(
-            obj.vertex_groups["moving"]
-        ),
-        "group 'moving' is moved, but has no empty in a scene; choose or add one": lambda obj: (
-            bpy.context.collection.objects.unlink(handle(obj).empty)
-        ),
+        UNEQUAL: lambda obj: setattr(obj, "scale", (1, 2, 1)),
+        "object 'Body' has no vertex group 'fixed'": lambda obj: obj.vertex_groups.clear(),
+        WITHOUT: lambda obj: bpy.context.collection.objects.unlink(handle(obj).empty),
         "there are no groups; add vertex groups in the panel SShaDe": lambda obj: obj.sshade.handles.clear(),
-        "group 'moving' is in the list twice; remove one of the two": lambda obj: setattr(
-            obj.sshade.handles[0], "name", "moving"
-        ),
+        TWICE: lambda obj: setattr(obj.sshade.handles[0], "name", "moving"),
     }
     for said, mistake in mistakes.items():
         obj, V, F = fresh()
