@@ -36,12 +36,6 @@ def body() -> Mesh:
     return bumpy(3)
 
 
-@pytest.fixture(scope="session")
-def small_body() -> Mesh:
-    """Closed, no symmetry, 162 vertices."""
-    return bumpy(2)
-
-
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
     """A new folder, which is the working folder."""

@@ -273,15 +273,9 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
     started = begun(rows)
     hashes = started.groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
-        own = started[started["method.name"] == hashes.idxmax()]
-        settings = [
-            name for name in own if name.startswith("method.") and name not in ("method.hash", "method.note")
-        ]
-        differ = [
-            f"{name.removeprefix('method.')} {' and '.join(map(str, found))}"
-            for name in settings
-            if len(found := own[name].astype(str).unique()) > 1
-        ]
+        own = started[started["method.name"] == hashes.idxmax()].filter(regex=r"^method\.(?!hash|note)")
+        values = {name.removeprefix("method."): found.astype(str).unique() for name, found in own.items()}
+        differ = [f"{name} {' and '.join(found)}" for name, found in values.items() if len(found) > 1]
         raise InputError(
             f"method {hashes.idxmax()!r} has rows of different parameters ({'; '.join(differ[:3])}): give "
             "each another label=..., or remove the folders of the old runs"

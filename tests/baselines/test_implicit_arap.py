@@ -1,44 +1,14 @@
 """Implicit-ARAP without torch: its edge weights in loops, and its normalisation of meshes."""
 
-import sys
-
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from baselines.implicit_arap import implicit_arap
 from baselines.implicit_arap.method import normalised
 from baselines.implicit_arap.patch_edges import weighted_edges
-from eval.run.attempt import attempt
 from sshade.mesh.mesh import Mesh
-from tests.shapes import bumpy, held_ends
-
-
-class Absent:
-    """Finder of modules that does not find torch. A None in sys.modules would confuse scipy."""
-
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        if name.split(".")[0] == "torch":
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-
-@pytest.fixture
-def no_torch(monkeypatch):
-    for name in [name for name in sys.modules if name.split(".")[0] == "torch"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(sys, "meta_path", [Absent, *sys.meta_path])
-
-
-def test_without_torch_the_error_names_the_extra_and_the_row_is_skipped(no_torch):
-    with pytest.raises(ModuleNotFoundError, match="torch"):
-        implicit_arap(held_ends(bumpy(2)))
-    method = {"_target_": "baselines.implicit_arap.implicit_arap", "_partial_": True}
-    done = attempt(method, held_ends(bumpy(2)), seed=0)
-    assert done.facts["status"] == "skipped"
-    assert "install the extra torch" in done.facts["reason"]
-    assert done.vertices is None
+from tests.shapes import bumpy
 
 
 def cotangent(P, at, b, c):

@@ -1,7 +1,5 @@
 """Coarse tetrahedra, handles on them, and the methods that deform them."""
 
-import sys
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -68,14 +66,6 @@ def test_components_and_self_intersections_are_filled():
 def test_an_open_surface_is_refused(method, without_extra):
     with pytest.raises(InputError, match="boundary edges; close its holes"):
         method(held_ends(tube()))
-
-
-@pytest.mark.parametrize("method", VOLUMETRIC)
-def test_a_library_that_is_missing_is_named(method, without_extra, monkeypatch):
-    monkeypatch.setattr(tetrahedra_module, "find_spec", lambda name: None)
-    monkeypatch.setitem(sys.modules, "simkit.deformation_jacobian", None)
-    with pytest.raises(ModuleNotFoundError, match="pytetwild|simkit"):
-        method(held_ends(bumpy(1)), samples=12, edge=0.31)
 
 
 def test_filling_has_a_limit_and_leaves_nothing_behind(monkeypatch, here):

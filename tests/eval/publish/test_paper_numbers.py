@@ -1,16 +1,9 @@
 """``tables --paper``: means of rows beside the paper's numbers; `make verify` makes the rows."""
 
-import re
-from pathlib import Path
-
 from eval.main import main
-from eval.publish.paper import MEASURES, beside
-from eval.rows.files import read_conf
+from eval.publish.paper import beside
 from eval.rows.frame import to_frame, write_csv
 from tests.eval.eval_rows import lost, row
-
-ROOT = Path(__file__).parents[3]
-PAPER = read_conf("paper")
 
 
 def write(folder, name, *rows):
@@ -29,15 +22,6 @@ def test_means_are_over_the_valid_rows_of_a_method(tmp_path):
         ["b", "1", "-", "-", "5.66e-03 / 1.00e-02", "3.76e-08 / -"],
         ["c", "0", "1.29 / -", "-", "-", "-"],
     ]
-
-
-def test_the_page_has_each_number_of_the_papers_table_beside_ours():
-    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    for method, measures in PAPER["faust"]["table1"].items():
-        line = re.search(rf"^\| {method} \|.+", page, re.M)[0]
-        both = dict(re.findall(r"([\d.]+) / ([\d.]+)", line))
-        numbers = [MEASURES[name].text(value) for name, value in measures.items() if name != "time"]
-        assert list(both) == numbers and all(float(ours) > 0 for ours in both.values())
 
 
 def test_the_command_prints_the_tables_or_says_what_is_missing(here, capsys):
