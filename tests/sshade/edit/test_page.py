@@ -25,9 +25,9 @@ def session(here) -> Session:
 
 @pytest.fixture
 def page(request, browser, session):
-    """Open the page with a width of 1280 pixels, or with the width that a test gives as a parameter."""
-    width = getattr(request, "param", 1280)
-    with lent(session) as server, opened(browser, server.address, width=width) as page:
+    """Open the page with a width of 900 pixels, or with the width that a test gives as a parameter."""
+    width = getattr(request, "param", 900)
+    with lent(session) as server, opened(browser, server.address, width=width, height=640) as page:
         page.wait_for_selector("#stage[data-state=converged]")
         yield page
         assert all(url.startswith((server.address, "data:")) for url in page.asked)

@@ -128,7 +128,7 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
     high = np.clip((V - V.min(axis=0)) / np.ptp(V, axis=0), 0.05, 0.95)
     textured("body.glb", V, BODY.F, high[:, :2])
     session = edited("body.glb")
-    with lent(session) as server, opened(browser, server.address) as page:
+    with lent(session) as server, opened(browser, server.address, width=900, height=640) as page:
         page.wait_for_selector("#stage[data-skin=shown]")
         page.wait_for_timeout(400)
         stage = page.locator("#stage")

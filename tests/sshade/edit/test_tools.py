@@ -19,7 +19,7 @@ def session(here) -> Session:
 
 @pytest.fixture
 def page(browser, session):
-    with lent(session) as server, opened(browser, server.address) as page:
+    with lent(session) as server, opened(browser, server.address, width=900, height=640) as page:
         page.wait_for_selector("#stage[data-state=converged]")
         yield page
         assert all("400" in text for text in page.said)  # the browser logs refused requests
