@@ -24,7 +24,7 @@ from importlib.metadata import distribution, version
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
-from sshade.cli.arguments import add_flags, check_outputs
+from sshade.cli.arguments import check_outputs
 from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
@@ -63,8 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = "extension to write (.zip)"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help=text)
-    add_flags(parser, {"--overwrite": argparse.SUPPRESS})
-    parser.set_defaults(inputs=())
+    parser.set_defaults(inputs=(), overwrite=False)
 
 
 def command(options: argparse.Namespace) -> int:

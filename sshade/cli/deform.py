@@ -98,11 +98,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--weight", type=float, metavar="W", help=weight)
     amount = "fraction of the way that the handles move, 0 to 2; rotations have it of the angle (default: 1)"
     parser.add_argument("--amount", type=float, default=1.0, metavar="A", help=amount)
-    raw = "keep the targets of the file; by default the target of a handle that is snapped to a vertex is "
-    raw += "corrected by the snap, rotated with its group"
     refuse = "refuse components without handles; by default they move rigidly with the nearest component, as "
     refuse += "eyes with a head"
-    add_flags(parser, {"--raw": raw, "--refuse-unconstrained": refuse})
+    add_flags(parser, {"--refuse-unconstrained": refuse})
     fps = f"poses per second of several handle files in a .glb or .gltf (default: {FPS:g})"
     parser.add_argument("--fps", type=float, metavar="F", help=fps)
     others = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
@@ -126,7 +124,7 @@ def command(options: argparse.Namespace) -> int:
     check_mesh(options.mesh)
     if sequence:
         check_sequence(options)
-    given = [read_handle_file(*files, raw=options.raw, amount=options.amount) for files in poses]
+    given = [read_handle_file(*files, amount=options.amount) for files in poses]
     take_saved_options(options, options.handles[0], given[0])
     options.method = options.method or "fast"
     values, resolved = _given_options(options)

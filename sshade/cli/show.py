@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.cli.arguments import FORMATS, HANDLES, add_flags, add_repair, check_outputs, open_mesh, read
+from sshade.cli.arguments import FORMATS, HANDLES, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
 from sshade.core.atomic import naming, replacing
 from sshade.core.console import say
@@ -45,9 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "colour the shapes after the first by the change of edge length, or by the distance from the first"
     parser.add_argument("--colour", choices=COLOUR_LABELS, help=text)
     parser.add_argument("--up", choices=CAMERAS, default="y", help="axis that points up (default: y)")
-    add_flags(parser, {"--overwrite": "allow the output to replace an input"})
     add_repair(parser)
-    parser.set_defaults(inputs=("files",))
+    parser.set_defaults(inputs=(), overwrite=False)  # a page or a picture is no input
 
 
 def command(options: argparse.Namespace) -> int:
