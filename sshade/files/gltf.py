@@ -33,7 +33,6 @@ from sshade.files.gltf_scene import (
     require_plain,
     triangles_of,
 )
-from sshade.files.handwritten import decoded
 from sshade.files.mesh_file import MeshFile, as_floats, moved_reference, present
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import vertex_turns
@@ -150,18 +149,11 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
             raise InputError(_OTHER_VERSION.format(path, version))
         if int.from_bytes(data[8:12], "little") != len(data):
             raise ValueError("it is not as long as its header says")
-        at, chunks = 12, []
-        while at < len(data):
-            end = at + 8 + int.from_bytes(data[at : at + 4], "little")
-            chunks.append((data[at + 4 : at + 8], data[at + 8 : end]))
-            at = end
-        text = chunks[0][1]
-        if len(chunks) > 1 and chunks[1][0] == _BINARY:
-            binary = chunks[1][1]
-    try:
-        tree = json.loads(decoded(text))
-    except InputError as error:
-        raise ValueError(str(error)) from error
+        end = 20 + int.from_bytes(data[12:16], "little")
+        text = data[20:end]
+        if data[end + 4 : end + 8] == _BINARY:
+            binary = data[end + 8 : end + 8 + int.from_bytes(data[end : end + 4], "little")]
+    tree = json.loads(text)
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
         raise ValueError("it names no version of glTF")
     if not str(version := tree["asset"].get("version", "")).startswith("2."):

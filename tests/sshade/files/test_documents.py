@@ -12,9 +12,8 @@ import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
 from sshade.files.meshes import read_arrays, read_file, write_file
-from sshade.files.task_files import write_handles
 from tests.files import sample
-from tests.shapes import as_obj, end_handles, icosphere
+from tests.shapes import as_obj, icosphere
 from tests.write import columns, lines, mesh_ply, rows
 
 #: A rotation without rounding errors (x to y, y to z, z to x), and a shift.
@@ -192,22 +191,15 @@ def test_files_that_are_not_there_are_named_from_the_new_place(here, text, old, 
     assert Path(f"out/a{suffix}").read_text() == text.format(new)
 
 
-def test_all_commands_print_the_notes_of_a_file_once(here, capsys):
+def test_the_notes_of_a_file_are_told_by_commands_python_and_the_editor(here, capsys):
     """Each line of a vertex has one more value than the header declares."""
     body = icosphere(1)
     note = f"further values than the header declares stay as they are: {body.n} lines, from line 10"
     declared = mesh_ply(body.V, body.F, "", vertex=columns("uchar", "more", np.ones((body.n, 1))))
     Path("a.ply").write_bytes(declared.replace(b"property uchar more\n", b""))
-    write_handles("a.json", end_handles(body.V))
-    for command in (
-        "deform a.ply a.json -o b.ply --vertices 30",
-        "remesh a.ply -o proxy.ply --map map.npz --vertices 30",
-        "carry a.ply map.npz proxy.ply -o c.ply",
-        "reconstruct a.ply b.ply -o d.ply --vertices 30 --samplings 1",
-    ):
-        assert main(command.split()) == 0
-        assert capsys.readouterr().err.count(f"note: a.ply: {note}\n") == 1
+    assert main(["remesh", "a.ply", "-o", "b.ply", "--map", "map.npz", "--vertices", "30"]) == 0
+    assert capsys.readouterr().err.count(f"note: a.ply: {note}\n") == 1
     with pytest.warns(UserWarning, match=f"a.ply: {note}"):
         V, F = sshade.read("a.ply")
     assert np.array_equal(V, body.V) and np.array_equal(F, body.F)
-    assert Document(here / "a.ply").notes == (note,)
+    assert Document(Path("a.ply")).notes == (note,)

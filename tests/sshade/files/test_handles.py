@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from sshade import Handles, InputError, Mesh, deform
-from sshade.cli.notes import handle_notes
-from sshade.files.door import on_mesh
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import read_handles, read_task, write_handles
@@ -46,12 +44,6 @@ def test_handles_by_position_are_snapped_as_positions_are(here, body):
     assert handles.group.tolist() == [0, 0, 1, 1, 1]
     raw = placed(body, *entries, raw=True)
     assert np.allclose(raw.target, np.concatenate([foot + 1, moved]), rtol=0, atol=1e-15)
-
-
-def test_static_handles_ignore_a_target_unless_raw(here, body):
-    entry = {"kind": "static", "vertices": [5], "target": [[9, 9, 9]]}
-    assert np.array_equal(placed(body, entry).target, body.V[[5]])
-    assert placed(body, entry, raw=True).target.tolist() == [[9, 9, 9]]
 
 
 def test_a_region_is_all_vertices_in_its_boxes(here, body):
@@ -110,18 +102,6 @@ def test_a_rotation_alone_beside_vertices_prescribes_the_rotation_of_the_surface
     R = rotation(4)
     handles = placed(body, {"vertices": [5], "rotation": R.tolist(), **kind})
     assert np.array_equal(handles.rotation, R[None]) and np.array_equal(handles.target, body.V[[5]])
-
-
-@pytest.mark.parametrize(
-    ("change", "noted"),
-    [({}, True), ({"center": "centroid"}, False), ({"kind": "static"}, False)],
-)
-def test_a_rotation_about_the_origin_outside_of_a_group_is_noted(here, body, change, noted):
-    top = np.argsort(body.V[:, 2])[-4:].tolist()
-    turn = {"vertices": top, "rotation": rotation(1).tolist(), "kind": "dynamic", **change}
-    file = read_handle_file(put({"vertices": [0]}, turn))
-    notes = handle_notes(file, on_mesh(file, body), body)
-    assert ["rotation or scale of entry 1 is about the origin" in note for note in notes] == [True] * noted
 
 
 BOX = {"boxes": [[[-9, -9, -9], [9, 9, 9]]]}
