@@ -70,7 +70,11 @@ def balls(here):
 
 @pytest.mark.parametrize(
     ("process", "resolution"),
-    [("run.fresh=false", "high"), ("run.fresh=true", "low"), ("run.time_limit=60", "high")],
+    [
+        ("run.fresh=false", "high"),
+        ("run.fresh=true", "low"),
+        pytest.param("run.time_limit=60", "high", marks=pytest.mark.full),
+    ],
 )
 def test_no_method_finds_the_truth_in_its_process(balls, process, resolution):
     command = [*COMMAND.split(), process, f"dataset.resolution={resolution}"]

@@ -21,16 +21,6 @@ def job(name, order, seconds=(1.0,), task="t"):
     return Job(facts, call)
 
 
-def test_short_calls_are_repeated_and_averaged(machine, monkeypatch):
-    monkeypatch.setattr(eval.bench.turns, "SHORTEST", 0.05)
-    order = []
-    (row,) = take_turns([job("a", order, seconds=(1.0, 2.0))], rounds=1)
-    assert row["calls"] == len(order) - 1 > 5  # the warm-up is one call
-    assert row["seconds.repeat"] >= 0.05
-    mean = (row["calls"] // 2 * 3 + row["calls"] % 2 * 2) / row["calls"]
-    assert row["seconds.total"] == pytest.approx(mean) and row["seconds.solve"] == 0.5
-
-
 def test_several_rejected_repeats_in_a_row_end_the_command(machine):
     machine(0.3)
     order = []
