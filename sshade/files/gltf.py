@@ -101,7 +101,7 @@ def read_gltf(path: Path) -> MeshFile:
     rest, triangles = np.concatenate(V), np.concatenate(F)
     content = partial(_content, gltf, list(parts.values()), rest, triangles, rounding)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
-    named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree, "images"))
+    named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree))
     return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named)
 
 
@@ -167,9 +167,9 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     return Gltf(path, tree, buffers)
 
 
-def _outside(tree: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """Return the "buffers" or the "images" whose bytes are in other files."""
-    return [entry for entry in tree.get(kind, []) if not is_embedded(entry.get("uri", "data:"))]
+def _outside(tree: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the images whose bytes are in other files."""
+    return [image for image in tree.get("images", []) if not is_embedded(image.get("uri", "data:"))]
 
 
 def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
@@ -260,41 +260,35 @@ def _content(
     for number, accessor in enumerate(accessors):
         if "bufferView" in accessor and accessor_bytes(new.tree, number) in changed:
             accessor |= bounds(new.array(number), accessor.keys() & {"min", "max"})
-    return gltf_bytes(new, gltf, path)
+    return gltf_bytes(new, path)
 
 
-def gltf_bytes(gltf: Gltf, old: Gltf, path: Path) -> bytes:
-    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; embed changed buffers.
+def gltf_bytes(gltf: Gltf, path: Path) -> bytes:
+    """Return the bytes of a .glb, with the first buffer in it, or of a .gltf; all other buffers are embedded.
 
     Parameters
     ----------
     gltf : Gltf
-        The new contents.
-    old : Gltf
-        The file that they come from.
     path : path
         Where the bytes will be written; its suffix selects the format.
     """
-    tree, buffers = gltf.tree, gltf.buffers
-    binary = path.suffix.lower() == ".glb"
-    for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), buffers, strict=True)):
-        uri = buffer.get("uri")
-        if binary and number == 0 and (uri is None or data != old.buffers[0]):
+    tree, binary = gltf.tree, path.suffix.lower() == ".glb"
+    for number, (buffer, data) in enumerate(zip(tree.get("buffers", []), gltf.buffers, strict=True)):
+        if binary and number == 0:
             buffer.pop("uri", None)
-        elif uri is None or data != old.buffers[number]:
+        else:
             body = base64.b64encode(data[: buffer["byteLength"]]).decode()
             buffer["uri"] = f"data:application/octet-stream;base64,{body}"
-    for kind in ("buffers", "images"):
-        for entry in _outside(tree, kind):
-            name = unquote(entry["uri"])
-            moved = moved_reference(name, gltf.source, path, along=kind == "images")
-            entry["uri"] = entry["uri"] if moved == name else quote(moved)
+    for entry in _outside(tree):
+        name = unquote(entry["uri"])
+        moved = moved_reference(name, gltf.source, path)
+        entry["uri"] = entry["uri"] if moved == name else quote(moved)
     if not binary:
         return json.dumps(tree, indent=2).encode() + b"\n"
     text = json.dumps(tree, separators=(",", ":")).encode()
     chunks = _chunk(_JSON, text + b" " * (-len(text) % 4))
-    if tree.get("buffers") and "uri" not in tree["buffers"][0]:
-        chunks += _chunk(_BINARY, bytes(buffers[0]) + bytes(-len(buffers[0]) % 4))
+    if gltf.buffers:
+        chunks += _chunk(_BINARY, bytes(gltf.buffers[0]) + bytes(-len(gltf.buffers[0]) % 4))
     return _MAGIC + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
 
 
@@ -321,4 +315,4 @@ def plain_gltf(path: Path, V: np.ndarray, F: np.ndarray) -> bytes:
     new.add(positions, bounds(positions))
     new.add(F.astype(np.uint32).reshape(-1, 1), target=OF_TRIANGLES)
     new.close()
-    return gltf_bytes(gltf, gltf, path)
+    return gltf_bytes(gltf, path)

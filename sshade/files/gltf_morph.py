@@ -72,7 +72,7 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
         nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in shown]
         tree.setdefault("animations", []).append(_animation(added, nodes, times))
         added.close()
-        temporary.write_bytes(gltf_bytes(new, rest, path))
+        temporary.write_bytes(gltf_bytes(new, path))
 
 
 def _require_room(path: Path, rest: Gltf, bytes_a_pose: int, poses: int) -> None:

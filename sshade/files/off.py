@@ -80,21 +80,18 @@ def _rows(text: Text, glued: bytes, width: int) -> _Rows:
 
     In a stream, whose rows are no lines, vertices have `width` words and faces no colours.
     """
-    own = [glued] * bool(glued) + text.words(0)[1:]
-    counts, line = (own, 1) if own else (text.words(1) if len(text.first) > 1 else [], 2)
-    if len(counts) in (2, 3) and all(count.isdigit() for count in counts[:2]):
-        n, m = int(counts[0]), int(counts[1])
-        if len(text.first) - line == n + m:
-            first, size = text.first[line:], text.size[line:]
-            if (size[:n] < 3).any():
-                short = line + int(np.argmax(size[:n] < 3))
-                raise ValueError(f"line {text.line_number(short)}: a vertex needs three coordinates")
-            return _Rows(first[:n], size[:n], first[n:], size[n:])
     words = [glued] * bool(glued) + [text.word(i) for i in range(1, min(4, len(text.begin)))]
-    if len(words) < 3 or not (words[0].isdigit() and words[1].isdigit()):
+    if len(words) < 2 or not (words[0].isdigit() and words[1].isdigit()):
         raise ValueError("it does not say how many vertices and faces it holds")
-    n, m, at = int(words[0]), int(words[1]), 4 - bool(glued)
-    begin, end, starts = at, len(text.begin), [at + width * n]
+    n, m, line = int(words[0]), int(words[1]), 1 if glued or text.size[0] > 1 else 2
+    if len(text.first) - line == n + m:
+        first, size = text.first[line:], text.size[line:]
+        if (size[:n] < 3).any():
+            short = line + int(np.argmax(size[:n] < 3))
+            raise ValueError(f"line {text.line_number(short)}: a vertex needs three coordinates")
+        return _Rows(first[:n], size[:n], first[n:], size[n:])
+    begin, end = 4 - bool(glued), len(text.begin)
+    starts = [begin + width * n]
     while len(starts) <= m and starts[-1] < end and (size := text.word(starts[-1])).isdigit():
         starts.append(starts[-1] + 1 + int(size))
     if starts[-1] != end or len(starts) != m + 1:
