@@ -1,8 +1,8 @@
-"""The methods `paper` and `fast` with a part replaced or left out, for the ablations.
+"""The method `paper` with a part replaced, for the ablations.
 
-Two parts of the paper's method can be replaced: where handles go on the proxy, and where vertices go on it.
-ReMatching's map U takes the nearest point of the whole proxy, in place of P (:mod:`sshade.proxy.projection`).
-Where two parts of the surface nearly touch, U puts vertices on the wrong part.
+Two parts can be replaced: where handles go on the proxy, and where vertices go on it. ReMatching's map U
+takes the nearest point of the whole proxy, in place of P (:mod:`sshade.proxy.projection`). Where two parts of
+the surface nearly touch, U puts vertices on the wrong part.
 
 Proof: with nothing replaced, results equal those of the method bit for bit, and U takes the nearest of all
 triangles (tests/baselines/test_ablations.py).
@@ -30,7 +30,7 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.method.deform import deform_task
 from sshade.method.proxies import Proxies
 from sshade.method.regions import HandleRegions, Placement, sample_with_handles
-from sshade.problem.options import PRESETS, accepted, takes_options
+from sshade.problem.options import accepted, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.projection import Projection, project_to_fans
 from sshade.proxy.sample import Sampling, sample_proxy
@@ -38,17 +38,6 @@ from sshade.proxy.sample import Sampling, sample_proxy
 #: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples of
 #: touching cells are at most two covering radii and one edge of M apart.
 FAR = 2.0
-
-#: Parts of `fast` that :func:`fast_without` may leave out, and the options that do so.
-LEFT_OUT: dict[str, dict[str, Any]] = {
-    "nothing": {},
-    "blended_frames": {"frames": "triangle", "samplings": 5},
-    "constraints": {"volume": 0.0, "area": 0.0},
-    "softening": {"stiffness": 1.0},
-    "attachment": {"attachment": 0.0, "guide_attachment": PRESETS["fast"].guide_attachment},
-    "guide": {"guide_attachment": 0.0},
-    "attachment_and_guide": {"attachment": 0.0},
-}
 
 
 @takes_options(accepted("paper"))
@@ -104,31 +93,6 @@ def paper_with(
     far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})
-
-
-@takes_options(accepted("fast"))
-def fast_without(
-    task: DeformationTask, *, without: str = "nothing", progress: Progress = silent, **options: Any
-) -> DeformationResult:
-    """Deform by the method `fast` with one part left out.
-
-    Parameters
-    ----------
-    task : DeformationTask
-    without : str
-        A key of :data:`LEFT_OUT`. Without blended frames the paper's frames take their place, averaged over
-        as many samplings as the paper has. The guide energy stays where the attachment alone is left out.
-    progress, **options
-        See :func:`sshade.deform`.
-
-    Raises
-    ------
-    InputError
-        On an unknown choice, and as :func:`sshade.deform`.
-    """
-    if without not in LEFT_OUT:
-        raise InputError(f"cannot leave out {without!r}; use one of {', '.join(LEFT_OUT)}")
-    return deform_task(task, method="fast", progress=progress, **{**options, **LEFT_OUT[without]})
 
 
 def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:

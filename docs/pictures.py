@@ -19,7 +19,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image
 
-from baselines.ablations import fast_without
 from baselines.accelerated import accelerated_elastic
 from defaust.example import write_example
 from defaust.sources.generated.lattices import bar
@@ -145,26 +144,26 @@ def artefacts_arms() -> Row:
     return Row(shapes, (0.3, 0.4, 1), (y > 0.95) & (abs(x) < 0.3), top=CROSSINGS)
 
 
-def without(subject: int, pose: int, left_out: str, towards: Vector, *, above: float) -> Row:
-    """A body at full size by `fast` without one change, by `fast`, and in its true pose, above a height."""
+def without(subject: int, pose: int, options: dict[str, float], towards: Vector, *, above: float) -> Row:
+    """A body at full size by `fast` with other options, by `fast`, and in its true pose, above a height."""
     task = load_task(DATA / "defaust", subject=subject, pose=pose, resolution="high")
-    found = (fast_without(task, without=name).vertices for name in (left_out, "nothing"))
+    found = (deform(task, **own).vertices for own in (options, {}))
     return Row([Deformed(task, V) for V in (*found, task.truth)], towards, task.mesh.V[:, 1] > above)
 
 
 def beyond_volume() -> Row:
     """Volume and area unconstrained, constrained, and the true pose."""
-    return without(7, 7, "constraints", (0.5, 0.25, 1), above=0.9)
+    return without(7, 7, {"volume": 0.0, "area": 0.0}, (0.5, 0.25, 1), above=0.9)
 
 
 def beyond_attachment() -> Row:
     """A head fixed at its nose: without attachment, with attachment, and the true pose."""
-    return without(7, 3, "attachment_and_guide", (1, 0.1, 0.8), above=1.15)
+    return without(7, 3, {"attachment": 0.0}, (1, 0.1, 0.8), above=1.15)
 
 
 def beyond_guide() -> Row:
     """A sitting body: without the guide energy, with the guide energy, and the true pose."""
-    return without(5, 9, "guide", (1, 0.2, 0.6), above=0)
+    return without(5, 9, {"guide_attachment": 0.0}, (1, 0.2, 0.6), above=0)
 
 
 def beyond_inertia() -> Row:

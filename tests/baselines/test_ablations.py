@@ -7,14 +7,12 @@ from scipy.sparse.csgraph import dijkstra
 
 from baselines.ablations import (
     FAR,
-    LEFT_OUT,
     cross_part,
-    fast_without,
     paper_with,
     project_to_surface,
     sample_nearest_to_handles,
 )
-from sshade import Handles, InputError, deform
+from sshade import Handles, deform
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.regions import HandleRegions
@@ -88,20 +86,3 @@ def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(bo
     handles = place(still)
     assert np.allclose(handles.target, body.V[result.samples[[3, 4]]], rtol=1e-14)
     assert not handles.dynamic.any()
-
-
-def test_nothing_left_out_is_fast_and_each_other_choice_differs_from_all_others():
-    task = held_ends(bumpy(4), share=0.02)  # few handles: no regions, which have no attachment
-    options = {"vertices": 500, "seed": 3}
-    found = {name: fast_without(task, without=name, **options) for name in LEFT_OUT}
-    assert np.array_equal(found["nothing"].vertices, deform(task, **options).vertices)
-    plain = {"blended_frames": {"frames": "triangle", "samplings": 5}, "softening": {"stiffness": 1.0}}
-    plain["attachment_and_guide"] = {"attachment": 0.0}
-    for name, left_out in plain.items():
-        assert np.array_equal(found[name].vertices, deform(task, **left_out, **options).vertices)
-    shapes = [np.round(result.vertices, 9).tobytes() for result in found.values()]
-    assert len(set(shapes)) == len(LEFT_OUT)
-    error = {name: result.facts.volume_error for name, result in found.items()}
-    assert error.pop("constraints") > 1e-4 > 10 * max(error.values())
-    with pytest.raises(InputError, match="cannot leave out 'lid'; use one of nothing, "):
-        fast_without(task, without="lid")
