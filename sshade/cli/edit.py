@@ -6,7 +6,7 @@ the paths of -o and --handles-out. The saved handle file also has the method and
 `sshade deform MESH SAVED_HANDLES -o OUT` computes the same shape, and `sshade edit MESH SAVED_HANDLES`
 continues the session.
 The program runs until you click End on the page or press Ctrl-C; closing the page does not end it. Unsaved
-work is kept in a recovery file beside the handles, which the next start offers.
+work is kept in a recovery file beside MESH, which the next start offers.
 
 examples:
   sshade edit body.ply

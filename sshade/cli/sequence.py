@@ -17,6 +17,7 @@ from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError, counted
 from sshade.files.by_library import WRITABLE
 from sshade.files.mesh_file import MORPHS
+from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 
 #: Poses per second.
@@ -103,16 +104,16 @@ def deform_poses(
     if poses[0].hard.any():
         each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
     say(f"{written}: {_poses(count)}, {len(file.V)} vertices{each}, {seconds:.2f} s")
-    found = [result.facts for result in results]
-    facts = replace(
-        found[0],
-        gap=max(one.gap for one in found),
-        side_gap=max(one.side_gap for one in found),
-        opening=max(one.opening for one in found),
-    )
+    facts = _with_largest_gaps([result.facts for result in results])
     tell(options, opened, facts, error=max(errors), rounding=max(moves))
     if missed := sum(result.converged is False for result in results):
         say(f"note: the iterations of {_poses(missed)} did not converge")
+
+
+def _with_largest_gaps(facts: list[Facts]) -> Facts:
+    """Return the facts of the first pose, with the largest gaps of all poses."""
+    names = ("gap", "side_gap", "opening")
+    return replace(facts[0], **{name: max(getattr(one, name) for one in facts) for name in names})
 
 
 def _poses(count: int) -> str:

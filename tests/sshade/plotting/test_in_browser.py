@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from sshade import DeformationResult, DeformationTask, plot
+from sshade import DeformationResult, DeformationTask
 from tests.browser import changed, opened, pixels
 from tests.shapes import bumpy, end_handles
 
@@ -69,15 +69,3 @@ def test_controls_that_have_no_effect_are_hidden(notebook):
         assert not frame.locator(name).is_visible(), name
     assert frame.locator("#turn-home").is_visible()
     assert frame.locator("#turn-note").inner_text() == ""
-
-
-def test_a_saved_page_draws_with_z_upwards(browser, tmp_path):
-    shapes = []
-    for up in ("y", "z"):
-        plot(REST, up=up).save(tmp_path / f"{up}.html")
-        with opened(browser, (tmp_path / f"{up}.html").as_uri(), width=500, height=500) as page:
-            page.wait_for_selector("#turn-stage[data-shape]")
-            rows, columns = np.nonzero((pixels(page.locator("#turn-stage"))[4:-4, 4:-4] < 235).any(axis=2))
-            shapes.append((np.ptp(rows), np.ptp(columns)))
-    (height_y, width_y), (height_z, width_z) = shapes  # the body is longest along z
-    assert height_z > 1.2 * width_z and height_z / width_z > height_y / width_y
