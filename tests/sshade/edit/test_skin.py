@@ -149,3 +149,15 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
         page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
         assert portion(pixels(stage), 1) < 0.002
+
+
+def test_colours_of_vertices_win_over_plain_materials(browser):
+    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in BODY.V.tolist()]
+    faces = [f"f {a} {b} {c}" for a, b, c in (BODY.F + 1).tolist()]
+    names = ["mtllib a.mtl", *rows, "usemtl a", *faces[:300], "usemtl b", *faces[300:]]
+    Path("body.obj").write_text("\n".join(names) + "\n")
+    Path("a.mtl").write_text("newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n")
+    with lent(edited("body.obj")) as server, opened(browser, server.address, width=900, height=640) as page:
+        page.wait_for_selector("#stage[data-skin=plain]")
+        page.wait_for_timeout(300)
+        assert portion(pixels(page.locator("#stage")), 0) > 0.05
