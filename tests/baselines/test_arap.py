@@ -5,8 +5,6 @@ from scipy.spatial.transform import Rotation
 
 from baselines.arap import libigl_arap
 from sshade import DeformationTask
-from sshade.mesh.rigid import rigid_motion
-from sshade.solver.run import initial_guess
 from tests.shapes import bumpy, held_ends
 
 ENERGIES = {
@@ -37,13 +35,3 @@ def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, i
     start[task.handles.index] = task.handles.target
     assert np.array_equal(result.vertices, igl_positions(task, energy, iterations, start))
     assert result.iterations == iterations and result.converged is False
-
-
-def test_the_rigid_start_is_the_best_rigid_motion_of_the_handles(task):
-    R, t = rigid_motion(task.mesh.V[task.handles.index], task.handles.target)
-    U = task.mesh.V @ R.T + t
-    U[task.handles.index] = task.handles.target
-    assert np.abs(initial_guess(task, "rigid") - U).max() < 1e-14
-    U = initial_guess(task, "rigid")
-    result = libigl_arap(task, start="rigid", tolerance=0, max_iterations=3)
-    assert np.array_equal(result.vertices, igl_positions(task, "spokes_and_rims", 3, U))

@@ -3,16 +3,14 @@
 from pathlib import Path
 from typing import NamedTuple
 
-import igl
 import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
-from baselines.smooth_arap import mixed_voronoi_areas, smooth_arap
+from baselines.smooth_arap import smooth_arap
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, Handles
-from sshade.solver.laplacian import half_cotangents
-from tests.shapes import bumpy, held_ends, jittered, strip
+from tests.shapes import bumpy, held_ends
 
 ORACLES = sorted(Path(__file__).parent.glob("oracles/smooth_arap_*.npz"))
 
@@ -62,11 +60,3 @@ def test_without_smoothness_it_is_arap_with_spokes_and_rims():
     ours = smooth_arap(task, smoothness=0.0, tolerance=0, max_iterations=25)
     arap = local_global(task, accelerate=False, tolerance=0, max_iterations=25)
     assert np.abs(ours.vertices - arap.vertices).max() < 1e-11 * task.mesh.diagonal
-
-
-@pytest.mark.parametrize("mesh", [bumpy(2), jittered(strip(8, 3), 0.3)], ids=["closed", "boundary"])
-def test_areas_are_the_mixed_voronoi_areas_of_libigl(mesh):
-    h = half_cotangents(mesh)
-    assert (h < 0).any()  # obtuse triangles
-    theirs = igl.massmatrix(np.array(mesh.V), np.array(mesh.F), igl.MASSMATRIX_TYPE_VORONOI).diagonal()
-    np.testing.assert_allclose(mixed_voronoi_areas(mesh, h), theirs, rtol=1e-12)

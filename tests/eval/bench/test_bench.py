@@ -98,14 +98,3 @@ def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith("error: ") and words in told
     assert not Path("out").exists()
-
-
-def test_a_method_that_fails_is_named(machine, case, capsys, monkeypatch):
-    def method(task, *, seed, progress=None, **options):
-        raise ArithmeticError("no")
-
-    monkeypatch.setattr("baselines.arap.arap", method)
-    assert main(["bench", "speed", "--methods", "arap warm_up=null", "--cases", case]) == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith("error: arap cannot be timed on ") and "ArithmeticError" in told
-    assert not Path("out").exists()
