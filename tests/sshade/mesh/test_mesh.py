@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh
-from sshade.mesh.mesh import MOST_FACES
 from tests.shapes import block, tetrahedron
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -61,9 +60,3 @@ def test_coordinates_relative_to_the_origin_of_a_far_mesh_are_exact(shift, facto
     assert np.abs(relative).max() <= 8 * np.ptp(far.V, axis=0).max()
     assert far.origin[1] == 0 and np.array_equal(relative + far.origin, far.V)
     assert np.array_equal(np.diff(relative, axis=0), np.diff(far.V, axis=0))
-
-
-def test_too_many_faces_are_refused_before_they_are_copied():
-    faces = np.broadcast_to(np.arange(3), (MOST_FACES + 1, 3))  # one row in memory
-    with pytest.raises(InputError, match="715,827,883 faces, and at most 715,827,882 are supported"):
-        Mesh(np.zeros((3, 3)), faces)

@@ -13,16 +13,7 @@ from scipy.spatial.distance import pdist
 
 from baselines.arap import elastic
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
-from tests.shapes import (
-    QUARTER,
-    beside,
-    bumpy,
-    end_handles,
-    of_all,
-    rotation,
-    shifted,
-    strip,
-)
+from tests.shapes import QUARTER, beside, bumpy, end_handles, of_all, rotation, shifted, strip
 from tests.sshade.mesh.test_cutting import klein_bottle, moebius, t_fin
 from tests.sshade.method.calls import fast, fine, paper
 

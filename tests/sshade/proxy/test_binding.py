@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh, bind, load_binding, save_binding
+from sshade import InputError, bind, load_binding, save_binding
 from sshade.proxy.binding import FrameKind
-from sshade.proxy.frames import Frames
-from sshade.proxy.triangle import TriangleFrames
 from tests.shapes import bent, family, rotation
 
 #: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
@@ -28,19 +26,6 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             V, degenerate = binding.carry(binding.proxy.V @ R.T + t, rotations=rotations)
             assert degenerate == 0
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
-
-
-def test_frames_of_ones_own_take_the_place_of_the_named_ones():
-    made = []
-
-    def maker(proxy: Mesh, samples: np.ndarray) -> Frames:
-        assert np.array_equal(BUMPY.V[samples], proxy.V)
-        made.append(TriangleFrames.at_rest(proxy, "best"))
-        return made[-1]
-
-    binding, named = bind(BUMPY, 80, frames=maker), bind(BUMPY, 80, frame_function="best")
-    NV = bent(named.proxy.V)
-    assert binding.frames is made[0] and np.array_equal(binding.carry(NV)[0], named.carry(NV)[0])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -9,7 +9,6 @@ from sshade import InputError, Mesh
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.proxy.fronts import Fronts, farthest_point_sampling, thinned
 from tests.shapes import strip
-from tests.sshade.mesh.test_connectivity import CONNECTED, MESHES
 
 
 def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
@@ -28,16 +27,6 @@ def naive_sampling(graph: VertexGraph, count: int, first: np.ndarray):
 def assert_same(fronts: Fronts, expected: tuple[np.ndarray, ...]) -> None:
     for array, other in zip((fronts.samples, fronts.distance, fronts.cell), expected, strict=True):
         assert np.array_equal(array, other)
-
-
-@pytest.mark.parametrize("name", CONNECTED)
-@pytest.mark.parametrize("first", [[0], [2, 0, 1]])
-def test_sampling_equals_the_naive_algorithm_also_with_exact_ties(name, first):
-    mesh = MESHES[name]
-    graph = vertex_graph(mesh)
-    count = min(mesh.n, 40)
-    fronts = farthest_point_sampling(graph, count, first=np.array(first))
-    assert_same(fronts, naive_sampling(graph, count, np.array(first)))
 
 
 @given(seed=st.integers(0, 10_000), starts=st.integers(1, 5), extra=st.integers(0, 20))
