@@ -76,10 +76,10 @@ def test_a_cycle_ends_in_the_minimum_that_a_factorisation_finds(name):
 
 def test_as_many_steps_reach_as_low_where_triangles_soften():
     """The metric knows which triangles are soft."""
-    options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 40}
+    options = {**SOFT, **EXACT, "tolerance": 0, "max_iterations": 20}
     start = solve(BALL, multigrid=False, **options | {"max_iterations": 0}).energy
     exact, cycle = (solve(BALL, multigrid=multigrid, **options) for multigrid in (False, True))
-    assert start - cycle.energy > 0.98 * (start - exact.energy)
+    assert start - cycle.energy > 0.994 * (start - exact.energy)
 
 
 @pytest.mark.parametrize(

@@ -201,9 +201,9 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     if energy == "spokes":  # only triangles soften
         options = {name: value for name, value in options.items() if name != "stiffness"}
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
-    whole = solver_of(task, energy).solve(task.handles.target, **options)
+    whole = solver_of(task, energy, thickness=1.0).solve(task.handles.target, **options)
     monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 30)
-    solver = solver_of(task, energy)
+    solver = solver_of(task, energy, thickness=1.0)
     parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:
         assert np.array_equal(part.positions, whole.positions)
