@@ -10,10 +10,11 @@
 # make docs         the documentation as a site, out/site; all its examples run (five minutes); pages link to
 #                   the repository at REPOSITORY=https://...
 # make release      wheel, source archive, site, Blender extension and dataset with its card in dist; nothing is
-#                   uploaded (ten minutes)
+#                   uploaded (ten minutes); PYTHONS="python3.11 python3.12 ..." builds a wheel for each
 # The first use makes .venv and installs. PYTHON=... chooses another interpreter. bench needs a quiet machine.
 
 PYTHON ?= python3
+PYTHONS ?= $(PYTHON)
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.installed
@@ -161,21 +162,28 @@ docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m mkdocs build
 	@echo "the site is in out/site"
 
-# The wheel must deform a mesh in a fresh environment, and must not compile any kernel there. Its kernels are data: it
-# has no library that is linked with the system, so on Linux it gets the tag that package indexes take.
+# A wheel is for one Python. Each must deform a mesh in a fresh environment, and must not compile any kernel there. Its
+# kernels are data: it has no library that is linked with the system, so on Linux it gets the tag that package indexes
+# take. The extension is for the Python of the clone.
 release: docs
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[release]'
-	rm -rf dist out/fresh
-	$(BIN)/python -m build
-	@case "$$(uname)" in Linux) $(BIN)/python -m wheel tags --remove \
-	  --platform-tag manylinux_2_17_$$(uname -m) dist/*.whl;; esac
+	rm -rf dist out/release
+	$(BIN)/python -m build --sdist
+	$(BIN)/defaust example out/release/body
+	@set -e; for python in $(PYTHONS); do \
+	  rm -rf out/release/fresh out/release/wheel; \
+	  $$python -m venv out/release/fresh; \
+	  out/release/fresh/bin/python -m pip wheel -q --no-deps -w out/release/wheel dist/*.tar.gz; \
+	  case "$$(uname)" in Linux) $(BIN)/python -m wheel tags --remove \
+	    --platform-tag manylinux_2_17_$$(uname -m) out/release/wheel/*.whl;; esac; \
+	  out/release/fresh/bin/python -m pip install -q --disable-pip-version-check out/release/wheel/*.whl; \
+	  out/release/fresh/bin/sshade deform out/release/body/rest.ply out/release/body/pose_6.json \
+	    -o out/release/posed.ply --overwrite 2> out/release/said; \
+	  if grep compiling out/release/said; then exit 1; fi; \
+	  mv out/release/wheel/*.whl dist; \
+	done
 	$(BIN)/twine check --strict dist/*
-	$(PYTHON) -m venv out/fresh
-	out/fresh/bin/python -m pip install -q --disable-pip-version-check dist/*.whl
-	$(BIN)/defaust example out/fresh/body
-	out/fresh/bin/sshade deform out/fresh/body/rest.ply out/fresh/body/pose_6.json -o out/fresh/posed.ply 2> out/fresh/said
-	! grep compiling out/fresh/said
-	$(BIN)/sshade blender -o dist/$$(basename dist/*.whl .whl)-blender.zip
+	$(BIN)/sshade blender -o dist/sshade-blender.zip
 	$(BIN)/defaust verify $(QUICK)
 	$(BIN)/python -m zipfile -c dist/$(notdir $(QUICK)).zip $(QUICK)
 	$(BIN)/python -m zipfile -c dist/site.zip out/site
