@@ -12,6 +12,7 @@ import argparse
 import re
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -199,11 +200,18 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
+def of_one_error(cases: list[Case]) -> list[Case]:
+    """Return cases whose colours mean the same: without true poses, if some of them have none."""
+    if len({panels.error_label(case.task) for case in cases}) == 1:
+        return cases
+    return [case._replace(task=replace(case.task, truth=None)) for case in cases]
+
+
 def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     """Draw the grid of pictures: a row for each case, a panel for each method."""
     entry = read_picture(folder.name)
     names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
-    cases = read_cases(folder, names=names, methods=methods)
+    cases = of_one_error(read_cases(folder, names=names, methods=methods))
     view = camera(options, entry)
     out = options.out or FIGURES / f"{folder.name}.png"
     rows = [panels.row_of(case, **view) for case in cases]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 #: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
 #: Largest number of characters of the text in an empty panel.
-REASON = 125
+REASON = 90
 #: What the subjects of a dataset are, by the beginning of the name of its source.
 SUBJECTS = {
     "animals": "animal",
@@ -107,7 +107,7 @@ def error_label(task: Task) -> str:
 def what_to_see(task: Task) -> str:
     """Return a sentence on the colours for somebody who sees them for the first time."""
     if task.truth is None:
-        return "The lighter, the less edges change their length. No true pose is known."
+        return "The lighter, the less edges change their length."
     return "The lighter, the nearer to the true pose."
 
 
@@ -199,7 +199,7 @@ def draw(rows: Sequence[PanelRow], *, title: str, label: str) -> Figure:
             places[0].text(-0.03, 0.5, row.name, transform=places[0].transAxes, fontsize=5, **_BESIDE)
     colours = ScalarMappable(Normalize(0, top), COLOURS)
     bar = figure.colorbar(colours, ax=axes, extend="max", shrink=0.6, pad=0.01)
-    bar.set_label(label)
+    bar.set_label(fill(label, 42))
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(title, fontsize=10)
     return figure

@@ -1,15 +1,18 @@
 """The comparison picture shows stored runs of the chosen cases and methods; the chart, time against truth."""
 
 import re
+from dataclasses import replace
 
 import pytest
 import yaml
+from eval_cases import bumpy_task
 from eval_rows import frame, lost, row
 
 from eval import CONFIGURATION
 from eval.main import call
 from eval.publish import figures, panels
-from eval.publish.figures import chart_of, read_cases, read_picture, time_and_truth
+from eval.publish.figures import chart_of, of_one_error, read_cases, read_picture, time_and_truth
+from eval.publish.panels import Case
 from eval.rows.files import PUBLISHED
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
@@ -35,6 +38,14 @@ def test_a_method_without_a_result_has_its_reason_in_its_place(tiny_runs):
     (reason,) = {row["reason"] for row in map(read_row, run_folders(tiny_runs / "failing"))}
     assert reason.endswith(case.results["failing"]) and not re.match(r"\w+Error: ", case.results["failing"])
     assert case.task.name == "bumpy_10"
+
+
+def test_colours_mean_the_same_in_all_rows_of_a_picture():
+    rest = bumpy_task(level=1)
+    known = replace(rest, truth=rest.mesh.V)
+    same, mixed = ([Case(task, {}, {}) for task in tasks] for tasks in ((known, known), (known, rest)))
+    assert of_one_error(same) is same
+    assert [case.task.truth for case in of_one_error(mixed)] == [None, None]
 
 
 def test_what_the_configuration_says_of_pictures_names_published_runs():
