@@ -77,7 +77,7 @@ def run_program(
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=stream,
-                    env={**os.environ, **variables},
+                    env=_environment(variables),
                     process_group=None if guard is None else guard.pid,
                 )
             except (OSError, ValueError) as error:
@@ -99,6 +99,11 @@ def run_program(
     if code:
         raise ProgramFailed(f"the program {_ending(code)}{last_line(errors)}")
     return Finished(seconds, watch.peak / 2**20)
+
+
+def _environment(variables: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a program, in which Python finds the files beside the program."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"} | dict(variables)
 
 
 def last_line(errors: Path) -> str:

@@ -97,8 +97,8 @@ def _content(
             if DYNAMIC not in kinds:
                 below = 100 * options.static_below
                 raise InputError(
-                    f"nothing moves: each landmark moves less than {below:g} % of the diagonal, so every "
-                    "method would return the rest shape"
+                    f"nothing moves in pose {pose.name}: each landmark moves less than {below:g} % of the "
+                    "diagonal, so every method would return the rest shape"
                 )
         except InputError as error:
             if strict:

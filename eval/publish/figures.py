@@ -22,6 +22,7 @@ import pandas as pd
 from eval.publish import panels
 from eval.publish.columns import TIME, TRUTH, reference_rows
 from eval.publish.comparison import RUN, means
+from eval.publish.notes import require_one_version
 from eval.publish.panels import Case
 from eval.publish.plotting import FIGURES, add_camera, camera, new_figure, save, style
 from eval.rows.collect import Experiment, collect, load_rows
@@ -191,6 +192,7 @@ def command(options: argparse.Namespace) -> int:
     import pyvista  # noqa: F401
 
     rows = load_rows(options.folder)
+    require_one_version(rows)
     times = None if options.times is None else read_csv(rows_file(options.times, TIMING))
     name = options.folder.resolve().name if options.folder.is_dir() else options.folder.stem
     if (chart := chart_of(rows, times)) is not None:

@@ -29,7 +29,7 @@ from sshade.core.errors import InputError, counted
 
 #: Notes on the halves of the benchmark.
 HALF_NOTES = {
-    HELD_OUT: "Held-out cases: no constant of a method was chosen on them.",
+    HELD_OUT: "Held-out cases: no constant of the project's methods was chosen on them.",
     TUNING: "Tuning cases: constants of methods were chosen on them.",
     None: "Cases of neither half: a tuning case shares their body or pose, or the data are a reader's own.",
 }
@@ -82,7 +82,7 @@ def require_one_version(rows: pd.DataFrame) -> None:
             versions = " and ".join(map(str, found))
             raise InputError(
                 f"method {method!r} has rows of the versions {versions}, which do not compare: run the older "
-                "ones again"
+                "ones again, or remove the folders of their runs"
             )
     if len(found := distinct(rows, "measures")) > 1:
         versions = " and ".join(map(str, found))

@@ -14,6 +14,7 @@ from time import perf_counter
 from traceback import walk_tb
 
 import hydra
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
@@ -42,6 +43,8 @@ class RunFailed(Exception):
 _errors: list[Exception] | None = None
 #: Seconds of each new run in this process.
 _took: list[float] = []
+#: Why runs of the sweep in this process have no case.
+_without_case: list[str] = []
 
 
 def main() -> int:
@@ -54,6 +57,7 @@ def main() -> int:
     """
     global _errors
     _errors = []
+    _without_case.clear()
     # Without this variable, Hydra prints a traceback and exits with code 1.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     if sys.path[0] != str(PACKAGES):  # `python -m eval` in a clone, which may not be installed
@@ -62,7 +66,7 @@ def main() -> int:
     try:
         sys.argv[1:] = prepared(sys.argv[1:])
         _app()
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise InputError(_one_line(error)) from error
     except RunFailed as error:
         _errors.append(error)
@@ -131,6 +135,9 @@ def _one_of_many(config: RunConfig, settings: DictConfig) -> None:
     number, of = settings.job.num + 1, config.run.of
     if reason := lacks_case(config.dataset):
         print(f"[{number}/{of}] {config.label}: skipped, {reason}", flush=True)  # noqa: T201
+        _without_case.append(reason)
+        if _errors is not None and len(_without_case) == of:
+            raise InputError(f"no run of the sweep has a case; {reason}")
         return
     begin = perf_counter()
     with progress_bar() as progress:

@@ -51,9 +51,9 @@ CLOCK, STOPPED = "clock", "stopped"
 #: Variable with the time limit of a run in seconds, for methods that run programs; missing without a limit.
 TIME_LIMIT = "EVAL_TIME_LIMIT"
 
-#: Time limit in seconds for imports, compilation and warm-up, and for what follows the method, in runs with a
-#: time limit.
-WARM_UP_LIMIT = 900.0
+#: Least time limit in seconds for imports, compilation and warm-up, and for what follows the method, in runs
+#: with a time limit.
+WARM_UP_LIMIT = 60.0
 
 #: Seconds after the time limit in which a method that runs a program may tell the last words of the program.
 LAST_WORDS = 1.0
@@ -139,8 +139,8 @@ def attempt_fresh(
 ) -> Attempt:
     """Run :func:`attempt` in a new process, which also measures ``peak_mib``.
 
-    The warm-up has the limit :data:`WARM_UP_LIMIT`; the `time_limit` starts after the warm-up. The peak of
-    memory includes libraries, the warm-up and the method.
+    The warm-up has the same limit, at least :data:`WARM_UP_LIMIT`; the `time_limit` starts after it. The peak
+    of memory includes libraries, the warm-up and the method.
     """
     # A worker of joblib has a start method that is unknown in a child process.
     method_of_start = multiprocessing.get_start_method(allow_none=True)
@@ -180,7 +180,8 @@ def _no_interrupts() -> Iterator[None]:
 
 def _answer(connection: Connection, time_limit: float | None, progress: Progress) -> Attempt:
     """Pass on the progress of the child; return its result, or the timeout."""
-    stage, limit = "the warm-up did not end", WARM_UP_LIMIT
+    around = max(WARM_UP_LIMIT, time_limit or 0.0)
+    stage, limit = "the warm-up did not end", around
     begin = perf_counter()
     while connection.poll(None if time_limit is None else max(0.0, begin + limit - perf_counter())):
         message = connection.recv()
@@ -193,7 +194,7 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
         if message == CLOCK:
             stage, limit, begin = "no result", (time_limit or 0.0) + LAST_WORDS, perf_counter()
         elif message == STOPPED:
-            stage, limit, begin = "the result was not sent", WARM_UP_LIMIT, perf_counter()
+            stage, limit, begin = "the result was not sent", around, perf_counter()
         else:
             progress(*message)
     limit = time_limit if stage == "no result" else limit

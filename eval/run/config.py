@@ -298,7 +298,8 @@ def one_sentence(complaint: str) -> str:
     choice = re.search(r"Could not find '(.+)/([^/']+)' Available options in '[^']*': (.+)", text)
     if choice:
         group, name, known = choice.groups()
-        return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}"
+        own = "; --config-dir names a folder with your own" if group == "method" else ""
+        return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}{own}"
     setting = re.match(r"Could not override '([^']+)'\. To append", text)
     return (
         f"there is no setting {setting[1]}{nearest(setting[1], keys_of(composed([])))}" if setting else text

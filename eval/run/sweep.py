@@ -135,7 +135,10 @@ def lacks_case(dataset: Mapping[str, Any]) -> str:
     there = _cases(dataset["cases"], dataset["root"])
     if (subject, pose) in there:
         return ""
-    return f"{dataset['root']} has no subject {subject}, pose {pose}; it has {len(there)} cases"
+    poses = [p for s, p in there if s == subject]
+    kind, own = ("poses", poses) if poses else ("subjects", [s for s, _ in there])
+    listed = ", ".join(map(str, sorted(set(own))))
+    return f"{dataset['root']} has no subject {subject}, pose {pose}; its {kind} are {listed}"
 
 
 @cache

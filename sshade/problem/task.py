@@ -177,8 +177,8 @@ class DeformationResult(Shown):
         if not np.isfinite(V).all():
             count = int((~np.isfinite(V.reshape(len(V), -1)).all(axis=1)).sum())
             raise FloatingPointError(
-                f"{count} deformed vertices are not finite; the method divides by zero, for example by the "
-                "area of a triangle"
+                f"{count} deformed vertices are not finite; perhaps the method divides by zero, for "
+                "example by the area of a triangle"
             )
 
     def of(self, task: DeformationTask | TransferTask) -> DeformationResult:

@@ -112,7 +112,7 @@ class Odd(Balls):
 
 
 def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
-    out, still = tmp_path / "balls", "nothing moves: each landmark moves less than 1 % of the diagonal"
+    out, still = tmp_path / "balls", "nothing moves in pose turn: each landmark moves less than 1 %"
     with pytest.raises(InputError, match="subject 1 has none"):
         build(Odd(), out, options=KEPT, workers=1)
     with pytest.raises(InputError, match=still):

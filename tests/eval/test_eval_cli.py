@@ -82,7 +82,7 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     lines = done.stdout.splitlines()
     cases = ["[1/4] stretching on bumpy_1", "[2/4] stretching on bumpy_2", "[3/4] stretching on bumpy_11"]
     assert [line.split(":")[0] for line in lines] == [*cases, "[4/4] stretching"]
-    assert lines[3].endswith("skipped, . has no subject 1, pose 2; it has 3 cases")
+    assert lines[3].endswith("skipped, . has no subject 1, pose 2; its poses are 1")
     # The dataset's tag gives its runs a separate folder.
     assert {name.split("/")[2] for name in contents(tmp_path)} == {"single_listed"}
     (line,) = run_eval(tmp_path, *common, "pose=2").stdout.splitlines()
@@ -112,6 +112,13 @@ def test_a_case_of_the_other_half_is_not_run(tmp_path):
     assert run_eval(tmp_path, *case, "+dataset.tag=_mine").returncode == 0
 
 
+def test_a_configuration_that_is_no_yaml_is_one_sentence(tmp_path):
+    (tmp_path / "method").mkdir()
+    (tmp_path / "method/broken.yaml").write_text("version: 1\n bending: 3\n")
+    done = run_eval(tmp_path, "--config-dir", ".", "method=broken")
+    assert done.returncode == 2 and "broken.yaml" in done.stderr and done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -121,7 +128,8 @@ def test_a_case_of_the_other_half_is_not_run(tmp_path):
         (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
         (["dataset=listed", "dataset.root=2026"], "dataset.root=2026 is no folder; give a name, such as ./2"),
         (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
-        (["dataset=listed", "subject=1", "pose=2"], ". has no subject 1, pose 2; it has 3 cases"),
+        (["-m", "dataset=listed", "subject=1", "pose=2,3"], "no run of the sweep has a case; . has no"),
+        (["dataset=listed", "subject=1", "pose=2"], ". has no subject 1, pose 2; its poses are 1"),
         (["dataset=bumpy", "solver.tolerence=1"], "solver.tolerence; did you mean 'tolerance'?"),
         (["dataset=bumpy", "+run.forc=true"], "there is no setting run.forc; did you mean 'force'?"),
         (["dataset=bumpy", "+dataset.levl=2"], "no parameter 'levl'; did you mean 'level'?"),

@@ -37,6 +37,12 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path):
     assert run(task, method, name="p", root=tmp_path / "runs", fresh=True).found
 
 
+def test_a_program_in_python_may_import_a_file_beside_it(task, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONSAFEPATH", "1")  # for workers of launchers
+    method = program(tmp_path, '[ "$PYTHONSAFEPATH" ] && exit 3\n' + COPYING)
+    assert run(task, method, name="p", root=tmp_path / "runs").row["status"] == "ok"
+
+
 def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path):
     pids = tmp_path / "pids"
     slow = f'[ "$EVAL_TIME_LIMIT" ] && {{ echo still at it >&2; sleep 99 & echo $! $$ > {pids}; wait; }}\n'

@@ -58,7 +58,7 @@ def test_the_headline_is_over_held_out_cases_and_tuning_cases_follow():
     text = to_markdown(table)
     headline, rest = text.split("#### tuning cases\n")
     assert headline.startswith("### t: held-out cases\n") and "#### tuning cases: further measures" in rest
-    assert "Held-out cases: no constant of a method was chosen on them." in headline
+    assert "Held-out cases: no constant of the project's methods was chosen on them." in headline
     assert "2 cases of" in rest and "constants of methods were chosen on them" in rest
     assert "c: 1 failed" in rest and "c: 1 failed" not in headline
     assert to_csv(table).splitlines()[3].startswith("tuning cases,a,2,2,2,")
