@@ -15,7 +15,6 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind
 from sshade.edit.selection import near, selected
-from sshade.edit.state import History
 from sshade.edit.work import Work
 
 #: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
@@ -41,13 +40,9 @@ class Session(Work):
     """
 
     def __init__(self, document: Document, method: str = "fast", handles: Path | None = None) -> None:
-        super().__init__(document, method)
-        self._number = 1
-        if handles is not None:
-            self._take(self.document.read_groups(handles, first=1))
-            self.history = History(self.state)
-
-    # Actions that can be undone.
+        groups = () if handles is None else document.read_groups(handles, first=1)
+        super().__init__(document, method, groups)
+        self._number = 1 + len(groups)
 
     def select(self, vertices: np.ndarray, how: str) -> None:
         """Change the selection.
@@ -142,16 +137,6 @@ class Session(Work):
         with self._lock:
             self._push(self.state.changed(number, **fields))
 
-    def end(self, patience: float) -> None:
-        """Wait for the current computation, up to some seconds, and let no further computation begin.
-
-        A thread that returns from compiled code while the interpreter ends would abort the process. The
-        recovery file stays if there are unsaved groups.
-        """
-        if not self.is_unsaved:
-            self.recovery.remove()
-        self._following.acquire(timeout=patience)
-
     def set_up(self, method: str) -> None:
         """Change the method."""
         with self._lock:
@@ -190,8 +175,6 @@ class Session(Work):
             raise InputError("there is nothing to recover")
         return self.recovery.offers[0].path
 
-    # Files.
-
     def save(
         self, content: str, name: str, *, over: bool = False, progress: Progress = silent
     ) -> tuple[Path, tuple[str, ...]]:
@@ -224,20 +207,16 @@ class Session(Work):
             return path, self.document.write_mesh(self.shown, path)
         with self._lock:
             self.document.write_handles(self.state, path)
-            self._count_as_saved()
+            self._saved = replace(self.state, shape=None)
+            self._keep()
         return path, ()
 
-    # Helpers.
+    def end(self, patience: float) -> None:
+        """Wait for the current computation, up to some seconds, and let no further computation begin.
 
-    def _count_as_saved(self) -> None:
-        """Count the groups and the method as saved."""
-        self._saved = replace(self.state, shape=None)
-        self._keep()
-
-    def _take(self, groups: tuple[Group, ...]) -> None:
-        """Replace all groups by the groups of a file."""
-        state = replace(self.state, groups=groups)
-        self.mesh.require_handles(state.handles(self.mesh).index, everywhere=False)
-        self._number += len(groups)
-        self._saved, self._jumped = replace(state, selection=self._saved.selection, shape=None), True
-        self._push(state)
+        A thread that returns from compiled code while the interpreter ends would abort the process. The
+        recovery file stays if there are unsaved groups.
+        """
+        if not self.is_unsaved:
+            self.recovery.remove()
+        self._following.acquire(timeout=patience)

@@ -42,6 +42,8 @@ class Work:
     ----------
     document : Document
     method : {"fast", "fine", "paper"}
+    groups : tuple of Group
+        Groups at the beginning, which count as saved.
 
     Attributes
     ----------
@@ -59,13 +61,13 @@ class Work:
         Latest positions of the mesh: of a drag, or converged.
     """
 
-    def __init__(self, document: Document, method: str) -> None:
+    def __init__(self, document: Document, method: str, groups: tuple[Group, ...]) -> None:
         self.document, self.mesh = document, document.mesh
         self.recovery = Recovery(document.path, self.mesh)
         self.trouble = ""
         self.version = 0
         self.shown = self.mesh.V
-        self.history = History(EditState(method=method, shape=self.mesh.V))
+        self.history = History(self._with_rest(EditState(groups=groups, method=method)))
         self._revision = 0
         #: EditState whose groups, method and selection count as saved.
         self._saved = self.state
@@ -201,11 +203,13 @@ class Work:
     def _push(self, state: EditState) -> None:
         """Append a state. Its shape is unknown unless groups and method stay, or all groups are at rest."""
         before = self.state
-        if not state.same_shape(before):
-            state = replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
-        self.history.push(state)
+        self.history.push(state if state.same_shape(before) else self._with_rest(state))
         self._advance(before)
         self._keep()
+
+    def _with_rest(self, state: EditState) -> EditState:
+        """Return a state with the rest shape if all groups are at rest, else without a shape."""
+        return replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
 
     def _keep(self) -> None:
         """Write the recovery file, or remove it if everything is saved."""
