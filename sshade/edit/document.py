@@ -94,18 +94,12 @@ class Document:
         """Return the task of a method; raise InputError when there are no handles."""
         return self._shape.task(self.name, state.handles(self.mesh))
 
-    def read_groups(self, path: Path, *, first: int) -> tuple[Group, ...]:
-        """Read a handle file; `first` is the number of the first group.
-
-        Raises
-        ------
-        InputError
-            See :func:`sshade.files.task_files.read_handles`.
-        """
+    def read_groups(self, path: Path) -> tuple[Group, ...]:
+        """Read a handle file; raise InputError as :func:`sshade.files.task_files.read_handles`."""
         file = read_handle_file(path)
         with naming(path):
             handles = on_shape(file, self._shape)
-        return groups_of(handles, {group.number: group.name for group in file.groups}, first=first)
+        return groups_of(handles, {group.number: group.name for group in file.groups})
 
     def choose(self, content: str, name: str, *, over: bool = False) -> Path:
         """Return the path for a file name that the user typed, in the folder of the proposed path.

@@ -109,19 +109,17 @@ class Group:
         return self.turn if len(extents) < 2 or extents[1] <= LINE * extents[0] else None
 
 
-def groups_of(handles: Handles, names: dict[int, str], *, first: int) -> tuple[Group, ...]:
-    """Convert handles of a file to groups.
+def groups_of(handles: Handles, names: dict[int, str]) -> tuple[Group, ...]:
+    """Convert handles of a file to groups, numbered from 1.
 
     Parameters
     ----------
     handles : Handles
     names : mapping
         Names of groups of `handles`. Other groups are named by their number.
-    first : int
-        Number of the first group.
     """
     groups = []
-    for number, group in enumerate(np.unique(handles.group), start=first):
+    for number, group in enumerate(np.unique(handles.group), start=1):
         members = np.flatnonzero(handles.group == group)
         name = names.get(int(group), "")[:LONGEST] or f"group {number}"
         kind: Kind = "moved" if handles.dynamic[members].any() else "fixed"

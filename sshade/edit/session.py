@@ -40,7 +40,7 @@ class Session(Work):
     """
 
     def __init__(self, document: Document, method: str = "fast", handles: Path | None = None) -> None:
-        groups = () if handles is None else document.read_groups(handles, first=1)
+        groups = () if handles is None else document.read_groups(handles)
         super().__init__(document, method, groups)
         self._number = 1 + len(groups)
 

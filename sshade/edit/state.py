@@ -170,20 +170,19 @@ class History:
         self._at = min(max(self._at + steps, 0), len(self._states) - 1)
 
     def store_shape(self, state: EditState, shape: np.ndarray) -> None:
-        """Store the converged shape of a state, also for states that differ in the selection only."""
+        """Store the converged shape of a state, also for states that differ in the selection only.
+
+        The oldest shapes are dropped until all fit in :data:`BYTES`.
+        """
         for i, other in enumerate(self._states):
             if other.same_shape(state):
                 self._states[i] = replace(other, shape=shape)
-        self._drop_shapes()
-
-    def _drop_shapes(self) -> None:
-        """Drop the oldest shapes until all shapes fit in :data:`BYTES`."""
-        kept = {id(self.state.shape): 0 if self.state.shape is None else self.state.shape.nbytes}
+        room, kept = BYTES // shape.nbytes, {id(self.state.shape)}
         for i in range(len(self._states) - 1, -1, -1):
-            shape = self._states[i].shape
-            if shape is None or id(shape) in kept:
+            one = self._states[i].shape
+            if one is None:
                 continue
-            if sum(kept.values()) + shape.nbytes > BYTES:
-                self._states[i] = replace(self._states[i], shape=None)
+            if id(one) in kept or len(kept) < room:
+                kept.add(id(one))
             else:
-                kept[id(shape)] = shape.nbytes
+                self._states[i] = replace(self._states[i], shape=None)
