@@ -13,13 +13,11 @@ from sshade.files.task_files import write_handles
 from sshade.proxy.binding_file import save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal
-from tests.shapes import bumpy, rotation
+from tests.shapes import bumpy
 
 BODY = bumpy(2)
 HELD = np.array([0, 3, 7, 20])
 TARGETS = BODY.V[HELD] + [[0.3, 0, 0], [0, 0, 0], [0, 0.3, 0], [0, 0, 0.2]]
-FREE = np.full((3, 3), np.nan)
-TURN = rotation()
 
 
 def task(**more) -> DeformationTask:

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from sshade import Mesh
 from sshade.edit.document import Document
-from sshade.edit.groups import Group, Motion
+from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.files.meshes import write_mesh
 from tests.shapes import bumpy, strip, torn
@@ -71,18 +71,6 @@ def ready(mesh: Mesh = BODY, **given) -> tuple[Session, int]:
     """Return a session with a fixed and a movable end, and the number of the movable group."""
     session = begun(mesh, **given)
     return session, marked(session)
-
-
-def tip(session: Session) -> int:
-    """Make the vertices near the highest one movable; return the number of their group."""
-    top = np.array([int(np.argmax(session.mesh.V[:, 2]))])
-    return added(session, np.flatnonzero(along_edges(session.mesh, top) <= 0.3), "moved")
-
-
-def assert_same_groups(groups: tuple[Group, ...], others: tuple[Group, ...]) -> None:
-    for one, new in zip(groups, others, strict=True):
-        assert (one.name, one.kind, one.weight) == (new.name, new.kind, new.weight)
-        assert np.array_equal(one.vertices, new.vertices) and np.array_equal(one.target, new.target)
 
 
 def settled(session: Session, number: int, motion: Motion) -> np.ndarray:

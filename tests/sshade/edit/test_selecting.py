@@ -6,7 +6,7 @@ import pytest
 from sshade import InputError
 from sshade.edit.groups import Motion
 from tests.shapes import beside, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled, tip
+from tests.sshade.edit.sessions import BODY, LIFT, added, along_edges, begun, settled
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -31,7 +31,8 @@ def test_ways_to_pick_are_those_of_sets():
 
 def test_a_limited_group_moves_nothing_beyond_the_distance():
     session = begun()
-    number = tip(session)
+    top = np.array([int(np.argmax(BODY.V[:, 2]))])
+    number = added(session, np.flatnonzero(along_edges(BODY, top) <= 0.3), "moved")
     with pytest.raises(InputError, match="above 0"):
         session.limit(number, 0.0)
     with pytest.raises(InputError, match="no free vertex is farther than 50"):

@@ -166,6 +166,6 @@ def test_a_closed_surface_with_two_vertices_at_its_pinch_is_joined_there():
     far = int(np.argmin(V @ V[0]))
     V[far] = V[0]
     assert surface(V, ball.F).mesh.n == ball.n - 1
-    near, beyond = (ball.F[(ball.F == vertex).any(axis=1)][0] for vertex in (0, far))
+    near, beyond = (ball.F[(vertex == ball.F).any(axis=1)][0] for vertex in (0, far))
     V[beyond[beyond != far][0]] = V[near[near != 0][0]]  # it touches itself along an edge, as closed lips do
     assert surface(V, ball.F).mesh.n == ball.n
