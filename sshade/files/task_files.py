@@ -137,9 +137,8 @@ def write_handles(
     entries = []
     rotation = np.zeros((len(handles), 9)) if handles.rotation is None else handles.rotation.reshape(-1, 9)
     rows = np.column_stack([handles.dynamic, handles.weight, np.nan_to_num(rotation)])
-    order = np.argsort(handles.group, kind="stable")
-    groups, first = np.unique(handles.group[order], return_index=True)
-    for group, own in zip(groups.tolist(), np.split(order, first[1:]), strict=True):
+    for group in np.unique(handles.group).tolist():
+        own = np.flatnonzero(handles.group == group)
         kinds = np.unique(rows[own], axis=0)
         if np.isfinite(kinds[:, 1]).sum() > 1:
             raise InputError(

@@ -257,6 +257,14 @@ def test_quantised_and_sparse_positions_are_written_as_single_precision(here):
     assert np.allclose(arrays(new, data)[normals - 2][1:], rows["n"][1:, :3] / 127, atol=5e-3)
 
 
+def test_a_sparse_position_is_read_and_written(here):
+    """The first index of the triangles names the vertex; the second mesh begins with its place."""
+    sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
+    file = stored(*exported(node={"mesh": 0}, **{"accessors.0.sparse": sparse}))
+    assert file.V[SPHERE.F[0, 0]].tolist() == [5, 0, 0]
+    written(file, file.V + [0, 0, 1])
+
+
 PRIMITIVE = "meshes.0.primitives.0"
 #: A sparse entry whose index is a short within the positions.
 SPARSE = {

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sshade import Handles, InputError, Mesh, deform
 from sshade.files.handle_files import read_handle_file
@@ -72,6 +73,7 @@ def test_groups_of_every_kind_move_rigidly_and_a_missing_part_is_the_identity(he
             ({**turn, "translation": t}, at @ R.T + t),
             ({**turn, "center": "centroid", "translation": t}, (at - mean) @ R.T + mean + t),
             ({"scale": 2}, 2 * at),
+            ({**turn, "rotation": Rotation.from_matrix(R).as_quat().tolist()}, at @ R.T),
             ({"scale": 3, "center": [1, 2, 3], "translation": t}, 3 * (at - [1, 2, 3]) + [1, 2, 3] + t),
         ):
             handles = placed(body, {**place, **motion})
@@ -131,28 +133,21 @@ ENTRIES = [
 ]
 
 
-@pytest.mark.parametrize(("entry", "words"), ENTRIES)
-def test_a_mistake_is_refused_in_the_words_of_the_file(here, body, entry, words):
-    with pytest.raises(InputError, match=words):
-        placed(body, entry)
+#: A whole file, and words of its refusal.
+DOCUMENTS = [
+    (b'{"handles": [{"vertices": [1]}], "handels": 3}', "pose.json: .* \"handels\"; did you mean 'handles'"),
+    (b'{"handels": []}', 'pose.json: expected an object with a list "handles"'),
+    (b'{"handles": [{"kind": "unused"}]}', "pose.json: there are no handles"),
+    (b'{"handles": "\xff\xff"}', "not readable as JSON .it is neither UTF-8 nor UTF-16 text"),
+    *((json.dumps({"handles": [entry]}).encode(), words) for entry, words in ENTRIES),
+]
 
 
-@pytest.mark.parametrize(
-    ("document", "words"),
-    [
-        (
-            b'{"handles": [{"vertices": [1]}], "handels": 3}',
-            "pose.json: .* \"handels\"; did you mean 'handles'",
-        ),
-        (b'{"handels": []}', 'pose.json: expected an object with a list "handles"'),
-        (b'{"handles": [{"kind": "unused"}]}', "pose.json: there are no handles"),
-        (b'{"handles": "\xff\xff"}', "not readable as JSON .it is neither UTF-8 nor UTF-16 text"),
-    ],
-)
-def test_a_file_that_holds_no_handles_is_refused(here, document, words):
+@pytest.mark.parametrize(("document", "words"), DOCUMENTS)
+def test_a_mistake_is_refused_in_the_words_of_the_file(here, body, document, words):
     Path("pose.json").write_bytes(document)
     with pytest.raises(InputError, match=words):
-        read_handle_file("pose.json")
+        read_handles("pose.json", body)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])

@@ -142,9 +142,15 @@ def test_triangle_strips_of_scans(here, order):
     assert np.array_equal(read_arrays("b.ply")[1], file.F)
 
 
-def test_normals_under_their_longer_names_turn_with_the_surface(here):
-    normals = columns("double", "normal_x normal_y normal_z", [[0, 0, 1]] * 3)
-    file = stored(mesh_ply(np.eye(3)[[2, 0, 1]] * [1, 1, 0], [[0, 1, 2]], "", vertex=normals))
-    write_file("b.ply", file, file.V[:, [2, 0, 1]])  # turned: z to x, x to y, y to z
-    words = [line.split() for line in Path("b.ply").read_text().splitlines()[-4:-1]]
-    np.testing.assert_allclose(np.array(words, dtype=float)[:, 3:], [[1, 0, 0]] * 3, atol=1e-12)
+def test_normals_of_vertices_and_faces_turn_with_the_surface_where_they_are(here):
+    """Two triangles in a plane; the second turns from z to y."""
+    V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0.0]])
+    vertex = columns("double", "normal_x normal_y normal_z", [[0, 0, 1]] * 6)
+    face = columns("double", "nx ny nz", [[0, 0, 1]] * 2)
+    file = stored(mesh_ply(V, [[0, 1, 2], [3, 4, 5]], "", vertex=vertex, face=face))
+    posed = np.where(np.arange(6)[:, None] < 3, V, V[:, [0, 2, 1]] * [1, -1, 1])
+    write_file("b.ply", file, posed)
+    words = [line.split() for line in Path("b.ply").read_text().splitlines()[-8:]]
+    normals = np.array([line[-3:] for line in words], dtype=float)
+    np.testing.assert_allclose(normals[[0, 1, 2, 6]], [[0, 0, 1]] * 4, atol=1e-12)
+    np.testing.assert_allclose(normals[[3, 4, 5, 7]], [[0, -1, 0]] * 4, atol=1e-12)
