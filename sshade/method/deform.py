@@ -1,16 +1,17 @@
 """The method: cut a mesh into pieces, deform each through proxies, and put them together.
 
-A piece is a connected, oriented manifold: a component of the mesh, or of the mesh cut where it is not
-manifold. Pieces with handles come first. A piece that is joined to earlier pieces has their common vertices
-fixed. Two kinds of components are not deformed as pieces; `Pieces.together` moves them as a whole. One whose
-handles share a rigid motion moves with them. One without handles moves rigidly with the vertices of the
-nearest component. See :mod:`sshade.method.pieces`.
+A component whose handles share a rigid motion moves with them as a whole. A component without handles moves
+rigidly with the nearest vertices of another component. `Pieces.together` moves both kinds. All other
+components are deformed, in pieces: a piece is a connected, oriented manifold, which is a component, or a part
+of one that is cut where it is not manifold. Pieces with handles come first. A piece that is joined to earlier
+pieces has their common vertices fixed. See :mod:`sshade.method.pieces`.
 
-The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry
-its deformation back to the mesh (:mod:`sshade.method.proxy`), and average over samplings
-(:mod:`sshade.method.proxies`). The method `fine` then polishes the piece at full resolution. Handles are
-single vertices, landmarks (a few vertices that move together) or regions (areas). A piece takes the defaults
-for regions (:data:`sshade.problem.options.REGIONS`) if most of its handle vertices are inside of regions.
+The steps of the paper are, for each piece: sample a proxy and bind the mesh to it, solve the proxy, carry its
+deformation back to the mesh (:mod:`sshade.method.proxy`), and average over samplings
+(:mod:`sshade.method.proxies`). The method `fine` then polishes the piece: from the carried shape, some
+iterations minimise the energy at full resolution (:mod:`sshade.method.polish`). Handles are single vertices,
+landmarks (a few vertices that move together) or regions (areas). A piece takes the defaults for regions
+(:data:`sshade.problem.options.REGIONS`) if most of its handle vertices are inside of regions.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
@@ -71,7 +72,7 @@ def deform_task(
     progress : Progress
     make_proxies : callable
         Gives the proxies of a piece: :class:`sshade.method.proxies.Proxies`, or a function in its place that
-        keeps them for later tasks or samples them in another way.
+        keeps them for the next handle files of a sequence, or samples them in another way.
     **values
         Options, see :class:`sshade.problem.options.Options`; None stands for the method's own value.
 

@@ -1,8 +1,8 @@
 """One proxy of a mesh: sample and bind, solve, carry, correct.
 
 :func:`sshade.deform` makes a proxy for one deformation. A :class:`sshade.Deformer` keeps its proxies: each
-step of a drag calls :meth:`Proxy.deform` again, which reuses the samples, the binding and the factorised
-solver, and starts from the last shape. A drag does not polish.
+call of it, a step of a drag, calls :meth:`Proxy.deform` again, which reuses the samples, the binding and the
+factorised solver, and starts from the last shape. A drag does not polish.
 
 F. Maggioli, D. Baieri, Z. Laehner, S. Melzi, "SShaDe: scalable shape
 deformation via local representations", algorithm 1.
@@ -155,7 +155,8 @@ class Proxy:
         self._goal = options.volume_goal or 1.0
         self._solver: ProxySolver
         self._following: FollowingSolver | None = None  # of a proxy that is kept
-        # To try another solver of N, replace OnceSolver (one deformation) and FollowingSolver (a drag).
+        # To try another solver of N, give it as the option `coarse`, which OnceSolver calls. To replace ours,
+        # replace OnceSolver (one deformation) and FollowingSolver (a drag).
         if keep_for is None:
             self._solver = OnceSolver(
                 self.mesh,
