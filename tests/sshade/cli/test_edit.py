@@ -10,6 +10,7 @@ import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sshade.cli.main import main
@@ -40,12 +41,6 @@ def get(address: str, body: bytes | None = None) -> bytes:
         return answer.read()
 
 
-def mark(address: str, kind: str) -> None:
-    """Make a group of the first vertex."""
-    get(f"{address}select?how=replace", b"\0\0\0\0")
-    get(f"{address}mark", json.dumps({"kind": kind}).encode())
-
-
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT for another process")
 def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     with running("body.ply", "pose.json", "--no-browser") as (process, address):
@@ -59,32 +54,27 @@ def test_it_prints_its_address_alone_and_ends_by_an_interrupt():
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "not saved" not in err
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows ends programs without a signal")
-def test_it_ends_by_sigterm_at_once_and_says_what_was_not_saved():
-    with running("body.ply", "--no-browser") as (process, address):
-        mark(address, "fixed")
-        process.send_signal(signal.SIGTERM)
-        out, err = process.communicate(timeout=20)
-    assert process.returncode == 143 and out == "" and "Traceback" not in err
-    (kept,) = Path().glob("body.ply.recovery-*.npz")
-    assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
+def test_a_browser_opens_with_the_saved_method_and_unsaved_handles_are_told(monkeypatch, capsys):
+    methods, opened = [], []
 
+    def serve(server, **_) -> None:
+        methods.append(server.session.state.method)
+        server.session.select(np.array([0]), "replace")
+        server.session.mark("fixed")
+        raise KeyboardInterrupt
 
-def test_a_browser_opens_at_the_address_with_the_method_that_a_handle_file_was_saved_with(
-    monkeypatch, capsys
-):
-    begun, opened = [], []
     monkeypatch.setattr("sshade.cli.edit.webbrowser.open", lambda address: opened.append(address) or False)
-    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", lambda self, **_: begun.append(self))
+    monkeypatch.setattr("sshade.edit.server.Server.serve_forever", serve)
     monkeypatch.setattr("sshade.edit.server.Server.close", lambda self: None)
     saved = json.loads(Path("pose.json").read_text()) | {"made": {"method": "fine"}}
     Path("pose.json").write_text(json.dumps(saved))
     assert main(["edit", "body.ply", "pose.json"]) == 0
     out, err = capsys.readouterr()
     assert opened == [out.strip()] and "no browser could be opened" in err
+    (kept,) = Path().glob("body.ply.recovery-*.npz")
+    assert err.endswith(f"note: the handles were not saved; {kept} keeps them for the next start\n")
     assert main(["edit", "body.ply", "--no-browser"]) == 0
-    assert len(opened) == 1
-    assert [server.session.state.method for server in begun] == ["fine", "fast"]
+    assert len(opened) == 1 and methods == ["fine", "fast"]
 
 
 def test_a_port_that_is_in_use_is_told():
