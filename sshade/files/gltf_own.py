@@ -96,10 +96,8 @@ def _split_instances(tree: dict[str, Any]) -> int:
     Nodes that no scene shows come last.
     """
     shown, taken, instances = node_matrices(tree), set[int](), 0
-    nodes = [
-        node for _, node in sorted(enumerate(tree.get("nodes", [])), key=lambda pair: pair[0] not in shown)
-    ]
-    for node in (node for node in nodes if "mesh" in node):
+    nodes = [(number, node) for number, node in enumerate(tree.get("nodes", [])) if "mesh" in node]
+    for _, node in sorted(nodes, key=lambda pair: pair[0] not in shown):
         if node["mesh"] in taken:
             tree["meshes"].append(copy.deepcopy(tree["meshes"][node["mesh"]]))
             node["mesh"], instances = len(tree["meshes"]) - 1, instances + 1

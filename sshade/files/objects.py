@@ -73,14 +73,13 @@ def _scene(scene: Any) -> MeshObject:
     if inside is None:
         raise InputError(f"the geometry {name!r} of the scene is no triangle mesh")
     R, t = matrix[:3, :3], matrix[:3, 3]
-    placed = not np.array_equal(matrix, np.eye(4))
 
     def moved(V: np.ndarray) -> Any:
         copy = scene.copy()
-        copy.geometry[name].vertices = np.linalg.solve(R, (V - t).T).T if placed else V
+        copy.geometry[name].vertices = np.linalg.solve(R, (V - t).T).T
         return copy
 
-    return MeshObject(inside.V @ R.T + t if placed else inside.V, inside.F, moved)
+    return MeshObject(inside.V @ R.T + t, inside.F, moved)
 
 
 def _poly_data(shape: Any) -> MeshObject:

@@ -93,20 +93,16 @@ def copy_rows(out: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def read_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order ("" for text), the elements, and the place where their numbers begin."""
-    order, elements, number = None, [], 0
-    begin = len(BOM) if data.startswith(BOM) else 0
-    while True:
-        end = data.find(b"\n", begin)
-        if end < 0:
-            raise ValueError("its header has no end" if number else "it does not begin with ply")
-        words = data[begin:end].decode("latin-1").split()
-        begin, number = end + 1, number + 1
-        if number == 1:
-            if words != ["ply"]:
-                raise ValueError("it does not begin with ply")
-        elif words == ["end_header"]:
-            break
-        elif words[:1] == ["format"] and len(words) == 3 and words[1] in _ORDER:
+    if data.removeprefix(BOM)[:3] != b"ply":
+        raise ValueError("it does not begin with ply")
+    end = data.find(b"\nend_header")
+    begin = data.find(b"\n", end + 1) + 1
+    if end < 0 or not begin:
+        raise ValueError("its header has no end")
+    order, elements = None, []
+    for number, line in enumerate(data[:end].split(b"\n")[1:], 2):
+        words = line.decode("latin-1").split()
+        if words[:1] == ["format"] and len(words) == 3 and words[1] in _ORDER:
             order = _ORDER[words[1]]
         elif words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
             elements.append(Element(words[1], int(words[2])))

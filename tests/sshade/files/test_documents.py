@@ -143,6 +143,7 @@ def test_a_binary_stl_keeps_its_header_its_attributes_and_what_is_behind_its_end
     Path("a.stl").write_bytes(head + facet + b"abcd")
     file = read_file("a.stl")
     assert file.notes == ("4 bytes behind its last facet, which stay in the output",)
+    assert file.rounding[:2].tolist() == [2**-23] * 2
     assert rewritten(Path("a.stl"), file.V) == head + facet + b"abcd"
     moved = struct.pack("<12fH", 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0x7C1F)
     assert rewritten(Path("a.stl"), file.V @ TURN.T) == head + moved + b"abcd"
