@@ -7,6 +7,7 @@ of the paper's table. A second table holds further measures, a third the differe
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from eval.publish.paper import paper_tables
 from eval.publish.plotting import FIGURES, SUFFIXES
 from eval.publish.summary import Table, make_table, ranks
 from eval.rows.collect import read_experiments
-from eval.rows.files import PUBLISHED, ROWS, ROWS_HELP, add_out, copy_file, rows_file, write_text
+from eval.rows.files import PUBLISHED, ROWS, ROWS_HELP, add_out, rows_file, write_text, writing
 from eval.rows.frame import newest, numbers, read_csv, write_csv
 from sshade.core.errors import InputError
 
@@ -253,7 +254,8 @@ def write_published(rows: Mapping[str, pd.DataFrame]) -> None:
         FIGURES / f"{name}{end}{suffix}" for name in rows for end in ("", "_time") for suffix in SUFFIXES
     ]
     for figure in (path for path in drawn if path.is_file()):
-        copy_file(figure, PUBLISHED / "figures" / figure.name)
+        with writing(PUBLISHED / "figures" / figure.name) as temporary:
+            shutil.copyfile(figure, temporary)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

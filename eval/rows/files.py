@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,9 +92,3 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file."""
     with writing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def copy_file(source: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
-    """Copy a file."""
-    with writing(path) as temporary:
-        shutil.copyfile(source, temporary)

@@ -99,11 +99,7 @@ def _job(config: DictConfig) -> None:
     settings = HydraConfig.get()
     os.chdir(settings.runtime.cwd)  # relative paths start at the folder in which the sweep began
     try:
-        plain = read_config(config)
-        if settings.mode == RunMode.RUN:
-            _single(plain)
-        else:
-            _one_of_many(plain, settings)
+        _run(read_config(config), settings)
     except (RunFailed, InputError) as error:
         # Hydra would print an error that this process raises a second time, with all settings of the run.
         if _errors is None:
@@ -111,49 +107,49 @@ def _job(config: DictConfig) -> None:
         _errors.append(error)
 
 
-def _single(config: RunConfig) -> None:
-    """Do a run and print its measures."""
+def _run(config: RunConfig, settings: DictConfig) -> None:
+    """Do a run, and print its measures, or a line if it is one of a sweep."""
+    place = "" if settings.mode == RunMode.RUN else f"[{settings.job.num + 1}/{config.run.of}] "
     if reason := lacks_case(config.dataset):
-        raise InputError(reason)
-    with progress_bar() as progress:
-        outcome = run(config, jobs=config.run.jobs or 1, progress=progress)
-    row = outcome.row
-    if outcome.failed and row["reason"].startswith("InputError: "):
-        raise InputError(row["reason"].removeprefix("InputError: "))
-    print(f"{row['method.name']} on {row['task.name']}: {_status(outcome)}")  # noqa: T201
-    for name, metric in METRICS.items():
-        if f"metric.{name}" in row:
-            value = row[f"metric.{name}"]
-            print(f"  {name:<20} {'n/a' if value is None else f'{value:.4g} {metric.unit}'}")  # noqa: T201
-    print(f"  {outcome.folder}", flush=True)  # noqa: T201
-    if outcome.failed:
-        raise RunFailed(row["reason"])
-
-
-def _one_of_many(config: RunConfig, settings: DictConfig) -> None:
-    """Do a run of a sweep and print a line."""
-    number, of = settings.job.num + 1, config.run.of
-    if reason := lacks_case(config.dataset):
-        print(f"[{number}/{of}] {config.label}: skipped, {reason}", flush=True)  # noqa: T201
+        if not place:
+            raise InputError(reason)
+        print(f"{place}{config.label}: skipped, {reason}", flush=True)  # noqa: T201
         _without_case.append(reason)
-        if _errors is not None and len(_without_case) == of:
+        if _errors is not None and len(_without_case) == config.run.of:
             raise InputError(f"no run of the sweep has a case; {reason}")
         return
     begin = perf_counter()
     with progress_bar() as progress:
-        jobs = config.run.jobs or _at_once(settings.launcher, of)
+        jobs = config.run.jobs or _at_once(settings.launcher, config.run.of)
         outcome = run(config, jobs=jobs, progress=progress)
+    row = outcome.row
     if not outcome.found:
         _took.append(perf_counter() - begin)
-    row = outcome.row
-    text = f"[{number}/{of}] {row['method.name']} on {row['task.name']}"
-    text += f", seed {row['seed']}: {_status(outcome)}" if row["seed"] else f": {_status(outcome)}"
-    if _errors is not None and _took and number < of:
-        seconds = round(sum(_took) / len(_took) * (of - number))
-        text += f" (about {timedelta(seconds=seconds)} left)"
-    print(text, flush=True)  # noqa: T201
+    if not place and outcome.failed and row["reason"].startswith("InputError: "):
+        raise InputError(row["reason"].removeprefix("InputError: "))
+    seed = f", seed {row['seed']}" if place and row["seed"] else ""
+    text = f"{place}{row['method.name']} on {row['task.name']}{seed}: {_status(outcome)}"
+    print(text + (_left(settings.job.num, config.run.of) if place else _measures(outcome)), flush=True)  # noqa: T201
     if outcome.failed:
         raise RunFailed(row["reason"])
+
+
+def _measures(outcome: Outcome) -> str:
+    """Return the measures of a run and its folder, one a line."""
+    named = {name: metric for name, metric in METRICS.items() if f"metric.{name}" in outcome.row}
+    lines = [""]
+    for name, metric in named.items():
+        value = outcome.row[f"metric.{name}"]
+        lines.append(f"  {name:<20} {'n/a' if value is None else f'{value:.4g} {metric.unit}'}")
+    return "\n".join([*lines, f"  {outcome.folder}"])
+
+
+def _left(number: int, of: int) -> str:
+    """Return the time that the rest of a sweep takes in this process; empty in a launcher's worker."""
+    if _errors is None or not _took or number + 1 == of:
+        return ""
+    seconds = round(sum(_took) / len(_took) * (of - number - 1))
+    return f" (about {timedelta(seconds=seconds)} left)"
 
 
 def _status(outcome: Outcome) -> str:
