@@ -13,16 +13,7 @@ from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.problem.options import Options
-from sshade.solver.constraints import (
-    AREA,
-    CLOSE,
-    EVERY,
-    EVERY_OF_BOTH,
-    SLENDER,
-    SLENDER_AT_REST,
-    ConstrainedSurface,
-    Constraints,
-)
+from sshade.solver.constraints import AREA, CLOSE, EVERY, EVERY_OF_BOTH, ConstrainedSurface, Constraints
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.run import Aim, Solution, Stop, run
@@ -61,7 +52,7 @@ def ends(mesh: Mesh, **motion) -> DeformationTask:
 # --- volume, area and their derivatives
 
 
-CLOSED = {"bumpy": bumpy(2), "torus": torus(), "double torus": double_torus(), "bar": BAR.mesh}
+CLOSED = {"bumpy": bumpy(2), "torus": torus(), "double torus": double_torus()}
 
 
 def surface_of(mesh: Mesh) -> ConstrainedSurface:
@@ -75,26 +66,14 @@ def gradients_of(mesh: Mesh, V: np.ndarray) -> np.ndarray:
     return G * surface.rest[:, None, None]
 
 
-def slenderness(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Return (m,) the double area of each face over the sum of squared edges at its first corner."""
-    a, b = V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]]
-    return np.linalg.norm(np.cross(a, b), axis=1) / ((a**2).sum(axis=1) + (b**2).sum(axis=1))
-
-
 @pytest.mark.parametrize("name", CLOSED)
 def test_gradients_are_the_differences_also_by_ranges(name, monkeypatch):
     mesh, step = CLOSED[name], 1e-6
     V = bent(mesh.V)
     whole = gradients_of(mesh, V)
-    least = np.minimum(SLENDER, SLENDER_AT_REST * slenderness(mesh.V, mesh.F))
-    counts = np.minimum(slenderness(V, mesh.F) / least, 1.0)
-    assert (counts < 1).any() == (name == "bar")
     for Z in np.random.default_rng(0).normal(size=(2, mesh.n, 3)):
         ends = V + step * Z, V - step * Z
         difference = (measured(ends[0], mesh.F) - measured(ends[1], mesh.F)) / (2 * step)
-        if name == "bar":  # some of its triangles have collapsed
-            areas = [Mesh(X, mesh.F).face_areas for X in ends]
-            difference[AREA] = (counts * (areas[0] - areas[1])).sum() / (2 * step)
         assert np.einsum("qic,ic->q", whole, Z) == pytest.approx(difference, rel=1e-6, abs=1e-6)
     monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 50)
     assert len(surface_of(mesh).ranges) > 3
