@@ -22,19 +22,22 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from math import inf
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
+from sshade.core.threads import beside
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.places import opening_within
 from sshade.mesh.rigid import common_motion
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.pieces import Piece, Pieces, both
-from sshade.method.polish import Polish
+from sshade.method.polish import polished, set_up
 from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, enclosed_volume, has_regions
 from sshade.problem.majority import HandleGroups
@@ -128,8 +131,16 @@ def deform_piece(
     if task.handles.hard.sum() == task.mesh.n:
         result = all_on_targets(task)
     elif options.polish:
-        with Polish(task, options, progress) as polish:  # its solver is set up beside the proxies
-            result = polish.solve(through_proxies(task, options.of_proxy(), make_proxies, progress))
+        begin = perf_counter()
+        with beside(partial(set_up, task, options), size=task.mesh.n) as ready:
+            result = polished(
+                task,
+                options,
+                through_proxies(task, options.of_proxy(), make_proxies, progress),
+                ready=ready,
+                begin=begin,
+                progress=progress,
+            )
     else:
         result = through_proxies(task, options, make_proxies, progress)
     totals = replace(options, **whole.subset(("vertices", "volume", "volume_goal")))
