@@ -22,15 +22,6 @@ def stored(name: str, text: str) -> MeshFile:
     return read_file(name)
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("head", ["CNOFF # with colours\n5", "CNOFF 5", "CNOFF5"])
-def test_off_with_comments_colours_and_polygons(here, head, end):
-    """Files of ModelNet glue the number of vertices to the keyword."""
-    file = stored("a.off", OFF.replace("CNOFF # with colours\n5", head).replace("\n", end))
-    assert file.V.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
-    assert file.F.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 2, 3]]
-
-
 @pytest.mark.parametrize(
     ("keyword", "colour", "texture"), [("NCSTOFF", "255 0 0 255", "0.5 0.25"), ("NCOFF", "255 0 0", "")]
 )
@@ -47,15 +38,17 @@ def test_off_of_meshlab_with_normals_behind_colours(here, keyword, colour, textu
 
 
 def streams() -> dict[str, bytes]:
-    """Return OFF files of one mesh whose rows are no lines."""
+    """Return OFF files of one mesh, most of which have rows that are no lines."""
     head, counts, *rows = off(BALL.V, BALL.F).splitlines()
     vertices, faces = rows[: BALL.n], rows[BALL.n :]
     broken = [line.replace(b" ", b"\n", 2) for line in faces]
     return {
         "faces on several lines": b"\n".join([head, counts, *vertices, b"# faces", *broken]),
+        "lines of old Macintoshes": b"\r".join([head, counts, *rows]),
         "one line": b" ".join([head, counts, *rows]),
         "a number on each line": b"\n".join([head, counts, *rows]).replace(b" ", b"\r\n"),
-        "glued counts": head + counts + b"\n" + b" ".join(rows),
+        "counts glued to the keyword, as in ModelNet": b"\n".join([head + counts, *rows]),
+        "glued counts of a stream": head + counts + b"\n" + b" ".join(rows),
     }
 
 
@@ -69,7 +62,7 @@ def test_off_is_a_stream_of_numbers(here, name):
     assert Path("b.off").read_bytes() == data
     write_file("b.off", file, file.V + 0.5)
     assert np.array_equal(read_arrays("b.off")[0], BALL.V + 0.5)
-    Path("a.off").write_bytes(data + b" 3")
+    Path("a.off").write_bytes(data + b"\n3")
     with pytest.raises(InputError, match="42 vertices and 80 faces are announced, .* numbers on"):
         read_file("a.off")
 
