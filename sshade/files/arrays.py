@@ -95,11 +95,8 @@ def write(
         `path` cannot hold. On an unknown suffix, positions too large for the format, or a folder that does
         not exist or is not writable.
     """
-    shape = mesh_in(mesh)
-    if shape is None:
-        V, F = getattr(mesh, "V", mesh), getattr(mesh, "F", F)
-    else:
-        V, F = shape.V, shape.F
+    found = mesh_in(mesh)
+    V, F = (mesh, F) if found is None else (found.V, found.F)
     V = np.asarray(V, dtype=np.float64)
     finite = np.isfinite(V).reshape(len(V), -1).all(axis=1)
     if not finite.all():

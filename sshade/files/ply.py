@@ -114,7 +114,7 @@ def _triangles(faces: Element) -> tuple[np.ndarray, np.ndarray]:
     small = min((ids.shape[1] for ids in polygons), default=3)
     if small < 3:
         raise ValueError(f"a face has {counted(small, 'corner', 'corners')}")
-    return fanned(polygons, [np.arange(faces.size)[rows.selection] for rows in faces.rows])
+    return fanned(polygons, [np.arange(faces.size)[rows.which] for rows in faces.rows])
 
 
 def _strips(element: Element) -> np.ndarray:
@@ -182,7 +182,7 @@ def _patched(ply: Ply, changes: list[Change], header: bytes) -> memoryview:
         for column, i in enumerate(properties):
             kind = np.dtype(ply.order + element.properties[i].kind.char)
             for rows in element.rows:
-                if rows.which is None:
+                if isinstance(rows.which, slice):
                     values = every[rows.begin - ply.body :][: rows.values.nbytes].view(rows.values.dtype)
                     copy_rows(values[f"p{i}"], new[:, column])
                     continue
@@ -196,7 +196,7 @@ def _patched_text(ply: Ply, words: Numbers, changes: list[Change]) -> bytes:
     for element, properties, new in changes:
         for rows in element.rows:
             places = np.stack([rows.places(i) // 8 for i in properties], axis=1)
-            edits.append(Numbers(*(column[places] for column in words)).edits(new[rows.selection]))
+            edits.append(Numbers(*(column[places] for column in words)).edits(new[rows.which]))
     return edited(ply.data[ply.body :], edits)
 
 

@@ -31,27 +31,22 @@ class Rows(NamedTuple):
 
     Attributes
     ----------
-    which : (r,) int64, optional
-        Numbers of the rows in the element. None stands for all rows.
+    which : (r,) int64 or slice
+        Numbers of the rows in the element. A slice stands for all rows.
     begin : (r,) int64 or int
         Byte where each row begins. For all rows, which follow each other, the byte where the first begins.
     values : (r,) structured
         Fields p0, p1, ... hold the properties.
     """
 
-    which: np.ndarray | None
+    which: np.ndarray | slice
     begin: np.ndarray | int
     values: np.ndarray
-
-    @property
-    def selection(self) -> np.ndarray | slice:
-        """Index of the rows into an array of all rows."""
-        return slice(None) if self.which is None else self.which
 
     def places(self, number: int) -> np.ndarray:
         """Return the bytes (r,) where the values of a property begin."""
         begin = np.asarray(self.begin)
-        if self.which is None:
+        if isinstance(self.which, slice):
             begin = begin + np.arange(len(self.values)) * self.values.dtype.itemsize
         return begin + self.values.dtype.fields[f"p{number}"][1]  # type: ignore[index]
 
@@ -75,7 +70,7 @@ class Element:
         values = np.empty((self.size, len(properties)))
         for rows in self.rows:
             for column, i in enumerate(properties):
-                if rows.which is None:
+                if isinstance(rows.which, slice):
                     copy_rows(values[:, column], rows.values[f"p{i}"])
                 else:
                     values[rows.which, column] = rows.values[f"p{i}"]
@@ -135,7 +130,7 @@ def take(data: bytes, at: int, element: Element, order: str) -> tuple[list[Rows]
     if end <= len(data):  # all rows may have lists as long as those of the first row
         values = np.frombuffer(data, layout, element.size, at)
         if all((values[f"n{i}"] == n).all() for i, n in enumerate(lengths) if n is not None):
-            return [Rows(None, at, values)], end
+            return [Rows(slice(None), at, values)], end
     layouts: dict[tuple[int | None, ...], np.dtype] = {}
     places: dict[tuple[int | None, ...], list[tuple[int, int]]] = {}
     for row in range(element.size):

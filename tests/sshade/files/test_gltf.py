@@ -309,14 +309,7 @@ def test_files_that_cannot_be_deformed_are_refused(here, changes, words):
         stored(*exported(**changes))
 
 
-@pytest.mark.parametrize(
-    ("damage", "words"),
-    [
-        (lambda data: data + bytes(4), "it is not as long as its header says"),
-        (lambda data: data.replace(b"\2", b"\1", 1), "a file of glTF 1, and only glTF 2.0"),
-    ],
-)
-def test_a_glb_that_its_header_contradicts_is_refused(here, damage, words):
-    Path("a.glb").write_bytes(damage(glb(*exported())))
-    with pytest.raises(InputError, match=words):
+def test_a_glb_of_version_1_is_refused(here):
+    Path("a.glb").write_bytes(glb(*exported()).replace(b"\2", b"\1", 1))
+    with pytest.raises(InputError, match=r"a file of glTF 1, and only glTF 2\.0"):
         read_file("a.glb")
