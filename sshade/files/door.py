@@ -16,7 +16,7 @@ import numpy as np
 from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
 from sshade.files.handle_files import HandleFile, HandleGroup
-from sshade.files.mesh_file import MeshFile
+from sshade.files.mesh_file import MeshFile, unchanged
 from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, rounding_steps, surface
@@ -121,7 +121,7 @@ def open_shape(
         On another object, or when there is no surface: see :func:`sshade.mesh.surface.surface`.
     """
     rounding: np.ndarray | None = None
-    made: Callable[[np.ndarray], Any] = _positions
+    made: Callable[[np.ndarray], Any] = unchanged
     if F is not None:
         V, rounding = np.asarray(shape, dtype=np.float64), rounding_steps(shape)
     elif isinstance(shape, MeshFile):
@@ -175,10 +175,6 @@ def open_arguments(
         )
     opened = open_shape(shape, arrays[0], **options) if mesh is None else open_shape(mesh, **options)
     return opened, arrays[own:]
-
-
-def _positions(V: np.ndarray) -> np.ndarray:
-    return V
 
 
 def on_shape(file: HandleFile, shape: OpenShape) -> Handles:
