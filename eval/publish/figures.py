@@ -26,11 +26,10 @@ from eval.publish.notes import require_one_version
 from eval.publish.panels import Case
 from eval.publish.plotting import FIGURES, add_camera, camera, new_figure, save, style
 from eval.rows.collect import Experiment, collect, load_rows
-from eval.rows.files import FOLDER_HELP, TIMING, experiment_folder, has_runs, read_conf, rows_file
-from eval.rows.frame import distinct, method_names, numbers, read_csv, records, valid
+from eval.rows.files import FOLDER_HELP, experiment_folder, has_runs, read_conf
+from eval.rows.frame import distinct, method_names, numbers, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
-from sshade.core.console import say
 from sshade.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,63 +43,26 @@ PALETTE = (
 MARKERS = "osD^vPX*<>"
 
 
-def time_and_truth(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> dict[str, tuple[float, float]]:
+def time_and_truth(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
     """Return the mean time and the mean distance to the true pose of each method, over their common cases.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        References are left out.
-    times : DataFrame, optional
-        Rows of ``sshade-eval bench`` on one machine. Their median times replace the times of `rows`. A note
-        names the methods that are left out, because their settings were not timed.
-
-    Raises
-    ------
-    InputError
-        If the times come from several machines, or no method was timed with its configuration.
+    References are left out.
     """
     rows = valid(rows)[lambda found: ~reference_rows(found) & numbers(found, TRUTH).notna()]
     values = pd.DataFrame({name: numbers(rows, name) for name in (TIME, TRUTH)})
     values = means(values.set_index(pd.MultiIndex.from_frame(rows[RUN])), RUN[:2])
     common = values[TRUTH].unstack(RUN[0]).dropna().index
     values = means(values[values.index.get_level_values(RUN[1]).isin(common)], RUN[0])
-    if times is not None:
-        values[TIME] = _medians(rows, times)
-        if left_out := list(values.index[values[TIME].isna()]):
-            say(f"note: the chart leaves out {', '.join(left_out)}: no times with the settings of the rows")
-        values = values.dropna()
-        if values.empty:
-            raise InputError("no method was timed with the configuration of these rows")
     order = [name for name in method_names(rows) if name in values.index] if len(values) else []
     return {name: tuple(values.loc[name]) for name in order}
 
 
-def _medians(rows: pd.DataFrame, times: pd.DataFrame) -> pd.Series:
-    """Return the median of the kept times by method, NaN for a method without times.
-
-    Times are of a method if they have its name, its version, and its value of each setting that both have.
-    Options that are newer than the rows are missing there.
-    """
-    for column in ("task.checksum", "env.machine", "env.machine_id"):
-        if len(distinct(times, column)) > 1:
-            raise InputError(f"the times differ in {column}, so one chart cannot show them")
-    kept = times[times["kept"].eq(True)]
-    settings = {name for name in rows if name.startswith("method.")} - {"method.hash", "method.note"}
-    medians = {}
-    for method, own in rows.groupby("method.name"):
-        theirs = own.iloc[0][list(settings & set(kept))].dropna()
-        same = (kept[theirs.index].eq(theirs) | kept[theirs.index].isna()).all(axis="columns")
-        medians[method] = numbers(kept[same], TIME).median()
-    return pd.Series(medians, dtype=float)
-
-
 @style()
-def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | None:
+def chart_of(rows: pd.DataFrame) -> Figure | None:
     """Return the chart of rows, None where fewer than two methods have a distance to the true pose."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    points = time_and_truth(rows, times)
+    points = time_and_truth(rows)
     if len(points) < 2:
         return None
     figure = new_figure(4.8, 3.6)
@@ -108,7 +70,7 @@ def chart_of(rows: pd.DataFrame, times: pd.DataFrame | None = None) -> Figure | 
     for i, (method, point) in enumerate(points.items()):
         marker, colour = MARKERS[i // len(PALETTE) % len(MARKERS)], PALETTE[i % len(PALETTE)]
         axes.plot(*point, marker, color=colour, label=method)
-    machine = "; ".join(distinct(rows if times is None else times, "env.machine"))
+    machine = "; ".join(distinct(rows, "env.machine"))
     axes.set(xscale="log", xlabel="\n".join(["time (s)", *textwrap.wrap(machine, 46)]))
     axes.set(ylabel="distance to the true pose (% of the diagonal)")
     axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -177,8 +139,6 @@ def read_picture(name: str) -> dict[str, Any]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
-    text = "rows of `sshade-eval bench` with the times of the chart (default: the times of the runs)"
-    parser.add_argument("--times", metavar="NAME", help=text)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
     add_camera(parser)
@@ -193,9 +153,8 @@ def command(options: argparse.Namespace) -> int:
 
     rows = load_rows(options.folder)
     require_one_version(rows)
-    times = None if options.times is None else read_csv(rows_file(options.times, TIMING))
     name = options.folder.resolve().name if options.folder.is_dir() else options.folder.stem
-    if (chart := chart_of(rows, times)) is not None:
+    if (chart := chart_of(rows)) is not None:
         save(chart, FIGURES / f"{name}_time.svg")
     if options.folder.suffix != ".csv" and (options.folder.is_dir() or has_runs(options.folder)):
         _draw_shapes(experiment_folder(options.folder), options)

@@ -103,21 +103,6 @@ def test_means_are_over_the_cases_that_all_have_and_seeds_count_once():
     assert time_and_truth(frame(*rows)) == {"a": (2.0, 3.0), "b": (6.5, 2.5)}
 
 
-def test_times_of_a_benchmark_replace_those_of_the_runs(capsys):
-    """A method has the times of its settings, and of options that are newer than its rows."""
-    rows = frame(*(timed(name, "t1", 1.0, 2.0, method__vertices=9) for name in "ab"))
-    seconds = ((4.0, True), (5.0, True), (6.0, True), (99.0, False))
-    newer = {"method__hash": "other", "method__vertices": 9, "method__inertia": None}
-    times = [row("a", seconds__total=s, kept=k, **newer) for s, k in seconds]
-    assert time_and_truth(rows, frame(*times)) == {"a": (5.0, 2.0)}
-    assert "note: the chart leaves out b: no times" in capsys.readouterr().err
-    for other in ({"method__vertices": 8}, {"method__version": 2}):
-        with pytest.raises(InputError, match="no method was timed"):
-            time_and_truth(rows, frame(row("a", kept=True, **other)))
-    with pytest.raises(InputError, match="the times differ in env.machine"):
-        time_and_truth(rows, frame(*times, row("a", env__machine="other", kept=True)))
-
-
 def test_a_chart_needs_two_methods_with_a_truth():
     one = frame(timed("a", "t1", 1.0, 2.0), row("b"))
     assert chart_of(one) is None
