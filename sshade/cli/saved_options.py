@@ -29,7 +29,8 @@ def take_saved_options(options: argparse.Namespace, path: Path, given: HandleFil
     with naming(f'{path}, key "made"'):
         require_known(made, SAVED)
         require_method(made.get("method", "fast"))
-        check_weld(made.get("weld", 0.0))
+        if "weld" in made:
+            check_weld(made["weld"])
         if not isinstance(made.get("repair", False), bool):
             raise InputError(f"repair must be true or false, not {made['repair']!r}")
     taken = {name: value for name, value in made.items() if getattr(options, name) in (None, False)}

@@ -56,7 +56,7 @@ from sshade.files.handwritten import (
     require_known,
 )
 from sshade.files.implicit_arap import read_implicit_arap
-from sshade.files.landmarks import ENDINGS, is_landmark_file, read_landmarks
+from sshade.files.landmarks import ENDINGS, read_landmarks
 from sshade.files.mesh_file import check_input
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
 from sshade.problem.similarity import Similarity
@@ -154,6 +154,11 @@ class HandleFile:
 def pose_files(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
     """Return the files of each pose for :func:`read_handle_file`: landmark files are one pose."""
     return [tuple(paths)] if any(map(is_landmark_file, paths)) else [(path,) for path in paths]
+
+
+def is_landmark_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has the ending of landmark files."""
+    return Path(path).name.lower().endswith(ENDINGS)
 
 
 def read_handle_file(*paths: str | os.PathLike[str], raw: bool = False, amount: float = 1.0) -> HandleFile:

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,11 +39,6 @@ class Landmark(NamedTuple):
     name: str
     position: Any
     system: str | None = None
-
-
-def is_landmark_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file has the ending of landmark files."""
-    return Path(path).name.lower().endswith(ENDINGS)
 
 
 def read_landmarks(rest: Path, target: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
