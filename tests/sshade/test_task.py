@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, TransferTask
 from tests.shapes import icosphere, rotation, tetrahedron
@@ -75,17 +74,6 @@ def test_dynamic_handles_carry_the_snap_offset_turned_by_their_groups_rotation(b
     for vertex, target, group in zip(handles.index, handles.target, handles.group, strict=True):
         assert np.allclose(target, expected[int(vertex)], rtol=0, atol=1e-12 * body.diagonal)
         assert group == (7 if vertex < 44 else 2)
-
-
-def test_targets_that_are_no_rigid_motion_move_by_the_best_rotation(body):
-    rng = np.random.default_rng(1)
-    ids = np.array([5, 100, 200, 300])
-    source = body.V[ids] + rng.normal(scale=1e-3, size=(4, 3))
-    target = rng.normal(size=(4, 3))
-    R = Rotation.align_vectors(target - target.mean(axis=0), source - source.mean(axis=0))[0].as_matrix()
-    handles = Handles.from_positions(body, source, target)
-    assert np.array_equal(handles.index, ids)
-    assert np.allclose(handles.target, target + (body.V[ids] - source) @ R.T, rtol=0, atol=1e-12)
 
 
 def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
