@@ -17,13 +17,7 @@ from tests.shapes import icosphere, rotation
 SPHERE = icosphere(2)
 HALF = 0.5 * np.sqrt(2.0)
 #: A node turned by 90 degrees about x, scaled and moved, as an exporter changes axes.
-NODE = {
-    "name": "body",
-    "mesh": 0,
-    "rotation": [HALF, 0, 0, HALF],
-    "scale": [2, 2, 2],
-    "translation": [0, 1, 0],
-}
+NODE = {"mesh": 0, "rotation": [HALF, 0, 0, HALF], "scale": [2, 2, 2], "translation": [0, 1, 0]}
 MIRROR = np.diag([-1.0, 2, 1])
 MIRRORED = {"mesh": 0, "matrix": [-1, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]}
 PLACE = np.array([[2.0, 0, 0], [0, 0, -2], [0, 2, 0]])
@@ -43,6 +37,7 @@ def exported(*, node=NODE, **changes) -> tuple[dict, bytes]:
     views = [{"buffer": 0, "byteOffset": begin[k], "byteLength": len(parts[k])} for k in range(4)]
     views[0]["byteStride"] = 48
     at = {"bufferView": 0, "componentType": 5126, "count": SPHERE.n}
+    bounds = {name: getattr(rows[:, :3], name)(axis=0).tolist() for name in ("min", "max")}
     attributes = {"POSITION": 0, "NORMAL": 1, "TANGENT": 2, "TEXCOORD_0": 3}
     tree = {
         "asset": {"version": "2.0", "generator": "Khronos glTF Blender I/O v4.2.60"},
@@ -57,11 +52,7 @@ def exported(*, node=NODE, **changes) -> tuple[dict, bytes]:
             {"primitives": [{"attributes": {"POSITION": 5}}]},
         ],
         "accessors": [
-            {
-                **at,
-                "type": "VEC3",
-                **{name: getattr(rows[:, :3], name)(0).tolist() for name in ("min", "max")},
-            },
+            {**at, "type": "VEC3", **bounds},
             {**at, "type": "VEC3", "byteOffset": 12},
             {**at, "type": "VEC4", "byteOffset": 24},
             {**at, "type": "VEC2", "byteOffset": 40},
@@ -77,17 +68,12 @@ def exported(*, node=NODE, **changes) -> tuple[dict, bytes]:
 
 
 def change(tree: dict, path: str, value) -> None:
-    """Set the value at a path, such as "accessors.4.count", or delete it if `value` is `...`.
-
-    The path may also append an item to a list.
-    """
+    """Set the value at a path, such as "accessors.4.count", or delete it if `value` is `...`."""
     *way, last = (int(key) if key.isdecimal() else key for key in path.split("."))
     for key in way:
         tree = tree[key]
     if value is ...:
         del tree[last]
-    elif isinstance(tree, list):
-        tree[last : last + 1] = [value]
     else:
         tree[last] = value
 
