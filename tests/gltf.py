@@ -65,5 +65,6 @@ def with_arrays(tree: dict, *arrays: np.ndarray) -> bytes:
         accessors.append({"bufferView": len(views), "count": len(array), **kind, **bounds})
         views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
         data += array.tobytes()
-    tree = {"asset": {"version": "2.0"}, "accessors": accessors, "bufferViews": views, **tree}
+    known = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 0}]}
+    tree = {**known, "accessors": accessors, "bufferViews": views, **tree}
     return glb({**tree, "buffers": [{"byteLength": len(data)}]}, data)

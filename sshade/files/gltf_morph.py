@@ -69,7 +69,7 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
             primitive["targets"] = [{name: target[number] for name, number in names} for target in targets]
         for number in shown:
             tree["meshes"][number]["weights"] = [0.0] * len(targets)
-        nodes = [number for number, node in enumerate(_nodes(tree)) if node.get("mesh") in shown]
+        nodes = [number for number, node in enumerate(tree["nodes"]) if node.get("mesh") in shown]
         tree.setdefault("animations", []).append(_animation(added, nodes, times))
         added.close()
         temporary.write_bytes(gltf_bytes(new, path))
@@ -103,12 +103,3 @@ def _vectors(gltf: Gltf, number: int) -> np.ndarray:
 def _changed(primitive: dict[str, Any]) -> dict[str, int]:
     """Return the accessors of a primitive that follow a deformation, by their names."""
     return {name: number for name, number in primitive["attributes"].items() if name in CHANGED}
-
-
-def _nodes(tree: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the nodes of a file; if it has none, first add a node for each mesh, in a scene."""
-    if not tree.get("nodes"):
-        tree["nodes"] = [{"mesh": number} for number in range(len(tree["meshes"]))]
-        tree["scenes"] = [{"nodes": list(range(len(tree["nodes"])))}]
-        tree["scene"] = 0
-    return tree["nodes"]

@@ -205,12 +205,7 @@ def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray
 
 
 def mesh_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
-    """Return the matrix (4, 4) that maps each shown mesh to the scene; the identity if there are no nodes.
-
-    At most one node shows each mesh.
-    """
-    if not tree.get("nodes"):
-        return {number: np.eye(4) for number in range(len(tree.get("meshes", [])))}
+    """Return the matrix (4, 4) that maps each shown mesh to the scene. At most one node shows each mesh."""
     return {tree["nodes"][number]["mesh"]: matrix for number, matrix in node_matrices(tree).items()}
 
 
