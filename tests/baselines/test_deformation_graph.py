@@ -1,4 +1,4 @@
-"""The deformation graph against plain loops: its edges, its bindings, its solver and its blend."""
+"""The deformation graph against plain loops: its bindings, its solver and its blend."""
 
 import numpy as np
 import pytest
@@ -25,23 +25,6 @@ def neighbours_of(edges, k):
         star[i].add(j)
         star[j].add(i)
     return star
-
-
-@pytest.mark.parametrize("name", family())
-def test_nodes_are_connected_where_their_regions_touch(name):
-    mesh = family()[name]
-    _, fronts = sampled(mesh, 40)
-    region = fronts.cell
-    touching = {tuple(sorted((region[i], region[j]))) for i, j in mesh.edges if region[i] != region[j]}
-    edges = node_graph(mesh, fronts)
-    found = [tuple(edge) for edge in edges.tolist()]
-    assert found == sorted(set(found)) and all(i < j for i, j in found)
-    assert touching <= set(found)
-    star = neighbours_of(edges, 40)
-    before = neighbours_of(np.array(sorted(touching)), 40)
-    for i, j in set(found) - touching:
-        assert min(len(before[i]), len(before[j])) < FEWEST_NEIGHBOURS
-    assert all(len(s) >= FEWEST_NEIGHBOURS for s in star)
 
 
 def test_a_chain_of_nodes_gets_edges_until_every_rotation_is_determined():
@@ -79,13 +62,6 @@ def test_binding_equals_plain_loops(name, blended):
         own = slice(*bound.indptr[v : v + 2])
         assert bound.indices[own].tolist() == used
         np.testing.assert_allclose(bound.data[own], phi, atol=1e-12)
-
-
-def test_nodes_equally_far_count_the_same():
-    mesh = strip(2, 2)  # all four nodes are at distance 1 from the centre, vertex 4
-    graph, fronts = sampled(mesh, 4, first=(1, 3, 5, 7))
-    bound = bind_to_nodes(graph, fronts, edges=node_graph(mesh, fronts), blended=3)
-    np.testing.assert_allclose(bound.data[slice(*bound.indptr[4:6])], np.full(3, 1 / 3))
 
 
 def reference(task, *, nodes, iterations):

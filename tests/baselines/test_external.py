@@ -3,8 +3,6 @@
 import json
 import os
 from contextlib import nullcontext
-from pathlib import Path
-from shutil import which
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from sshade.core.errors import InputError
 from tests.eval.external_programs import TEXTS, ended, wait_for
 from tests.shapes import bumpy, end_handles
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "external"
 #: Shell script that writes the positions of an OFF file, moved by 1 along x.
 SHIFTING = (
     'n=$(sed -n 2p "$1" | cut -d" " -f1); '
@@ -146,13 +143,3 @@ def test_a_program_that_ends_leaves_no_process_behind(run, tmp_path, code):
     with pytest.raises(ProgramFailed) if code else nullcontext():
         run(f"{SHIFTING}; sleep 600 & echo $! $$ > {pids}; exit {code}")
     wait_for(lambda: ended(pids), seconds=10)
-
-
-@pytest.mark.skipif(not which("awk"), reason="there is no awk")
-def test_the_example_in_awk_follows_the_nearest_handle(task):
-    script = str(EXAMPLES / "nearest.awk")
-    command = ["awk", "-v", "output={output}", "-f", script, "{handles}", "{mesh}"]
-    V = external(task, command=command, **TEXTS).vertices
-    own, rest = task.handles, task.mesh.V
-    nearest = np.linalg.norm(rest[:, None] - rest[own.index], axis=2).argmin(axis=1)
-    np.testing.assert_allclose(V, rest + (own.target - rest[own.index])[nearest], atol=1e-12)

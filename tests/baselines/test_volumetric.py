@@ -1,5 +1,7 @@
 """Coarse tetrahedra, handles on them, and the methods that deform them."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,24 +19,16 @@ from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import bumpy, held_ends, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}
-VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, neo_hookean)
+pytestmark = pytest.mark.skipif(find_spec("pytetwild") is None, reason="the extra tet is not installed")
+NEO_HOOKEAN = pytest.param(
+    neo_hookean,
+    marks=pytest.mark.skipif(find_spec("simkit") is None, reason="the extra neo_hookean is not installed"),
+)
+VOLUMETRIC = (tetrahedral_arap, bounded_biharmonic_weights, biharmonic_coordinates, slim, NEO_HOOKEAN)
 
 #: Maximum error of a rigid motion, as a fraction of the diagonal. Errors come from the offset between a
 #: handle and its nearest node, and from simkit's lower limit of eigenvalues.
 CLOSE = 1e-6
-
-
-@pytest.fixture(autouse=True)
-def installed(request):
-    if "without_extra" not in request.fixturenames:
-        pytest.importorskip("pytetwild", reason="the extra tet is not installed")
-    if getattr(request.node, "callspec", None) and request.node.callspec.params.get("method") is neo_hookean:
-        pytest.importorskip("simkit", reason="the extra neo_hookean is not installed")
-
-
-@pytest.fixture
-def without_extra():
-    """Mark a test that runs without the extra `tet`."""
 
 
 def test_tetrahedra_are_positive_and_carry_every_vertex():
@@ -63,7 +57,7 @@ def test_components_and_self_intersections_are_filled():
 
 
 @pytest.mark.parametrize("method", VOLUMETRIC)
-def test_an_open_surface_is_refused(method, without_extra):
+def test_an_open_surface_is_refused(method):
     with pytest.raises(InputError, match="boundary edges; close its holes"):
         method(held_ends(tube()))
 
@@ -117,16 +111,6 @@ def test_handles_that_move_rigidly_apart_become_parts():
     np.testing.assert_allclose(moved, target[index], atol=1e-9)
 
 
-def test_groups_stay_parts_and_what_shares_no_motion_is_one():
-    mesh = bumpy(2)
-    index = np.argsort(mesh.V[:, 2])[:6]
-    apart = Handles(index, mesh.V[index] + [0, 0, 1], group=[0, 0, 0, 1, 1, 1])
-    assert rigid_parts(mesh, apart).part.tolist() == [0, 0, 0, 1, 1, 1]
-    rng = np.random.default_rng(0)
-    wild = Handles(index, mesh.V[index] + rng.normal(size=(6, 3)))
-    assert rigid_parts(mesh, wild).part.tolist() == [0] * 6
-
-
 def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():
     task = held_ends(bumpy(2))
     # libigl fits rotations in float32, so the residual does not fall far below that precision.
@@ -166,7 +150,7 @@ def test_biharmonic_coordinates_reproduce_affine_maps_of_points():
     assert np.median(gap) < 0.02 * mesh.diagonal
 
 
-@pytest.mark.parametrize("method", [slim, neo_hookean])
+@pytest.mark.parametrize("method", [slim, NEO_HOOKEAN])
 def test_soft_handles_come_nearer_with_their_weight(method):
     task = held_ends(bumpy(2))
     options = {**COARSE, "start": "rigid"}
