@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from baselines.volumetric import coarse_tetrahedra as tetrahedra_module
 from baselines.volumetric.coarse_tetrahedra import coarse_tetrahedra
 from baselines.volumetric.neo_hookean import neo_hookean
-from baselines.volumetric.node_handles import rigid_parts
 from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
@@ -92,23 +91,6 @@ def test_a_rigid_motion_is_reproduced(method, handles):
     options = {} if method in (bounded_biharmonic_weights, biharmonic_coordinates) else {"start": "rigid"}
     result = method(task, **COARSE, **options)
     assert np.abs(result.vertices - expected).max() < CLOSE * mesh.diagonal
-
-
-def test_handles_that_move_rigidly_apart_become_parts():
-    mesh = bumpy(3)
-    z = mesh.V[:, 2]
-    low, high = z < np.quantile(z, 0.2), z > np.quantile(z, 0.9)
-    turn = Rotation.from_rotvec([0.2, 0.4, 0.1]).as_matrix()
-    target = np.where(high[:, None], mesh.V @ turn.T + [0.1, 0, 0.3], mesh.V)
-    index = np.flatnonzero(low | high)
-    parts = rigid_parts(mesh, Handles(index, target[index]))
-    assert len(parts.t) == 2
-    for motion, own in ((np.eye(3), low), (turn, high)):
-        number = np.unique(parts.part[own[index]])
-        assert len(number) == 1
-        np.testing.assert_allclose(parts.R[number[0]], motion, atol=1e-9)
-    moved = np.einsum("kij,kj->ki", parts.R[parts.part], mesh.V[index]) + parts.t[parts.part]
-    np.testing.assert_allclose(moved, target[index], atol=1e-9)
 
 
 def test_tetrahedral_arap_comes_to_one_minimum_from_both_starts():

@@ -7,7 +7,7 @@ from sshade.blender.rig import STILL, Drag, Rig, RigGroup, rigid
 from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 from sshade.mesh.mesh import Mesh
-from tests.shapes import bumpy, rotation
+from tests.shapes import bumpy
 
 
 def weights(n, vertices, weight=1.0):
@@ -94,17 +94,6 @@ def test_groups_that_cannot_be_handles_are_refused(groups, said):
         Rig(V, mesh.F[:0], made)
 
 
-def test_a_drag_comes_near_the_converged_shape():
-    rig = rig_of(bumpy(3))
-    drag = Drag(rig)
-    motions = [STILL, Motion(np.eye(3), np.array([0.4, 0.0, 0.2]))]
-    for _ in range(31):
-        last = drag.step(motions)
-    goal, own = rig.deform(motions), rig.handles.index
-    assert np.array_equal(last[own], goal[own]) and last.dtype == np.float32
-    assert np.linalg.norm(last - goal, axis=1).mean() < 0.01 * rig.mesh.diagonal
-
-
 def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes_along():
     mesh = bumpy(2)
     V = np.vstack([mesh.V, mesh.V + [5, 0, 0], mesh.V + [5, 5, 0]]).astype(np.float32)
@@ -122,11 +111,3 @@ def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes
         for U in (step, end):
             assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
     assert np.abs(step - end)[2 * n :].max() < 0.05 < np.abs(end - V)[2 * n :].max()
-
-
-def test_a_motion_turns_and_moves_the_targets_of_its_group():
-    rig, R, t = rig_of(bumpy(2)), rotation(1), np.array([0.4, 0.0, 0.2])
-    handles = rig.moved([STILL, Motion(R, t)])
-    V, high = rig.mesh.V[handles.index], handles.group == 1
-    assert np.array_equal(handles.target[~high], V[~high])
-    assert np.allclose(handles.target[high], V[high] @ R.T + t)

@@ -7,32 +7,13 @@ import pytest
 
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
-from sshade.files.task_files import write_handles
-from sshade.problem.task import Handles
 from tests.gltf import buffer_beside
-from tests.robustness.inputs import BODY, pose
+from tests.robustness.inputs import BODY
 from tests.shapes import as_obj, torn
 
-POSE = pose(BODY.V)
-V, F, SEAM = torn(BODY)
+pytestmark = pytest.mark.usefixtures("sound")
 
-
-@pytest.fixture(autouse=True)
-def seam(sound) -> None:
-    """Write a copy of the body with vertices doubled along a texture seam, and its handles."""
-    Path("seam.obj").write_text(as_obj(V, F))
-    write_handles("seam.json", Handles(POSE.index + 1, POSE.target))
-
-
-def test_what_the_output_cannot_hold_is_said_first(capsys):
-    assert main(["deform", "seam.obj", "seam.json", "-o", "out.stl", "--vertices", "60"]) == 0
-    first = capsys.readouterr().err.splitlines()[0]
-    assert first == (
-        "note: out.stl loses the texture coordinates, vertex colours, materials and comments of "
-        "seam.obj: only positions and faces are written"
-    )
-    assert main(["deform", "body.ply", "pose.json", "-o", "out.stl", "--vertices", "60"]) == 0
-    assert "loses the" not in capsys.readouterr().err
+V, F, _ = torn(BODY)
 
 
 def test_remesh_carry_and_transfers_keep_the_file_too():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.cli.main import PROGRAM, main
+from sshade.cli.main import main
 from sshade.cli.notes import notes
 from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, run_command
@@ -167,13 +167,6 @@ def test_facts_in_words(facts, surface, dense, words):
 def test_it_tells_its_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"sshade {version('sshade')}\n"
-
-
-@pytest.mark.parametrize("command", PROGRAM.commands)
-def test_help_says_what_each_command_does(capsys, command):
-    with pytest.raises(SystemExit) as caught:
-        main([command, "--help"])
-    assert caught.value.code == 0 and f"usage: sshade {command}" in capsys.readouterr().out
 
 
 def test_help_tells_the_usual_switches_and_help_all_tells_all(capsys):

@@ -11,11 +11,10 @@ from sshade.cli.main import main
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
-from sshade.mesh.mesh import Mesh
 from sshade.problem.task import Handles
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
-from tests.shapes import beside, bumpy, end_handles
+from tests.shapes import bumpy, end_handles
 
 BODY = bumpy(2)
 ENDS = end_handles(BODY.V, share=0.1)
@@ -64,31 +63,6 @@ def test_poses_that_did_not_converge_are_counted(folder, capsys):
     line = ["deform", "body.ply", *poses(0, 3), "-o", "out_%d.ply", *FAST, "--max-iterations", "1"]
     assert main(line) == 0
     assert "note: the iterations of 2 poses did not converge" in capsys.readouterr().err
-
-
-def test_the_largest_opening_of_all_poses_is_noted(folder, capsys):
-    flap = Mesh(np.concatenate([BODY.V[[0, 80]], [[0, 0, 9]]]), np.array([[0, 1, 2]]))
-    both = beside(BODY, flap)
-    write_mesh("body.ply", both.V, both.F)
-    write_handles("rest.json", ENDS.at(BODY.V[ENDS.index]), names={0: "low", 1: "high"})
-    follow = ["-o", "out_%d.ply", *FAST]
-    assert main(["deform", "body.ply", "rest.json", "pose_3.json", *follow]) == 0
-    assert "parts of the mesh that touched came apart by" in capsys.readouterr().err
-
-
-def test_what_a_sequence_rounds_and_where_its_handles_end_is_told_once(folder, capsys):
-    far = BODY.V + [2e5, 0, 0]
-    write_mesh("far.ply", far, BODY.F)
-    for number in (0, 1):
-        moved = Handles(ENDS.index, targets(STEPS[number]) + [2e5, 0, 0], ENDS.dynamic, ENDS.group)
-        write_handles(f"far_{number}.json", moved)
-    for output in ("far.glb", "far_%d.stl"):
-        assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", output, *FAST]) == 0
-        said = capsys.readouterr().err
-        assert said.count("stores single precision, which moves positions by up to 0.") == 1
-        assert "handles at most 0." in said
-    assert main(["deform", "far.ply", "far_0.json", "far_1.json", "-o", "far_%d.ply", *FAST]) == 0
-    assert "single precision" not in capsys.readouterr().err
 
 
 def read_gltf(path: str) -> tuple[dict, list[np.ndarray]]:

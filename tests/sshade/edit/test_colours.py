@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from sshade.edit.colours import colours_of
 from sshade.edit.document import Document
-from sshade.edit.materials import srgb
 from sshade.files.meshes import write_mesh
 from tests.shapes import icosphere
 from tests.write import columns, mesh_ply, obj, rows
@@ -62,6 +62,9 @@ def test_files_without_colours_for_all_vertices_have_none():
         assert document.colours is None and not document.is_coloured
 
 
-def test_dark_and_light_linear_colours_become_those_of_a_screen():
-    """Values of IEC 61966-2-1."""
-    assert srgb(np.array([0.002, 0.5, 1.0])) == pytest.approx([0.02584, 0.735357, 1.0], rel=1e-5)
+def test_colours_of_a_gltf_are_linear():
+    colours = np.random.default_rng(0).integers(0, 256, (BALL.n, 4), dtype=np.uint8)
+    trimesh.Trimesh(BALL.V, BALL.F, vertex_colors=colours, process=False).export("body.glb")
+    found = colours_of(Path("body.glb"))
+    back = np.where(found <= 0.04045, found / 12.92, ((found + 0.055) / 1.055) ** 2.4)
+    assert np.abs(back - colours[:, :3] / 255).max() < 1e-6

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sshade import Mesh
-from sshade.edit import preview
 from sshade.edit.server import PAGE, Server
 from tests.sshade.edit.lent import ask, command, lent, mark, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
@@ -116,32 +115,7 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     assert command(server, "set_up", {"method": "fine"})["method"] == "fine"
 
 
-@pytest.mark.parametrize(("scale", "shift"), [(1e-3, 0.0), (1e3, 1e7)])
-def test_a_page_sees_the_same_wherever_and_how_large_the_mesh_is(scale, shift):
-    seen = []
-    for number, mesh in enumerate((BODY, Mesh(scale * BODY.V + shift, BODY.F))):
-        Path(str(number)).mkdir()
-        with lent(begun(mesh, f"{number}/body.ply")) as server:
-            group = mark(server)
-            turn = {"pivot": [0, 0, 0.3], "move": [0.1, 0.05, 0], "quaternion": [0.2, 0, 0, 1]}
-            move = {"group": group, **turn}
-            command(server, "drag", move)
-            command(server, "release", move)
-            seen.append(command(server, "settle")["positions"])
-    assert np.abs(seen[0] - seen[1]).max() < 1e-5
-
-
 def test_a_page_asks_for_progress(server):
     server.progress("binding", 1, 3, "of two")
     status, _, content = ask(server, "GET", f"/{server.token}/progress")
     assert (status, content) == (200, b'"binding 1/3 of two"')
-
-
-def test_a_large_mesh_has_a_coarser_surface_for_drags(monkeypatch):
-    monkeypatch.setattr(preview, "VERTICES", 200)
-    with lent(begun()) as server:
-        first = whole(server)
-    few = first["coarse"]
-    assert 100 < len(few) < 400
-    coarse = Mesh(BODY.V[few], first["coarse_faces"].reshape(-1, 3))
-    assert coarse.volume == pytest.approx(BODY.volume, rel=0.1)  # outwards as before

@@ -9,11 +9,10 @@ import trimesh
 from PIL import Image
 
 from sshade import InputError
-from sshade.edit.colours import colours_of
 from sshade.edit.commands import Commands
 from tests.browser import changed, opened, pixels, portion
 from tests.shapes import bumpy, strip
-from tests.sshade.edit.lent import ask, lent, unpacked
+from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import edited
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -82,15 +81,6 @@ def test_every_corner_has_the_colour_that_the_texture_has_there(name):
         assert np.abs(colour_at(commands, skin, corner) - expected).max() < 30
 
 
-def test_colours_of_vertices_of_a_gltf_are_read():
-    colours = np.random.default_rng(0).integers(0, 256, (BODY.n, 4), dtype=np.uint8)
-    trimesh.Trimesh(BODY.V, BODY.F, vertex_colors=colours, process=False).export("body.glb")
-    found = colours_of(Path("body.glb"))
-    linear = colours[:, :3] / 255  # the numbers of the file are linear
-    back = np.where(found <= 0.04045, found / 12.92, ((found + 0.055) / 1.055) ** 2.4)
-    assert np.abs(back - linear).max() < 1e-6
-
-
 def test_materials_of_an_obj_are_found_with_options_and_without_a_file():
     Path("a.mtl").write_text(
         "Kd 1 0 0\nnewmtl red\nKd 1 0 0\nnewmtl pic\nKd 0 0 0\nmap_Kd -s 2 2 1 -clamp on no such.png\n"
@@ -111,16 +101,6 @@ def test_materials_of_an_obj_are_found_with_options_and_without_a_file():
     with pytest.raises(InputError, match=r"a\.obj: a texture cannot be shown \(No such file"):
         commands.image({"material": "2"})
     assert session.save("mesh", "plain.ply")[1] == ("texture coordinates", "materials")  # that PLY loses
-
-
-def test_wrong_materials_are_told():
-    textured("body.glb", BODY.V, BODY.F, np.zeros((BODY.n, 2)))
-    whole, index = Path("body.glb").read_bytes(), b'"baseColorTexture":{"index":%d'
-    assert index % 0 in whole
-    Path("broken.glb").write_bytes(whole.replace(index % 0, index % 7))
-    with lent(edited("broken.glb")) as server:
-        status, _, content = ask(server, "GET", f"/{server.token}/skin")
-        assert status == 400 and b"broken.glb: its materials cannot be read" in content
 
 
 def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
@@ -149,15 +129,3 @@ def test_the_texture_is_drawn_and_groups_stand_out_of_it(browser):
         page.get_by_label("colours and textures").uncheck()
         page.wait_for_timeout(300)
         assert portion(pixels(stage), 1) < 0.002
-
-
-def test_colours_of_vertices_win_over_plain_materials(browser):
-    rows = [" ".join(map(str, ["v", *v, 0.9, 0.1, 0.1])) for v in BODY.V.tolist()]
-    faces = [f"f {a} {b} {c}" for a, b, c in (BODY.F + 1).tolist()]
-    names = ["mtllib a.mtl", *rows, "usemtl a", *faces[:300], "usemtl b", *faces[300:]]
-    Path("body.obj").write_text("\n".join(names) + "\n")
-    Path("a.mtl").write_text("newmtl a\nKd 0.1 0.1 0.9\nnewmtl b\nKd 0.1 0.9 0.1\n")
-    with lent(edited("body.obj")) as server, opened(browser, server.address, width=900, height=640) as page:
-        page.wait_for_selector("#stage[data-skin=plain]")
-        page.wait_for_timeout(300)
-        assert portion(pixels(page.locator("#stage")), 0) > 0.05

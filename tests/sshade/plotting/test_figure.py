@@ -127,14 +127,6 @@ def test_a_saved_page_is_whole_and_asks_for_nothing(here):
         figure.save("none/figure.html")
 
 
-def test_objects_show_themselves_as_their_figures():
-    for one in (REST, TASK, RESULT.of(TASK), TransferTask("t", REST, REST, REST.V)):
-        assert one._repr_html_() == plot(one)._repr_html_()
-    assert RESULT._repr_html_() is None  # it knows no mesh
-    assert repr(plot(TASK)).startswith("<sshade figure of rest; ")
-    assert plot(TASK)._repr_html_().count("<iframe ") == 1
-
-
 def test_results_know_their_tasks_without_copies_of_arrays():
     result = sshade.deform(TASK)
     assert result.task is TASK and "task" not in repr(result)

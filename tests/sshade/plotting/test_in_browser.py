@@ -60,12 +60,3 @@ def test_a_result_draws_switches_and_turns_without_a_network(notebook):
     assert changed(rest, pixels(view)) > 0.02
     assert page.said == []
     assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
-
-
-def test_controls_that_have_no_effect_are_hidden(notebook):
-    frame, view = stage(notebook(REST))
-    assert drawn(pixels(view)) > 0.02
-    for name in ("#turn-shapes", "#turn-scale", "#turn-error", "#turn-handles", "#turn-case"):
-        assert not frame.locator(name).is_visible(), name
-    assert frame.locator("#turn-home").is_visible()
-    assert frame.locator("#turn-note").inner_text() == ""

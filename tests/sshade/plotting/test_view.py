@@ -3,12 +3,10 @@
 import base64
 import gzip
 
-import matplotlib
 import numpy as np
 import pytest
 
 from sshade.mesh.mesh import Mesh
-from sshade.plotting import COLOURS
 from sshade.plotting import view as module
 from sshade.plotting.view import ViewShape, pack, packed_view, surface
 from sshade.problem.handles import Handles
@@ -84,10 +82,3 @@ def test_a_view_says_what_it_leaves_out(monkeypatch):
     assert len(facts["handles"]) == len(facts["dynamic"]) == len(facts["targets"]) == 20
     assert np.abs(np.array(facts["low"]) + np.array(facts["span"]) / 2).max() < 0.01  # about the centre
     assert facts["vertices"] < 200 and max(facts["handles"]) < 200
-
-
-def test_colours_are_those_of_matplotlib():
-    colours = COLOURS.split(", ")
-    expected = matplotlib.colormaps["magma_r"](np.linspace(0, 1, len(colours)), bytes=True)[:, :3]
-    found = [list(bytes.fromhex(colour[1:])) for colour in colours]
-    assert np.abs(found - expected.astype(int)).max() <= 3
