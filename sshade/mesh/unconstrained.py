@@ -1,4 +1,4 @@
-"""Components without handles: they follow the nearest component rigidly, and may come apart from others."""
+"""Components without handles: they follow other components rigidly, and may come apart from others."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ log = logging.getLogger(__name__)
 
 #: Number of vertices of the nearest component whose motion a vertex of an unconstrained component follows.
 NEAREST = 8
+#: Number of vertices of a component between which gaps to others are looked for, and of neighbours of each.
+SAMPLES, BESIDE = 1000, 32
 #: What can be done about components without handles.
 HOW_TO_CONSTRAIN = (
     "give each one, or leave --refuse-unconstrained out (in Python refuse_unconstrained=False): they then "
@@ -81,7 +83,10 @@ def contacts(mesh: Mesh, unconstrained: np.ndarray) -> Contacts:
 def leaders(mesh: Mesh, unconstrained: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the vertices of each unconstrained component, and the vertices that it follows.
 
-    It follows the closest vertices of its nearest component.
+    It follows the closest vertices of another component: the first of the components that lead to one with
+    handles. They are those with the least sum of gaps, where each further component counts as a gap of a mean
+    edge. An eye in a head without handles so follows the head, and the head follows the body. A component
+    comes after the one that it follows.
     """
     from scipy.spatial import cKDTree
 
@@ -90,14 +95,52 @@ def leaders(mesh: Mesh, unconstrained: np.ndarray) -> list[tuple[np.ndarray, np.
     vertices = members(mesh.component, mesh.topology.components)
     others = np.flatnonzero(np.isin(mesh.component, unconstrained, invert=True))
     tree, trees, found = cKDTree(mesh.V[others]), {}, []
-    for moved in (vertices[component] for component in unconstrained):
-        distance, nearest = tree.query(mesh.V[moved])
-        leader = mesh.component[others[nearest[np.argmin(distance)]]]
+    gap, nearest = np.empty(len(unconstrained)), np.empty(len(unconstrained), dtype=np.int64)
+    for i, component in enumerate(unconstrained):
+        distance, near = tree.query(mesh.V[vertices[component]])
+        gap[i], nearest[i] = distance.min(), mesh.component[others[near[np.argmin(distance)]]]
+    order, before = _chains(mesh, [vertices[component] for component in unconstrained], gap)
+    for i in order:
+        leader = nearest[i] if before[i] < 0 else unconstrained[before[i]]
+        moved = vertices[unconstrained[i]]
         if leader not in trees:
             trees[leader] = cKDTree(mesh.V[vertices[leader]])
         _, near = trees[leader].query(mesh.V[moved], k=min(NEAREST, len(vertices[leader])))
         found.append((moved, vertices[leader][np.unique(near)]))
     return found
+
+
+def _chains(mesh: Mesh, parts: list[np.ndarray], gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the order in which parts are reached from the handles, and the part before each, or -1.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    parts : list of int arrays
+        Vertices of each component without handles.
+    gap : (u,) float64
+        Distance of each from the components with handles.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    some = [vertices[:: 1 + len(vertices) // SAMPLES] for vertices in parts]
+    part, V = np.repeat(np.arange(len(parts)), [len(own) for own in some]), mesh.V[np.concatenate(some)]
+    distance, near = cKDTree(V).query(V, k=min(BESIDE, len(V)))
+    first, second = np.repeat(part, near.shape[1]), part[near.ravel()]
+    across = first != second
+    first, second, far = first[across], second[across], distance.ravel()[across] + mesh.mean_edge
+    shortest = np.lexsort((far, second, first))
+    pair = np.unique(first[shortest] * len(parts) + second[shortest], return_index=True)[1]
+    ways = shortest[pair]
+    start, number = len(parts), np.arange(len(parts))
+    ends = np.append(first[ways], np.full(len(parts), start)), np.append(second[ways], number)
+    lengths = np.append(far[ways], gap + 1e-9 * mesh.mean_edge)  # zero would be no way
+    graph = coo_array((lengths, ends), shape=(len(parts) + 1,) * 2).tocsr()
+    length, before = dijkstra(graph, indices=start, return_predecessors=True)
+    before = before[:-1]
+    return np.argsort(length[:-1], kind="stable"), np.where(before == start, -1, before)
 
 
 def move_rigidly(mesh: Mesh, positions: np.ndarray, led: list[tuple[np.ndarray, np.ndarray]]) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, deform
-from sshade.mesh.unconstrained import contacts
+from sshade import DeformationTask, Handles, Mesh, deform
+from sshade.mesh.unconstrained import contacts, leaders
 from tests.shapes import beside, bumpy, rotation, shifted, unjoined
 
 BODY = bumpy(2)
@@ -45,3 +45,24 @@ def test_components_that_come_apart_are_named_before(caplog):
     two = Handles(np.append(b, 600), np.concatenate([target, mesh.V[[600]] + 1]))
     result = deform(DeformationTask("m", mesh, two))
     assert result.facts.opening > 0.01
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.05, -0.2])
+def test_a_component_follows_the_one_that_it_is_next_to_through_others(gap):
+    """The first body is fixed, the last one moves. The third touches the second; its nearest handle moves."""
+    body, n = bumpy(3), bumpy(3).n
+    width = np.ptp(body.V[:, 0]) + gap
+    mesh = beside(*(shifted(body, [x * width, 0, 0]) for x in (0.0, 1.0, 2.0, 3.4)))
+    index = np.append(np.arange(n), np.arange(3 * n, 4 * n))
+    target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
+    shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
+    np.testing.assert_allclose(shape[: 3 * n], mesh.V[: 3 * n], atol=1e-12)
+
+
+def test_beads_follow_the_surface_and_not_each_other():
+    order = np.argsort(BODY.V[:, 2])[::10]
+    beads = [shifted(Mesh(0.04 * BODY.V, BODY.F), place) for place in 1.02 * BODY.V[order]]
+    mesh = beside(BODY, *beads)
+    led = leaders(mesh, np.arange(1, len(beads) + 1))
+    assert sorted(mesh.component[moved[0]] for moved, _ in led) == list(range(1, len(beads) + 1))
+    assert {mesh.component[near[0]] for _, near in led} == {0}
