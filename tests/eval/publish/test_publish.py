@@ -76,7 +76,6 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
     ("rows", "told"),
     [
         ([clean(), clean("b", env__modified=True)], "1 of 2 rows .* not committed, or from no commit"),
-        ([clean(env__commit="", env__modified=None)], "1 of 1 rows of out/rows/other.csv .*: commit"),
         ([clean(), clean("b", method__target="mine.method")], "no part of this project.*CONTRIBUTING"),
         (
             [clean("b", **{"method.target": "sshade.deform", "method.coarse.target": "mine.method"})],
@@ -84,7 +83,7 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
         ),
         ([clean("p", method__command="[mine]")], "no part of this project"),
     ],
-    ids=["modified", "no commit", "a user's", "a user's on a proxy", "a program"],
+    ids=["modified", "a user's", "a user's on a proxy", "a program"],
 )
 def test_what_is_not_of_one_commit_of_this_project_is_not_published(project, rows, told):
     write_csv("out/rows/other.csv", frame(*rows))

@@ -8,8 +8,8 @@ import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
-from eval.publish.report import configuration, headline
-from eval.rows.frame import read_csv, records
+from eval.publish.report import headline
+from eval.rows.frame import read_csv
 
 
 def plain(html: str) -> str:
@@ -34,19 +34,9 @@ class Page:
         return plain(" ".join(re.findall(f"{begin}.*?</{tag}>", self.text, re.S)))
 
 
-def report(path, out, *options):
-    assert call("report", [str(path), "-o", str(out), *options]) == 0
-    return out.read_text(encoding="utf-8")
-
-
 @pytest.fixture(scope="module")
-def text(tiny_report):
-    return tiny_report.read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def page(text):
-    return Page(text)
+def page(tiny_report):
+    return Page(tiny_report.read_text(encoding="utf-8"))
 
 
 def test_tables_of_the_experiment_and_of_each_case(page, tiny):
@@ -72,60 +62,40 @@ def test_the_headline_names_the_nearest_and_the_fastest_method(page):
 
     found = headline(frame(*runs("a", 3.0, 9.0, 20.0), *runs("b<", 2.0, 0.5, 0.25), lost("c", "t0")))
     assert found.sentence == "Nearest to the true pose: b< (2.00 %). Fastest: b< (0.25 s)."
-    assert found.labels == ["method", "volume (%)", "truth (%)", "EL (%)", "time (s)"]
-    assert found.body[0] == ["a", "9.00", "3.00", "<b>3.00</b>", "20.00"]
     assert found.body[1][:3] == ["b&lt;", "<b>0.50</b>", "<b>2.00</b>"] and "2 at once" in found.note
-    assert headline(frame(lost("c"))) is None
     # Without a true pose, nothing is said of it.
     assert page.tables[0][0] == ["method", "volume (%)", "EL (%)", "time (s)"]
-    assert "Nearest" not in page.told("p", "headline") and "No true pose is known" in page.text
 
 
 def test_every_case_has_pictures(page):
-    for place in ("tiny", "tiny-case-0", "tiny-case-1", "turn"):
-        assert f' id="{place}"' in page.text
     for name in ("rest", "arap", "learned", "stretching"):
         assert len(page.images[name]) == 2 and page.images[name][0].startswith("data:image/webp")
     assert "failing" not in page.images
     assert "time against the distance to the true pose" not in page.images  # there is no true pose
 
 
-def test_failures_and_facts(page, tiny):
+def test_failures_have_their_reasons(page):
     failures = [line for table in page.tables for line in table if line[1:2] == ["bumpy_40"]]
     torch = "ImportError: torch is not installed; install the extra torch"
     assert failures == [
         ["failing", "bumpy_40", "0", "failed", "ArithmeticError: this method always fails"],
         ["missing", "bumpy_40", "0", "skipped", torch],
     ]
-    facts, row = page.told("dl"), records(read_csv(tiny))[0]
-    for value in (row["env.machine"], row["env.python"], row["env.version.numpy"], row["date"][:10]):
-        assert str(value) in facts
 
 
-def test_configurations_have_all_settings(page):
-    (told,) = re.findall(r"<summary>stretching</summary><pre>(.*?)</pre>", page.text, re.S)
-    assert "method.target = eval_cases.stretching" in told and "method.factor = 1.5" in told
-    rows = frame(*(row("a", f"t{i}", method__area=area) for i, area in enumerate((None, 0.1, 1.0, 0.1))))
-    assert "method.area = 0.1 or 1.0" in configuration(rows, "a")
-
-
-def test_the_view_holds_every_shape(text):
-    cases = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', text, re.S)[1])
+def test_the_view_holds_every_shape(page):
+    cases = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', page.text, re.S)[1])
     assert cases["camera"] == {"towards": [1, 0, 0.2], "up": [0, 0, 1]}
     assert [case["name"] for case in cases["cases"]] == ["bumpy_10", "bumpy_40"]
     (top,) = {case["top"] for case in cases["cases"]}  # one scale, which is printed once
-    assert text.count(f'<span class="ramp"></span><span>{top:.2g}</span>') == 1 and top > 10
+    assert page.text.count(f'<span class="ramp"></span><span>{top:.2g}</span>') == 1 and top > 10
     for case in cases["cases"]:
         assert [shape["name"] for shape in case["shapes"]] == ["rest", "arap", "learned", "stretching"]
-        assert [shape["error"] for shape in case["shapes"]] == [False, True, True, True]
-        assert case["vertices"] == 162 and case["faces"] == 320 and case["note"] == ""
-        assert len(case["handles"]) == len(case["targets"]) == len(case["dynamic"])
-    assert len(re.findall(r'id="turn-data-\d+"', text)) == 2
 
 
-def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, text, tmp_path):
-    page = Page(report(tiny, tmp_path / "r.html", "--runs", str(tmp_path / "none")))
-    with_runs = Page(text)
-    assert page.tables == with_runs.tables
-    assert "rest" not in page.images and ' id="turn"' not in page.text
-    assert page.told("p", "warning").count("No stored vertices of arap, learned, stretching in ") == 2
+def test_without_runs_the_tables_stand_and_the_gap_is_told(tiny, page, tmp_path):
+    out = tmp_path / "r.html"
+    assert call("report", [str(tiny), "-o", str(out), "--runs", str(tmp_path / "none")]) == 0
+    without = Page(out.read_text(encoding="utf-8"))
+    assert without.tables == page.tables and "rest" not in without.images
+    assert without.told("p", "warning").count("No stored vertices of arap, learned, stretching in ") == 2

@@ -64,12 +64,6 @@ def test_success_is_the_share_of_all_runs_that_reach_their_handles():
     assert table_of(*rows).means["success"].tolist() == [20.0]
 
 
-def test_pose_transfers_without_a_truth_show_what_changed():
-    table = table_of(row("x", task__kind="transfer"))
-    assert [c.heading for c in table.columns] == ["volume", "area", "EL", "FA"]
-    assert "without ground truth its part is unknown" in to_markdown(table)
-
-
 @pytest.mark.parametrize(
     ("one", "two", "words"),
     [
