@@ -52,10 +52,7 @@ TWO_BALLS = beside(icosphere(1), shifted(icosphere(1), [5.0, 0, 0]))
 @pytest.mark.parametrize(
     ("edit", "mesh", "message"),
     [
-        (Inflate(at=(0.5, 0.5), radius=0.2, amount=0.1), TWO_BALLS, "three fractions of the bounding box"),
         (Stretch(at=(0.5, 0.5, 1.0), radius=1e-6, amount=0.1), TWO_BALLS, "moves one vertex of this mesh"),
-        (Horns(at=((0.5, 0.5, 1.0),), radius=0, height=0.1), TWO_BALLS, "radius of an edit is 0; it must be"),
-        (Fin(start=(1, 1, 1), end=(1, 1, 1), width=0.1, height=0.1), TWO_BALLS, "are at the same vertex"),
         (Fin(start=(0, 0.5, 0.5), end=(1, 0.5, 0.5), width=0.1, height=0.1), TWO_BALLS, "same component"),
         (Stretch(at=(0.5, 0.5, 0.5), radius=0.2, amount=0.1), strip(20, 20), "has no direction"),
     ],

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from defaust.build.handles import choose_handles, displacement, handle_records, nearest_vertices
+from defaust.build.handles import choose_handles, displacement, nearest_vertices
 from defaust.build.options import BuildOptions
-from defaust.sources.source import SourcePose
 from defaust.sources.synthetic import SyntheticBodies
-from sshade import InputError, Mesh
+from sshade import InputError
 from tests.shapes import jittered, strip
 
 
@@ -48,18 +47,3 @@ def test_delta_by_hand():
     assert d == {"delta": 6.0, "delta_mean": 2.0, "kind": "dynamic"}  # 2 >= 0.05 * 39 = 1.95
     assert displacement(source, target, diagonal=41.0, static_below=0.05)["kind"] == "static"  # 2 < 2.05
     assert displacement(source, target, diagonal=41.0, static_below=0.04)["kind"] == "dynamic"
-
-
-def test_records_of_a_pose(sheet):
-    posed = sheet.V.copy()
-    posed[:, 2] += np.where(sheet.V[:, 0] > 2.5, 100.0, 0.0)
-    chosen = {"still": np.array([0, 1]), "moving": np.array([134, 135]), "absent": np.array([12, 13])}
-    pose = SourcePose("pose", ("still", "moving"))
-    still, moving, absent = handle_records(
-        sheet, Mesh(posed, sheet.F), pose, regions=(), chosen=chosen, options=BuildOptions()
-    )
-    assert (still["kind"], still["delta"]) == ("static", 0.0)
-    assert (moving["kind"], moving["delta"], moving["delta_mean"]) == ("dynamic", 200.0, 100.0)
-    np.testing.assert_array_equal(moving["source"], sheet.V[[134, 135]])
-    np.testing.assert_array_equal(moving["target"], posed[[134, 135]])
-    assert list(absent.values()) == ["absent", "unused", None, None, [], []]

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from defaust.folder.layout import sha256
 from defaust.tasks import TaskId, list_tasks, load_task
 from sshade import InputError
 from sshade.files.meshes import read_mesh, write_mesh
@@ -50,14 +49,6 @@ def test_a_task_without_ground_truth_has_a_reason(dataset):
     task = load_task(dataset, subject=0, pose=1)
     assert task.truth is None and "was not made from the subdivided registered mesh" in task.meta["no_truth"]
     assert "posed_by" not in task.meta and len(task.handles) > 0
-
-
-def test_a_task_names_its_case_and_its_files(finished):
-    task = load_task(finished, subject=2, pose=1)
-    sums = [sha256(finished / "subject_02" / name)[:16] for name in ("rest.ply", "pose_1.json")]
-    assert task.name == "defaust-balls/subject_02/pose_1"
-    assert task.meta["checksum"] == "+".join(sums) and task.meta["source_pose"] == "lean"
-    assert (task.meta["source"], task.meta["subject"], task.meta["pose"]) == ("balls", 2, 1)
 
 
 def test_wrong_handles_are_refused(dataset):

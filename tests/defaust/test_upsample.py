@@ -16,7 +16,7 @@ def ball() -> Mesh:
     return icosphere(3)  # 642 vertices
 
 
-@pytest.mark.parametrize(("target", "steps"), [(500, 0), (2000, 1), (5500, 2)])
+@pytest.mark.parametrize(("target", "steps"), [(500, 0), (2000, 1)])
 def test_counts_topology_and_shape(ball, target, steps):
     result = upsample(ball, BuildOptions(target_vertices=target))
     mesh = result.mesh

@@ -24,12 +24,9 @@ def test_a_changed_record_is_a_fault_and_is_not_read(dataset):
     [
         (lambda h: h[0]["target"].__setitem__(0, [0.0, 0.0, 0.0]), "a target is not its vertex"),
         (lambda h: h[0]["source"].__setitem__(2, [9.0, 9.0, 9.0]), "handle 2 is no vertex of rest_low.ply"),
-        (lambda h: h[1]["source"].pop(), "has 5 handles, not 6"),
-        (lambda h: h[1]["source"].__setitem__(1, h[1]["source"][0]), "a vertex is a handle twice"),
         (lambda h: h[1]["source"].__setitem__(1, h[0]["source"][0]), "a vertex is a handle twice"),
         (lambda h: h[0].update(delta=1.0), "delta is 1.0"),
         (lambda h: h[1].update(kind="dynamic"), "listed as dynamic, and static when recomputed"),
-        (lambda h: h.reverse(), "its landmarks differ from those of the dataset"),
     ],
 )
 def test_a_wrong_handle_is_found(dataset, edit, message):
@@ -45,12 +42,10 @@ def test_wrong_meshes_are_found(dataset):
     two = beside(high, shifted(high, 5))
     write_mesh(dataset / "subject_00/rest.ply", low.V, low.F)
     write_mesh(dataset / "subject_01/pose_1_low.ply", low.V, low.F[:, [1, 2, 0]])
-    write_mesh(dataset / "subject_01/pose_2_low.ply", low.V, low.F[1:])
     write_mesh(dataset / "subject_02/rest.ply", two.V, two.F)
     expected = {
         "subject_00/rest.ply": "number of vertices: 642, not ",
         "subject_01/pose_1_low.ply": "its faces differ from those of rest_low.ply",
-        "subject_01/pose_2_low.ply": "number of boundary loops (3 boundary edges): 1, not 0",
         "subject_02/rest.ply": "number of components: 2, not 1",
     }
     for name in expected:
