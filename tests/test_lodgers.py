@@ -44,19 +44,6 @@ def test_each_public_name_of_a_module_is_used_in_sshade(path):
     assert names <= USED | LOOKED_UP | FOR_OTHERS | set(sshade.__all__)
 
 
-@pytest.mark.parametrize("name", ["Mesh", "Handles", "DeformationTask", "DeformationResult"])
-def test_each_property_of_a_type_is_used_in_sshade(name):
-    (found,) = (
-        node
-        for tree in SOURCES.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef) and node.name == name
-    )
-    methods = [node for node in found.body if isinstance(node, ast.FunctionDef)]
-    assert methods or name == "DeformationResult"
-    assert {method.name for method in methods if not method.name.startswith("_")} <= USED
-
-
 def test_no_other_package_or_script_imports_the_commands():
     folders = ("baselines", "defaust", "docs", "eval", "tools")
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):

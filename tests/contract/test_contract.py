@@ -50,11 +50,10 @@ OTHER_TETRAHEDRA = {
 #: which triangle the vertex follows.
 TRANSFER = 3e-3
 
-#: Three rotations that map axes to axes without rounding, and a general rotation.
+#: Two rotations that map axes to axes without rounding, and a general rotation.
 TURNS = {
     "no turn": np.eye(3),
     "quarter turn about x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    "quarter turn about y": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
     "any turn": Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix(),
 }
 
@@ -107,16 +106,6 @@ def close(method) -> float:
     if method.name in LEARNED:
         return CLOSE_LEARNED
     return CLOSE_LIBIGL if method.name in ("arap", "elastic") else CLOSE
-
-
-def test_result_has_a_finite_position_for_every_vertex(method):
-    result = method.result
-    assert result.vertices.shape == method.task.mesh.V.shape
-    assert result.vertices.dtype == np.float64
-    assert np.isfinite(result.vertices).all()
-    assert result.iterations >= 0
-    assert result.converged in (True, False, None)
-    assert all(seconds >= 0 for seconds in result.seconds.values())
 
 
 def test_a_seed_gives_the_same_bits_again_and_the_input_is_untouched(method):

@@ -11,9 +11,8 @@ from baselines.accelerated import local_global
 from eval.metrics.deformation import edge
 from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Mesh
-from tests.full import few
 from tests.methods import LEARNED, configured, methods
-from tests.shapes import beside, block, bumpy, jittered, moved_parts, shifted
+from tests.shapes import block, bumpy, jittered, moved_parts
 
 METHODS = [name for name in methods("", "peer") if name != "identity"]
 
@@ -37,22 +36,15 @@ def turned(degrees: float, *, shift=(0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0)):
 def cases() -> dict[str, tuple[Mesh, list[tuple]]]:
     """Return meshes, each with the parts that are fixed or moved."""
     body, bar = bumpy(4), jittered(block(np.ones((1, 1, 6)), cells=8), 0.01)
-    two = beside(body, shifted(body, [6, 0, 0]))
-    z, first = body.V[:, 2], np.arange(two.n) < body.n
-    low, middle, high = np.quantile(z, [1 / 3, 1 / 2, 0.95])
-    held, moved = z < low, z > high
+    z = body.V[:, 2]
+    low, high = np.quantile(z, [1 / 3, 0.95])
     ring = (bar.V[:, 2] > 3.0) & (bar.V[:, 2] < 3.5)
     return {
-        "a third held, a twentieth moved": (body, [(held, 0), (moved, turned(20, shift=(0.2, 0.1, 0.2)))]),
-        "regions that touch": (
+        "a third held, a twentieth moved": (
             body,
-            [(held, 0), ((z >= low) & (z < middle), turned(5)), (moved, turned(20))],
+            [(z < low, 0), (z > high, turned(20, shift=(0.2, 0.1, 0.2)))],
         ),
         "ring": (bar, [(bar.V[:, 2] < 1, 0), (ring, turned(40, centre=(0.5, 0.5, 0)))]),
-        "a component": (
-            two,
-            [(first & np.tile(held, 2), 0), (first & np.tile(moved, 2), turned(20)), (~first, [0, 0, 9])],
-        ),
         "nothing free": (body, [(slice(None), lambda V: turned(30)(V * [1.0, 1.1, 1.2]))]),
     }
 
@@ -75,7 +67,7 @@ def arap(name: str) -> Deformed:
     return Deformed(case, local_global(case, energy="spokes", start="rigid").vertices)
 
 
-@pytest.mark.parametrize("name", few(CASES, "a third held, a twentieth moved", "ring", "nothing free"))
+@pytest.mark.parametrize("name", CASES)
 def test_regions_are_taken(method, name):
     case = CASES[name]
     try:
@@ -85,7 +77,7 @@ def test_regions_are_taken(method, name):
     assert V.shape == case.mesh.V.shape and np.isfinite(V).all()
     gap = np.linalg.norm(V[case.handles.index] - case.handles.target, axis=1) / case.mesh.diagonal
     if method.name in LEARNED:
-        assert np.median(gap) < NEAR or name == "a component"  # few training steps cannot move it so far
+        assert np.median(gap) < NEAR
         return
     if method.name in SOFT:
         assert gap.mean() < SOFT[method.name]

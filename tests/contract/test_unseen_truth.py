@@ -68,14 +68,7 @@ def balls(here):
     return here / "balls"
 
 
-@pytest.mark.parametrize(
-    ("process", "resolution"),
-    [
-        ("run.fresh=false", "high"),
-        ("run.fresh=true", "low"),
-        pytest.param("run.time_limit=60", "high", marks=pytest.mark.full),
-    ],
-)
+@pytest.mark.parametrize(("process", "resolution"), [("run.fresh=false", "high"), ("run.fresh=true", "low")])
 def test_no_method_finds_the_truth_in_its_process(balls, process, resolution):
     command = [*COMMAND.split(), process, f"dataset.resolution={resolution}"]
     done = subprocess.run([sys.executable, "-m", "eval", *command], capture_output=True, text=True)
