@@ -8,7 +8,6 @@ from time import sleep
 from typing import Any
 
 import numpy as np
-import psutil
 from scipy.spatial.transform import Rotation
 
 from eval.metrics import Task
@@ -125,16 +124,6 @@ def dying(task, *, seed: int, progress=silent) -> DeformationResult:
 def killed(task, *, seed: int, progress=silent) -> DeformationResult:
     """A method whose process dies as if the system killed it for lack of memory."""
     os.kill(os.getpid(), signal.SIGKILL)
-
-
-def hungry(task, *, seed: int, progress=silent) -> DeformationResult:
-    """A method that allocates 1 GiB although its memory limit allows only 100 MiB more."""
-    import resource
-
-    limit = psutil.Process().memory_info().vms + 100 * 2**20
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    V = np.ones((2**27, 1))[: task.mesh.n] * task.mesh.V
-    return DeformationResult(V, iterations=0, converged=None)
 
 
 def with_options(task, *, vertices: int | None = None, seed: int, progress=silent) -> DeformationResult:

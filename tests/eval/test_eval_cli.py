@@ -11,16 +11,6 @@ from sshade.files.task_files import write_handles
 from tests.files import contents
 
 
-def test_one_run_from_any_folder_leaves_its_row_and_nothing_else(tmp_path):
-    done = run_eval(tmp_path, "dataset=bumpy", "method=peer/harmonic")
-    assert done.returncode == 0, done.stderr
-    assert "harmonic on bumpy_30: ok" in done.stdout and "volume" in done.stdout
-    assert done.stderr == ""
-    found = contents(tmp_path)
-    assert len(found) == 2
-    assert all(name.startswith("out/runs/single/harmonic/bumpy_30/seed_0_") for name in found)
-
-
 def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
     task = bumpy_task()
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
@@ -38,15 +28,11 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
     overrides = ["dataset=bumpy", "dataset.level=2", "method=failing,missing_extra,stretching"]
     first = run_eval(tmp_path, "-m", *overrides)
     assert first.returncode == 1
-    lines = first.stdout.splitlines()
-    assert lines[0].startswith(
-        "[1/3] failing on bumpy_30: failed (ArithmeticError: this method always fails)"
-    )
-    assert lines[0].endswith(" left)")
-    assert lines[1].startswith(
-        "[2/3] missing_extra on bumpy_30: skipped (ImportError: torch is not installed"
-    )
-    assert lines[2].startswith("[3/3] stretching on bumpy_30: not_converged, ") and len(lines) == 3
+    failed, skipped, done = first.stdout.splitlines()
+    assert failed.startswith("[1/3] failing on bumpy_30: failed (ArithmeticError: this method always fails)")
+    assert failed.endswith(" left)")
+    assert skipped.startswith("[2/3] missing_extra on bumpy_30: skipped (ImportError: torch is not installed")
+    assert done.startswith("[3/3] stretching on bumpy_30: not_converged, ")
     assert "Traceback" not in first.stderr
     again = run_eval(tmp_path, "-m", *overrides)
     assert again.returncode == 1
@@ -57,13 +43,10 @@ def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):
 
 def test_a_run_without_memory_says_so_and_the_others_go_on(tmp_path):
     sweep = ["-m", "dataset=bumpy", "dataset.level=2", "run.fresh=true"]
-    done = run_eval(tmp_path, *sweep, "method=hungry,killed,dying,identity")
+    done = run_eval(tmp_path, *sweep, "method=killed,identity")
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
     rows = {row["method.name"]: row for row in records(collect(tmp_path / "out/runs/single"))}
-    assert [name for name, row in rows.items() if row["status"] != "failed"] == ["identity"]
-    assert rows["hungry"]["reason"].startswith("MemoryError: Unable to allocate 1.00 GiB")
     assert "killed by signal 9" in rows["killed"]["reason"] and "memory" in rows["killed"]["reason"]
-    assert rows["dying"]["reason"] == "the process ended with exit code 3"
     assert rows["identity"]["status"] == "ok" and rows["identity"]["peak_mib"] > 10
 
 
@@ -83,10 +66,6 @@ def test_a_sweep_over_all_takes_the_cases_that_the_dataset_has(tmp_path):
     cases = ["[1/4] stretching on bumpy_1", "[2/4] stretching on bumpy_2", "[3/4] stretching on bumpy_11"]
     assert [line.split(":")[0] for line in lines] == [*cases, "[4/4] stretching"]
     assert lines[3].endswith("skipped, . has no subject 1, pose 2; its poses are 1")
-    # The dataset's tag gives its runs a separate folder.
-    assert {name.split("/")[2] for name in contents(tmp_path)} == {"single_listed"}
-    (line,) = run_eval(tmp_path, *common, "pose=2").stdout.splitlines()
-    assert line.startswith("[1/1] stretching on bumpy_") and line.endswith(", already there")
 
 
 def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
@@ -98,8 +77,6 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     assert sorted(row["method.name"] for row in rows) == ["fine", "fine_free"]
     assert all((row["method.polish_iterations"], row["method.stiffness"]) == (1, 0.5) for row in rows)
     assert not any(row["env.warmed_up"] for row in rows)
-    wrong = run_eval(tmp_path, "-m", "dataset=bumpy", "method=fine,paper", "method.polish_iterations=3")
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1) and "choice" not in wrong.stderr
 
 
 def test_a_case_of_the_other_half_is_not_run(tmp_path):
@@ -108,8 +85,6 @@ def test_a_case_of_the_other_half_is_not_run(tmp_path):
         done = run_eval(tmp_path, *mode, *case)
         assert done.returncode == 2 and done.stderr.startswith("error: hairpin/gap_0.02 is a tuning case")
     assert not list(tmp_path.rglob("row.json"))
-    # A tag moves the rows to a separate table, which may hold any case.
-    assert run_eval(tmp_path, *case, "+dataset.tag=_mine").returncode == 0
 
 
 def test_a_configuration_that_is_no_yaml_is_one_sentence(tmp_path):
@@ -125,14 +100,10 @@ def test_a_configuration_that_is_no_yaml_is_one_sentence(tmp_path):
         (["dataset=bumpy", "method=paper", "proxy.vertices=9"], "9 proxy vertices cannot hold"),
         (["dataset=mesh", "method=arap"], "dataset.handles, dataset.mesh is not set"),
         (["dataset=listed", "method=arap", "pose=all"], "pose=all takes several runs; add -m"),
-        (["-m", "dataset=bumpy,mesh", "pose=all"], "all subjects or poses need a single dataset"),
-        (["dataset=listed", "dataset.root=2026"], "dataset.root=2026 is no folder; give a name, such as ./2"),
-        (["-m", "dataset=listed", "subject=x", "pose=all"], "subject=x does not fit"),
         (["-m", "dataset=listed", "subject=1", "pose=2,3"], "no run of the sweep has a case; . has no"),
         (["dataset=listed", "subject=1", "pose=2"], ". has no subject 1, pose 2; its poses are 1"),
         (["dataset=bumpy", "solver.tolerence=1"], "solver.tolerence; did you mean 'tolerance'?"),
         (["dataset=bumpy", "+run.forc=true"], "there is no setting run.forc; did you mean 'force'?"),
-        (["dataset=bumpy", "+dataset.levl=2"], "no parameter 'levl'; did you mean 'level'?"),
         (["-m", "dataset=bumpy", "method=fast,paper", "method.vertces=9"], "did you mean 'vertices'?"),
     ],
 )

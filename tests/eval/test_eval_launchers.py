@@ -2,18 +2,13 @@
 
 import pandas as pd
 import pytest
-from compositions import composed
 from eval_program import run_eval, run_program
-from hydra.errors import HydraException
 
 from eval.rows.collect import collect
-from eval.run import app
-from sshade.core.console import how_to_install
 from tests.cluster.same_rows import comparable
 
 NEEDS = {
     "joblib": "hydra_plugins.hydra_joblib_launcher",
-    "slurm": "hydra_plugins.hydra_submitit_launcher",
     "submitit_local": "hydra_plugins.hydra_submitit_launcher",
     "ray": "hydra_plugins.hydra_ray_launcher",
 }
@@ -56,13 +51,3 @@ def test_a_lost_worker_is_told(tmp_path):
     told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
     assert told in done.stderr.splitlines()
     assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize("extra", ["joblib", "slurm", "ray"])
-def test_a_launcher_that_is_not_there_names_its_extra(extra):
-    """The test edits Hydra's message about an unknown launcher, because our launchers may be installed."""
-    with pytest.raises(HydraException) as caught:
-        composed("hydra/launcher=nothing")
-    assert "extra" not in app._one_line(caught.value)
-    absent = HydraException(str(caught.value).replace("launcher/nothing", f"launcher/{extra}"))
-    assert app._one_line(absent).endswith(f"To use it, {how_to_install(extra)}.")

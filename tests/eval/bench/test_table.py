@@ -55,13 +55,6 @@ def test_both_factors_of_speed_are_columns():
     assert "speed_up_accelerated" not in time_lines(rows())
 
 
-def test_cases_are_compared_each_with_its_own_reference():
-    small = rows(**{"task.checksum": "c2", "task.vertices": 5000})
-    small["seconds.total"] = small["seconds.total"].where(small["method.name"] == "fast", 41.0)
-    lines = time_lines(pd.concat([rows(), small], ignore_index=True))
-    assert lines["speed_up"].round(3).tolist() == [1, round(200 / 0.41, 3), 1, 100]
-
-
 PUBLISHED = sorted((RESULTS / "timing").glob("*.csv"))
 
 
