@@ -132,8 +132,6 @@ def arap_sr(
     watch.end("precompute")
 
     state = _State(cells, linear, R0, U[order], accelerate=accelerate, diagonal=mesh.diagonal)
-    if task.guess is not None:
-        cells.fit(state.u, state.Q, state.R, smooth=False)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
     facts = {"restarts": state.restarts, "colours": int(colour.max()) + 1}

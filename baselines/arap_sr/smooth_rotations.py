@@ -71,11 +71,10 @@ class Cells:
         self._smooth = alpha * mesh.area / degree
         self._first = np.searchsorted(colour, np.arange(colour[-1] + 2))
 
-    def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray, *, smooth: bool = True) -> None:
+    def fit(self, P: np.ndarray, Q: np.ndarray, R: np.ndarray) -> None:
         """Fit Q and R to positions P (n, 3) by one Gauss-Seidel sweep over the colours."""
-        weight = self._smooth if smooth else np.zeros_like(self._smooth)
         for begin, end in pairwise(self._first):
-            _covariances(self._start, self._neighbour, self._weighted, weight, P, R, begin, end)
+            _covariances(self._start, self._neighbour, self._weighted, self._smooth, P, R, begin, end)
             fit_rotations(R[begin:end], Q[begin:end])
 
     def energy(self, P: np.ndarray, R: np.ndarray) -> float:
