@@ -21,22 +21,13 @@ KEY = "SShaDe"
 
 
 def rest_positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """Return the positions (n, 3) float32 of a mesh without the effect of shape keys.
-
-    Raises
-    ------
-    InputError
-        When a script changed the number of vertices, but not the shape keys.
-    """
+    """Return the positions (n, 3) float32 of a mesh without the effect of shape keys."""
     V = np.empty((len(mesh.vertices), 3), dtype=np.float32)
     if mesh.shape_keys is None:
         # Attributes are copied a hundred times as fast as `vertices`.
         mesh.attributes["position"].data.foreach_get("vector", V.ravel())
     else:
-        points = mesh.shape_keys.reference_key.points
-        if len(points) != len(V):
-            raise InputError(f"the shape keys of mesh {mesh.name!r} have {len(points)} points, not {len(V)}")
-        points.foreach_get("co", V.ravel())
+        mesh.shape_keys.reference_key.points.foreach_get("co", V.ravel())
     return V
 
 
@@ -97,9 +88,6 @@ def read_rig(obj: bpy.types.Object) -> Rig:
     """
     handles = obj.sshade.handles
     names = [handle.name for handle in handles]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"group {name!r} is in the list twice; remove one of the two")
     weights = group_weights(obj, names)
     moves = (handle.kind != "FIXED" for handle in handles)
     groups = [RigGroup(*group) for group in zip(names, weights, moves, strict=True)]

@@ -7,7 +7,6 @@ import hashlib
 import json
 import sys
 import traceback
-from math import inf
 from pathlib import Path
 
 import bpy
@@ -25,7 +24,6 @@ SCALED = (
 )
 UNEQUAL = "object 'Body' has scales that are unequal or zero; apply its scale (Ctrl A, Scale)"
 WITHOUT = "group 'moving' is moved, but has no empty in a scene; choose or add one"
-TWICE = "group 'moving' is in the list twice; remove one of the two"
 MOVE, TURN = (0.1, 0.0, 0.3), (0.0, 0.2, 0.1)
 
 
@@ -49,13 +47,13 @@ def fresh():
     return obj, V, F
 
 
-def with_handles(obj, V, *, weight=1.0):
-    """Add a fixed group at the bottom and a moving group of a weight at the top; return their vertices."""
+def with_handles(obj, V):
+    """Add a fixed group at the bottom and a moving group at the top; return their vertices."""
     low, high = V[:, 2].min(), V[:, 2].max()
     fixed = np.flatnonzero(V[:, 2] < low + 0.2 * (high - low))
     moving = np.flatnonzero(V[:, 2] > high - 0.2 * (high - low))
-    for name, own, value in (("fixed", fixed, 1.0), ("moving", moving, weight)):
-        obj.vertex_groups.new(name=name).add(own.tolist(), value, "REPLACE")
+    for name, own in (("fixed", fixed), ("moving", moving)):
+        obj.vertex_groups.new(name=name).add(own.tolist(), 1.0, "REPLACE")
         bpy.ops.sshade.handle_add()
     bpy.ops.sshade.empty_add()
     moved = obj.sshade.handles["moving"].empty
@@ -64,7 +62,7 @@ def with_handles(obj, V, *, weight=1.0):
     return fixed, moving
 
 
-def expected(obj, V, F, fixed, moving, *, method="fast", weight=inf):
+def expected(obj, V, F, fixed, moving, *, method="fast"):
     """Return the package's own result (n, 3) float32 for the place of the empty, from first principles."""
     bpy.context.view_layer.update()
     mesh, handle = Mesh(V.astype(np.float64), F), obj.sshade.handles["moving"]
@@ -75,8 +73,7 @@ def expected(obj, V, F, fixed, moving, *, method="fast", weight=inf):
     matrix = np.array(matrix, dtype=np.float64)  # it has float32 otherwise
     U, _, Vt = np.linalg.svd(matrix[:3, :3])
     target[own] = target[own] @ (U @ Vt).T + matrix[:3, 3]
-    weights = np.where(own, weight, inf)
-    handles = Handles(index, target, dynamic=own, group=own.astype(int), weight=weights)
+    handles = Handles(index, target, dynamic=own, group=own.astype(int))
     task = DeformationTask("oracle", mesh, handles)
     return sshade.deform(task, method=method).vertices.astype(np.float32)
 
@@ -246,7 +243,6 @@ def scene_a_mistake_is_one_sentence_and_changes_nothing():
         "object 'Body' has no vertex group 'fixed'": lambda obj: obj.vertex_groups.clear(),
         WITHOUT: lambda obj: bpy.context.collection.objects.unlink(handle(obj).empty),
         "there are no groups; add vertex groups in the panel SShaDe": lambda obj: obj.sshade.handles.clear(),
-        TWICE: lambda obj: setattr(obj.sshade.handles[0], "name", "moving"),
     }
     for said, mistake in mistakes.items():
         obj, V, F = fresh()
