@@ -13,14 +13,6 @@ from sshade.proxy.sample import proxy_mesh, sample_proxy
 from tests.shapes import bumpy, folded, held_ends
 
 
-@pytest.fixture(scope="module")
-def laid_back():
-    """A strip folded onto itself, whose two layers nearly touch."""
-    mesh = folded()
-    result = sample_proxy(mesh, 120, seed=1)
-    return mesh, result, proxy_mesh(mesh, result)
-
-
 def test_with_nothing_replaced_it_is_the_method():
     task, options = held_ends(bumpy(3)), {"vertices": 150, "samplings": 2, "seed": 4}
     expected = deform(task, method="paper", **options)
@@ -39,8 +31,10 @@ def test_the_unrestricted_map_is_the_nearest_of_all_triangles(body):
     assert (fan.distance >= projection.distance - 1e-14 * body.diagonal).all()
 
 
-def test_cross_part_projections_are_those_that_land_on_the_other_layer(laid_back):
-    mesh, result, proxy = laid_back
+def test_cross_part_projections_are_those_that_land_on_the_other_layer():
+    mesh = folded()
+    result = sample_proxy(mesh, 120, seed=1)
+    proxy = proxy_mesh(mesh, result)
     on_proxy = project_to_surface(mesh.V, proxy, result)
     far = cross_part(on_proxy, proxy, result)
     # By all shortest ways on the proxy.

@@ -5,10 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from baselines.implicit_arap.method import normalised
 from baselines.implicit_arap.patch_edges import weighted_edges
-from sshade.mesh.mesh import Mesh
-from tests.shapes import bumpy
 
 
 def cotangent(P, at, b, c):
@@ -69,12 +66,3 @@ def test_the_energy_of_a_patch_is_that_of_the_loops(weights, literal):
     R, images = Rotation.random(len(P), rng=rng).as_matrix(), rng.normal(size=P.shape)
     found = energy_of(P, triangles, weights, R, images)
     assert found == pytest.approx(literal(P, triangles, R, images), rel=1e-12)
-
-
-def test_normalised_mesh_is_centred_and_fits():
-    mesh = bumpy(3)
-    V, centre, scale = normalised(mesh)
-    assert np.abs(V).max() == pytest.approx(0.8, rel=1e-12)
-    centroid = Mesh(V, mesh.F).face_areas @ V[mesh.F].mean(axis=1)
-    np.testing.assert_allclose(centroid, 0, atol=1e-12)
-    np.testing.assert_allclose(V / scale + centre, mesh.V, atol=1e-12)

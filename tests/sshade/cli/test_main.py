@@ -112,6 +112,7 @@ BAND = moebius()
         (V, F, Handles(POSE.index + 1, POSE.target), "", "2 vertices without a face stay in place"),
         (TWO.V, TWO.F, POSE, "", "1 component without handles follows the nearest"),
         (BODY.V, BODY.F, Handles([0, 9], BODY.V[[0, 9]] + 0.3), "", "nothing is fixed: all handles make the"),
+        (BODY.V, BODY.F, Handles([0], BODY.V[[0]], dynamic=[False]), "", "no handle moves"),
     ],
 )
 def test_what_is_unusual_is_told(sound, capsys, V, F, handles, options, words):
@@ -119,20 +120,6 @@ def test_what_is_unusual_is_told(sound, capsys, V, F, handles, options, words):
     write_handles("pose.json", handles)
     assert main([*DEFORM, *options.split()]) == 0
     assert words in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("motion", "options", "told"),
-    [
-        ({}, "", True),
-        ({"translation": [0.1, 0, 0]}, "", False),
-        ({}, "--volume-goal 1.1", False),
-    ],
-)
-def test_a_file_in_which_nothing_moves_is_told(sound, capsys, motion, options, told):
-    put_handles({"vertices": [int(POSE.index[0])], **motion})
-    assert main([*DEFORM, *options.split()]) == 0
-    assert ("no handle moves" in capsys.readouterr().err) == told
 
 
 def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, capsys):

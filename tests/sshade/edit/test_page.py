@@ -14,8 +14,6 @@ from tests.sshade.edit.lent import lent, unpacked
 from tests.sshade.edit.sessions import begun, marked, upright
 
 BODY = bumpy(4)
-#: Colour of the background, which view.js and style.css define.
-BACKGROUND = np.array([0xD3, 0xDA, 0xE3])
 
 
 @pytest.fixture
@@ -24,10 +22,8 @@ def session(here) -> Session:
 
 
 @pytest.fixture
-def page(request, browser, session):
-    """Open the page with a width of 900 pixels, or with the width that a test gives as a parameter."""
-    width = getattr(request, "param", 900)
-    with lent(session) as server, opened(browser, server.address, width=width, height=640) as page:
+def page(browser, session):
+    with lent(session) as server, opened(browser, server.address, width=900, height=640) as page:
         page.wait_for_selector("#stage[data-state=converged]")
         yield page
         assert all(url.startswith((server.address, "data:")) for url in page.asked)
@@ -163,14 +159,6 @@ def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):
     page.keyboard.up("Control")
     assert not np.isin(np.flatnonzero(away < 19), session.state.selection).any()
     page.wait_for_selector(f"#picked:text-is('{len(session.state.selection):,}')")  # a busy page is late
-    assert page.said == []
-
-
-@pytest.mark.parametrize("page", [390], indirect=True)
-def test_it_fits_the_window_of_a_telephone(page):
-    assert page.evaluate("document.documentElement.scrollWidth") == 390
-    stage = pixels(page.locator("#stage"))
-    assert 0.02 < (np.abs(stage - BACKGROUND) > 20).any(axis=2).mean() < 0.9
     assert page.said == []
 
 

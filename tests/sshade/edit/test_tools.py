@@ -59,16 +59,12 @@ def test_the_last_group_is_selected_and_a_row_a_name_or_a_region_selects_another
 
 def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session):
     step, hint = page.locator("#guide [aria-current=step]"), page.locator("#hint")
-    assert step.inner_text() == "Drag the arrows" and hint.inner_text() == "Drag the arrows to move group 2."
+    assert step.inner_text() == "Drag the arrows"
     tool(page, "Brush")
-    assert step.inner_text() == "Pick vertices" and hint.inner_text().startswith(
-        "Paint over vertices. Tick “also hidden vertices” to pick through."
-    )
-    page.locator("#through").check()
-    assert "pick through" not in hint.inner_text()
+    assert step.inner_text() == "Pick vertices"
     page.get_by_text("More ways to pick").click()
     asked(page, "select", page.get_by_role("button", name="invert").click)
-    assert step.inner_text() == "Fix them or make them move" and "Click Fix" in hint.inner_text()
+    assert step.inner_text() == "Fix them or make them move"
     asked(page, "select", page.get_by_role("button", name="invert").click)
     tool(page, "View")
     state = session.state
@@ -81,7 +77,6 @@ def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session
     was, now = (where(page, V, points.mean(axis=0))[0] for points in (V[group.vertices], group.target))
     assert np.abs(now - was - [60, -30]).max() < 8  # the group is where the mouse went
     page.wait_for_selector("#hint:has-text('Done in')")
-    assert "the volume changed by" in hint.inner_text()
     asked(page, "undo", page.get_by_role("button", name="Undo").click)
     assert hint.inner_text() == "Drag the arrows to move group 2."
 

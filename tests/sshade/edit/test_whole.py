@@ -90,16 +90,7 @@ def test_a_creature_is_posed_survives_a_killed_program_and_is_saved(browser, ses
         for name in "labels", "positions":
             assert np.array_equal(again[name], posed[name])
         assert again["groups"] == posed["groups"]
-        for name in (
-            "Save handles",
-            "Save mesh",
-            "Undo",
-            "End",
-            "Reset view",
-            "keys and mouse",
-            "Fix",
-            "Delete",
-        ):
+        for name in "Save handles", "Save mesh", "Undo", "End", "Reset view", "Fix", "Delete":
             assert in_sight(page, page.get_by_role("button", name=name, exact=True)), name
         press(page, "Save mesh", "save")
         press(page, "Save handles", "save")
