@@ -191,6 +191,7 @@ class Commands:
             "scale": self._scale,
             "version": session.version,
             "picked": len(state.selection),
+            "parts": len(np.unique(mesh.component[state.selection])),
             "carried": self._carried(state.groups),
             "method": state.method,
             "converged": session.is_converged,

@@ -53,7 +53,7 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
         x, y, z = ((a <= v) & (v <= b) for a, v, b in zip(low, V.T, high, strict=True))
         inside |= x & y & z
     if not inside.any():
-        raise InputError("no vertex lies in its boxes")
+        raise InputError("no vertex lies in its boxes; a box is its lowest corner and its highest corner")
     return np.flatnonzero(inside)
 
 

@@ -47,7 +47,7 @@ export class Panel {
     };
     byId("name").textContent = mesh.name;
     byId("counts").textContent = `${whole(mesh.vertices)} vertices, ${whole(mesh.faces)} faces`;
-    byId("picked").textContent = whole(facts.picked);
+    byId("picked").textContent = whole(facts.picked) + (facts.parts > 1 ? ` in ${whole(facts.parts)} components` : "");
     byId("fixed").disabled = byId("moved").disabled = facts.picked === 0;
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;

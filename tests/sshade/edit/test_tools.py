@@ -59,7 +59,7 @@ def test_the_last_group_is_selected_and_a_row_a_name_or_a_region_selects_another
 
 def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session):
     step, hint = page.locator("#guide [aria-current=step]"), page.locator("#hint")
-    assert step.inner_text() == "Drag the arrows"
+    assert step.inner_text() == "Drag the arrows or rings"
     tool(page, "Brush")
     assert step.inner_text() == "Pick vertices"
     page.get_by_text("More ways to pick").click()
