@@ -10,9 +10,8 @@ import time
 import pytest
 
 from sshade.core import kernel_store
-from sshade.core.kernel_store import describe, portable_target
+from sshade.core.kernel_store import portable_target
 from sshade.core.kernels import kernel
-from tools.compile_kernels import LIST, parse
 
 OURS = "from sshade.core.kernels import kernel\n\n\n@kernel\ndef total(x):\n    return x.sum()\n"
 OTHER = "import numba\n\n\n@numba.njit(cache=True)\ndef double(x):\n    return 2 * x\n"
@@ -118,11 +117,3 @@ def test_an_interrupt_lets_a_kernel_load_to_the_end(folder, monkeypatch):
     finally:
         signal.signal(signal.SIGINT, before)
     assert found(1.0) == 4.0 and told.count("begin") == told.count("end")
-
-
-def test_the_list_of_signatures_is_read_as_it_is_written():
-    for line in LIST.read_text("utf-8").splitlines():
-        module, function, *words = line.split()
-        imported = kernel_store.sys.modules.get(module) or __import__(module, fromlist=["_"])
-        assert isinstance(vars(imported)[function]._cache, kernel_store.Store)
-        assert describe(tuple(parse(iter(words), imported))) == " ".join(words)

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from docs import gallery, pictures
+from docs import gallery
 from docs.pages import PAGES, ROOT, filled_page
 from eval.metrics import METRICS
 
@@ -53,15 +53,6 @@ def test_names_on_the_code_page_are_in_their_files():
         if not any(re.search(rf"\b{name}\b", (page.parent / place).read_text("utf-8")) for place in places)
     ]
     assert missing == []
-
-
-def test_pages_show_each_picture_of_the_program_once_and_pictures_are_small():
-    text = "".join(
-        (ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("limits.md", "beyond.md", "edit.md")
-    )
-    assert sorted(re.findall(r"\]\(figures/(.+)\.png\)", text)) == sorted(pictures.PICTURES)
-    for name in pictures.PICTURES:
-        assert 1000 < (ROOT / "docs" / "figures" / f"{name}.png").stat().st_size < 150_000
 
 
 def test_the_gallery_has_the_command_and_picture_of_each_example():

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from functools import cache
 
 import numpy as np
 import pytest
@@ -11,10 +10,8 @@ import pytest
 from defaust.build.dataset import build
 from defaust.tasks import load_task
 from eval.run.environment import digest
-from sshade import Mesh
 from sshade.files.meshes import read_mesh
 from tests.defaust.toy import OPTIONS, Balls
-from tests.shapes import icosphere
 
 #: A method that lists what it was given, and all arrays of positions that it can reach: in objects that the
 #: garbage collector knows, in modules and their caches, and in the local variables of its callers.
@@ -84,16 +81,3 @@ def test_no_method_finds_the_truth_in_its_process(balls, process, resolution):
         assert (shown["truth"], shown["name"], shown["meta"]) == (None, row["task.checksum"], {})
         # The result is the rest shape, and the row tells how far it is from the truth.
         assert row["metric.truth_distance"] > 1 and row["task.meta.posed_by"] == task.meta["posed_by"]
-
-
-def test_the_search_finds_what_callers_and_caches_keep():
-    names: dict = {}
-    exec(PEEKING, names)
-    local, cached = np.random.default_rng(0).random((2, 5, 3))[0], _cached().V
-    found = names["reachable"]()
-    assert any(thing is local.base for thing in found) and any(thing is cached for thing in found)
-
-
-@cache
-def _cached() -> Mesh:
-    return icosphere(1)

@@ -6,16 +6,15 @@ from scipy.spatial import cKDTree
 
 from defaust.build.dataset import build
 from defaust.build.options import BuildOptions
-from defaust.build.upsample import self_intersecting, subdivide
+from defaust.build.upsample import self_intersecting
 from defaust.build.verify import verify
 from defaust.sources.animals import Animals
 from defaust.sources.new_bodies import NewBodies
 from defaust.sources.noisy import NoisyBodies
 from defaust.sources.skinning import apply_motions, blend_motions, bone_motions
 from defaust.sources.source import read_asset
-from defaust.sources.synthetic import SHA256, SyntheticBodies, load_bodies
+from defaust.sources.synthetic import SHA256, SyntheticBodies
 from defaust.tasks import load_task
-from defaust.tasks.full_size import Registered, find_skin, true_pose
 from tests.defaust.toy import change
 from tools.bake.bodies import add_poses, without_reaches
 
@@ -85,14 +84,3 @@ def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(source,
     change(tmp_path / "out", lambda document: document["source"].update(asset_sha256="0" * 64))
     task = load_task(tmp_path / "out", subject=subject, pose=1)
     assert task.truth is None and "of another version (asset 000000000000)" in task.meta["no_truth"]
-
-
-def test_skinned_and_subdivided_poses_of_a_fine_mesh_agree():
-    rest, names = BODIES.rest(3), load_bodies().pose_names
-    fine = subdivide(rest, steps=1)
-    for name, pose in list(zip(names, BODIES.poses(3), strict=True))[::5]:
-        skin = find_skin(Registered(fine, rest, rest, 1), {"asset_sha256": SHA256}, subject=3, pose=name)
-        subdivided, _ = true_pose(Registered(fine, rest, BODIES.posed(3, pose), 1), None)
-        gap = np.linalg.norm(skin(fine.V) - subdivided, axis=1)
-        assert gap.mean() < 3e-4 and gap.max() < 5e-3  # metres; the largest in a crease
-        assert np.linalg.norm(subdivided - fine.V, axis=1).max() > 0.3

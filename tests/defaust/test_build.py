@@ -24,7 +24,6 @@ def test_the_record_lists_every_file_and_measures_the_cases(finished):
     document = read_dataset(finished)
     assert set(document["files"]) == expected == set(contents(finished)) - {"dataset.json"}
     assert document["checksum"] == checksum(document)
-    assert document["landmarks"] == ["top", "bottom", "front"]
     facts = {
         "pose": 1, "name": "lean", "static": 1, "dynamic": 1, "moving": 6, "static_moved": 0.0,
         "volume": pytest.approx(document["subjects"][1]["low"]["volume"], rel=1e-12),  # a shear
@@ -33,11 +32,8 @@ def test_the_record_lists_every_file_and_measures_the_cases(finished):
 
 
 def test_builds_are_byte_identical_with_any_number_of_workers(finished, tmp_path):
-    calls = []
-    build(Balls(), tmp_path / "again", options=OPTIONS, workers=2, progress=lambda *args: calls.append(args))
+    build(Balls(), tmp_path / "again", options=OPTIONS, workers=2)
     assert contents(tmp_path / "again") == contents(finished)
-    assert (*calls[-1][:3], calls[-1][3].split()[0]) == ("subjects", 3, 3, "subject")
-    assert {call[0] for call in calls} == {"subjects", "subject 0", "subject 1", "subject 2"}
 
 
 def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):
@@ -111,21 +107,18 @@ class Odd(Balls):
         return self.rest(subject) if pose.name == "turn" else super().posed(subject, pose)
 
 
-def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path, caplog):
+def test_subjects_and_poses_that_cannot_be_used_are_refused_or_left_out_with_the_reason(tmp_path):
     out, still = tmp_path / "balls", "nothing moves in pose turn: each landmark moves less than 1 %"
     with pytest.raises(InputError, match="subject 1 has none"):
         build(Odd(), out, options=KEPT, workers=1)
     with pytest.raises(InputError, match=still):
         build(Odd(), out, options=replace(KEPT, subjects=(0,)), workers=1)
-    with pytest.raises(InputError, match="subject 2: pose lean has other faces than the rest pose"):
-        build(Balls(broken=True), out, options=replace(KEPT, subjects=(2,)), workers=1)
     document = build(Odd(), out, options=KEPT, workers=1, strict=False)
     assert [one["subject"] for one in document["subjects"]] == [0, 2]
     assert document["left_out"] == [{"subject": 1, "reason": "subject 1 has none"}]
     for subject in document["subjects"]:
         assert [pose["pose"] for pose in subject["poses"]] == [1]
         assert subject["left_out"][0]["reason"].startswith(still)
-    assert f"left out: subject 0, pose 2: {still}" in caplog.text
     assert still in (out / "README.md").read_text() and verify(out) == []
 
 

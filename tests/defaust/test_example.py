@@ -10,7 +10,6 @@ import sshade
 from defaust.example import POSES
 from sshade import DeformationTask, Mesh
 from sshade.files.task_files import read_handles
-from tests.robustness.case import assert_refused
 
 BENCHMARK = ["hydra", "igl", "omegaconf", "pandas", "pymeshlab", "trimesh"]
 
@@ -41,9 +40,3 @@ def test_a_deformed_example_is_near_its_true_pose(example, pose, farthest):
     U = sshade.deform(DeformationTask("example", rest, handles), vertices=1500).vertices
     distance = 100 * np.linalg.norm(U - truth, axis=1).mean() / rest.diagonal
     assert distance < farthest < 100 * np.linalg.norm(rest.V - truth, axis=1).mean() / rest.diagonal
-
-
-def test_mistakes_are_one_sentence(here):
-    (here / "file").write_text("")
-    assert_refused("defaust", ["example", "file/sub"], "the folder cannot be created")
-    assert_refused("defaust", ["example", ".", "--subdivisions", "9"], "9")

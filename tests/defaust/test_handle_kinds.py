@@ -80,13 +80,6 @@ def test_of_two_regions_that_meet_each_vertex_is_of_the_nearer(ball):
     np.testing.assert_allclose((regions.target - ball.V[regions.index])[:, 0], 1.0 + nearer, atol=1e-12)
 
 
-def test_stored_handles_are_kept(ball, handles):
-    for kind, are_regions in (("stored", False), ("landmarks", False), ("regions", True)):
-        assert of_kind(ball, handles, kind, are_regions=are_regions) is handles
-    with pytest.raises(InputError, match="handles=groups is unknown; use one of stored, points, landmarks"):
-        of_kind(ball, handles, "groups")
-
-
 def test_a_task_takes_any_kind_and_is_named_by_it(finished):
     stored = load_task(finished, subject=1, pose=2)
     for kind in ("points", "landmarks", "regions"):

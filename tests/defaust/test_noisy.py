@@ -43,12 +43,6 @@ def test_noise_depends_on_seed_subject_and_pose():
         assert np.abs(displaced(*other) - first).max() > 1e-3
 
 
-def test_levels_of_noise_and_seeds_never_share_a_name():
-    options = [{}, {"noise": 4.0}, {"noise": 2.0000001}, {"seed": 1}, {"seed": 12}]
-    names = [NoisyBodies(**given).name for given in options]
-    assert names == ["noisy_2mm", "noisy_4mm", "noisy_2.0000001mm", "noisy_2mm_seed1", "noisy_2mm_seed12"]
-
-
 def test_the_truth_is_exact_the_handles_have_the_noise_and_the_card_says_so(tmp_path):
     source, options = NoisyBodies(noise=4.0), BuildOptions(subjects=(5,), target_vertices=None)
     build(source, tmp_path / "out", options=options, workers=1)

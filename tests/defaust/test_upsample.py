@@ -45,14 +45,9 @@ def test_unfit_surfaces_are_refused(ball):
             upsample(mesh, BuildOptions(target_vertices=500))
 
 
-def test_a_library_that_is_missing_is_named(monkeypatch, tmp_path):
-    """A library of the system in one sentence; pymeshlab itself, so that the command can name the extra."""
+def test_a_library_of_the_system_that_is_missing_is_named(monkeypatch, tmp_path):
     (tmp_path / "pymeshlab.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pymeshlab", raising=False)
-    assert subdivide(torus(), steps=0).n == torus().n
     with pytest.raises(InputError, match="pymeshlab, which refines meshes, cannot be loaded .* libgl1"):
-        subdivide(torus(), steps=1)
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    with pytest.raises(ModuleNotFoundError, match="pymeshlab"):
         subdivide(torus(), steps=1)

@@ -24,7 +24,6 @@ class Balls(Source):
     """Balls with landmarks at the top, at the bottom, and at the front."""
 
     stretch: float = 1.0
-    broken: bool = False
     name: str = "balls"
     subjects: tuple[int, ...] = (0, 1, 2)
     landmark_names: tuple[str, ...] = ("top", "bottom", "front")
@@ -47,8 +46,6 @@ class Balls(Source):
 
     def posed(self, subject: int, pose: SourcePose) -> Mesh:
         rest = self.rest(subject)
-        if self.broken:
-            return Mesh(rest.V, rest.F[:, [1, 2, 0]])
         if pose.name == "lean":
             return Mesh(rest.V + [1.0, 0, 0] * np.maximum(0.0, rest.V[:, 1:2]), rest.F)
         return Mesh(rest.V[:, [2, 1, 0]] * [1, 1, -1] + [3.0, 0.0, 0.0], rest.F)

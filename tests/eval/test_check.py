@@ -27,20 +27,16 @@ values:
 
 
 class Clock:
-    """Seconds that the evaluator is told for each run of a method, and for an iteration of Elastic.
-
-    The last value of `method` is told again and again.
-    """
+    """Seconds that the evaluator is told for each run of a method, and for an iteration of Elastic."""
 
     def __init__(self) -> None:
-        self.method, self.iteration = [3.0], 2.0
+        self.method, self.iteration = 3.0, 2.0
 
     def __call__(self, config, task, **options):
         done = attempt(config, task, **options)
         if done.vertices is None:
             return done
-        seconds = self.method.pop(0) if len(self.method) > 1 else self.method[0]
-        told = {"seconds.total": seconds, "seconds.solve": self.iteration * done.facts["iterations"]}
+        told = {"seconds.total": self.method, "seconds.solve": self.iteration * done.facts["iterations"]}
         return done._replace(facts={**done.facts, **told})
 
 
@@ -99,7 +95,7 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys, name):
 
 
 def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, clock, capsys):
-    clock.method = [30.0]
+    clock.method = 30.0
     assert call("check", ["arap"]) == 1
     assert "arap  is too slow; takes 15 iterations of elastic, golden 1.5" in capsys.readouterr().out
     assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
@@ -127,13 +123,10 @@ def test_a_method_without_a_result_is_left_out_or_fails_and_keeps_its_values(
 @pytest.mark.parametrize(
     ("method", "measure", "golden", "found", "times"),
     [
-        ("a", "edge", 2.0, 2.0001, 0.5),
         ("a", "edge", 2.0, 2.0004, 2.0),
         ("a", "edge", 0.0, 1e-6, 1.0),
-        ("a", "bend", None, 1.0, inf),
         ("a", "bend", 1.0, None, inf),
         ("a", "flips", 0.0, 1.0, inf),
-        ("a", "flips", 3.0, 5.0, 1.0),
         ("a", "iterations", 100.0, 120.0, 2.0),
         ("bbw", "edge", 2.0, 2.5, 0.5),
     ],

@@ -11,17 +11,16 @@ from sshade.files.task_files import write_handles
 from tests.files import contents
 
 
-def test_warnings_of_a_method_reach_the_user_of_a_run_and_of_a_sweep(tmp_path):
+def test_warnings_of_a_method_reach_the_user_of_a_sweep(tmp_path):
     task = bumpy_task()
     write_mesh(tmp_path / "open.ply", task.mesh.V, task.mesh.F[:-1])
     write_handles(tmp_path / "pose.json", task.handles)
     overrides = ["dataset=mesh", "dataset.mesh=open.ply", "dataset.handles=pose.json", "method=fast"]
     overrides += ["method.vertices=80"]
-    for mode in ([], ["-m"]):
-        done = run_eval(tmp_path, *overrides, *mode, "run.force=true")  # a flag between settings
-        assert done.returncode == 0, done.stderr
-        line = "WARNING sshade.method.pieces: the volume is not kept: the surface has a boundary"
-        assert done.stderr.count("the volume is not kept") == done.stderr.count(line) == 1
+    done = run_eval(tmp_path, *overrides, "-m", "run.force=true")  # a flag between settings
+    assert done.returncode == 0, done.stderr
+    line = "WARNING sshade.method.pieces: the volume is not kept: the surface has a boundary"
+    assert done.stderr.count("the volume is not kept") == done.stderr.count(line) == 1
 
 
 def test_a_sweep_goes_on_after_a_failure_and_is_resumed(tmp_path):

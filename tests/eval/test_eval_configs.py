@@ -47,14 +47,6 @@ def test_method_composes_and_names_every_parameter_of_its_function(name):
     assert set(plain) - set(OWN_KEYS) == taken - {"task", "seed", "progress"}
 
 
-@pytest.mark.parametrize(
-    ("name", "method", "options"),
-    [("paper_plain", "paper", {"accelerate": False}), ("fine_free", "fine", {"volume": 0, "area": 0})],
-)
-def test_a_variant_for_comparison_is_a_method_with_other_options(name, method, options):
-    assert method_of(composed(f"method={name}")) == method_of(composed(f"method={method}")) | options
-
-
 @pytest.mark.parametrize("name", names("dataset"))
 def test_dataset_composes_and_names_a_loader(name):
     plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)

@@ -6,7 +6,6 @@ from eval_rows import row
 from eval.main import call
 from eval.rows.frame import read_csv
 from eval.rows.store import write_run
-from sshade.core.errors import InputError
 
 
 @pytest.fixture
@@ -35,15 +34,6 @@ def test_folders_of_one_name_are_one_experiment(people):
     again = people / "again"
     assert call("collect", [*reversed(folders), "-o", str(again)]) == 0
     assert (again / "quick.csv").read_bytes() == (people / "rows/quick.csv").read_bytes()
-
-
-def test_an_empty_folder_of_a_refused_run_is_no_experiment(here):
-    (here / "out/runs/refused").mkdir(parents=True)
-    with pytest.raises(InputError, match="holds no experiment"):
-        call("collect", [])
-    write_run(here / "out/runs/mine/r", row())
-    assert call("collect", []) == 0
-    assert len(read_csv("out/rows/mine.csv")) == 1
 
 
 def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
