@@ -35,7 +35,6 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
     ("changes", "words"),
     [
         ({"status": "fine"}, "its status is 'fine'"),
-        ({"metric.edge": "small"}, "metric.edge is 'small'"),
         ({"date": ""}, "it has no date"),
     ],
 )
