@@ -226,15 +226,12 @@ def edit() -> Image.Image:
     return image
 
 
+FUNCTIONS = (
+    *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
+    *(beyond_volume, beyond_attachment, beyond_guide, beyond_inertia, edit),
+)
 #: Functions that return a picture, by the names of their files.
-PICTURES = {
-    made.__name__: made
-    for made in (
-        *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
-        *(beyond_volume, beyond_attachment, beyond_guide, beyond_inertia),
-        edit,
-    )
-}
+PICTURES = {made.__name__: made for made in FUNCTIONS}
 
 
 def main(names: list[str]) -> None:
