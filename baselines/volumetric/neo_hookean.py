@@ -10,7 +10,7 @@ search finds the equilibrium. simkit provides energies and derivatives. There ar
 no gravity.
 
 Proof: a closed form, by which a stretched body thins by Poisson's ratio; derivatives are those of the energy,
-and another minimiser finds the same minimum (tests/baselines/test_neo_hookean.py).
+and no force is left at the end (tests/baselines/test_neo_hookean.py).
 
 B. Smith, F. de Goes, T. Kim, "Stable Neo-Hookean flesh simulation", 2018.
 """

@@ -2,9 +2,7 @@
 
 import subprocess
 import sys
-import tomllib
 from importlib.metadata import version
-from zipfile import ZipFile
 
 import pytest
 
@@ -16,21 +14,10 @@ from tests.sshade.blender.wheels import small_wheel
 PIP = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--disable-pip-version-check"]
 
 
-def test_an_extension_has_a_manifest_and_its_files(tmp_path):
-    wheel = small_wheel(tmp_path)
-    blender.write_extension(tmp_path / "a.zip", [wheel])
-    with ZipFile(tmp_path / "a.zip") as archive:
-        content = tomllib.loads(archive.read("blender_manifest.toml").decode())
-        names = set(archive.namelist())
-        assert archive.read(f"wheels/{wheel.name}") == wheel.read_bytes()
-        sources = [archive.read(name).decode() for name in names if name.endswith(".py")]
-    assert content["schema_version"] == "1.0.0" and content["id"] == "sshade" and content["type"] == "add-on"
-    assert content["version"] == version("sshade") and content["maintainer"]
-    assert content["license"] == ["SPDX:GPL-3.0-or-later"] and content["name"] == "SShaDe"
-    assert len(content["tagline"]) <= 64 and content["tagline"][-1].isalnum()
-    assert content["wheels"] == [f"./wheels/{wheel.name}"] and len(content["platforms"]) == 1
-    assert {"__init__.py", "rig.py", "live.py"} < names
-    assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in sources)
+def test_files_of_the_extension_name_their_licence():
+    texts = [path.read_text() for path in blender.ADDON.glob("*.py")]
+    assert len(texts) > 5
+    assert all(text.startswith("# SPDX-License-Identifier: MIT OR GPL-3.0-or-later\n") for text in texts)
 
 
 @pytest.mark.parametrize(
