@@ -15,6 +15,20 @@ COUNT_BIAS = 0.97
 #: Maximum number of remeshings to reach the window of vertex counts.
 ATTEMPTS = 6
 
+#: Parameters of the remeshing. MeshLab reads those that are not given from memory that nothing has set, and
+#: one build of ten was then another mesh.
+REMESHING: dict[str, Any] = {
+    "featuredeg": 30.0,
+    "selectedonly": False,
+    "adaptive": False,
+    "checksurfdist": True,
+    "splitflag": True,
+    "collapseflag": True,
+    "swapflag": True,
+    "smoothflag": True,
+    "reprojectflag": True,
+}
+
 
 class Upsampled(NamedTuple):
     """A remeshed surface, and facts about the remeshing.
@@ -98,7 +112,10 @@ def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarr
     """Remesh isotropically; return vertices and faces, not yet checked."""
     pymeshlab, meshes = _mesh_set(mesh)
     meshes.meshing_isotropic_explicit_remeshing(
-        iterations=iterations, targetlen=pymeshlab.PureValue(edge_length), selectedonly=False
+        iterations=iterations,
+        targetlen=pymeshlab.PureValue(edge_length),
+        maxsurfdist=pymeshlab.PercentageValue(1),
+        **REMESHING,
     )
     return _arrays(meshes)
 

@@ -1,6 +1,9 @@
 """Subdivision and remeshing: counts, topology, shape, and refused meshes."""
 
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +11,7 @@ import pytest
 from defaust.build.options import BuildOptions
 from defaust.build.upsample import subdivide, upsample
 from sshade import InputError, Mesh
-from tests.shapes import beside, icosphere, shifted, torus
+from tests.shapes import beside, bumpy, icosphere, shifted, torus
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +31,18 @@ def test_counts_topology_and_shape(ball, target, steps):
     length = np.linalg.norm(mesh.V[mesh.edges[:, 0]] - mesh.V[mesh.edges[:, 1]], axis=1)
     assert length.mean() == pytest.approx(result.edge_length, rel=0.1)
     assert length.std() / length.mean() < 0.2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the variable is for the C library of Linux")
+@pytest.mark.parametrize("byte", ["1", "255"])
+def test_what_memory_held_before_changes_nothing(byte):
+    code = "from defaust.build.upsample import *; from tests.shapes import bumpy; import sys; " + (
+        "sys.stdout.buffer.write(upsample(bumpy(4), BuildOptions(target_vertices=500)).mesh.V.tobytes())"
+    )
+    environment = {**os.environ, "MALLOC_PERTURB_": byte, "PYTHONPATH": str(Path(__file__).parents[2])}
+    found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+    expected = upsample(bumpy(4), BuildOptions(target_vertices=500)).mesh.V
+    assert np.array_equal(np.frombuffer(found.stdout).reshape(-1, 3), expected)
 
 
 def test_every_edge_is_split(ball):
