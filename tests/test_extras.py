@@ -15,18 +15,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OWN = {"sshade", "baselines", "defaust", "eval"}
 #: Modules of the required libraries, of numba's compiler, and of Blender, which runs the extension.
-REQUIRED = {
-    "numpy",
-    "scipy",
-    "numba",
-    "yaml",
-    "rich",
-    "psutil",
-    "llvmlite",
-    "bpy",
-    "bmesh",
-    "mathutils",
-}
+REQUIRED = {"numpy", "scipy", "numba", "yaml", "rich", "psutil", "llvmlite", "bpy", "bmesh", "mathutils"}
 
 
 def imported(*packages):

@@ -16,7 +16,9 @@ from eval.rows.store import read_row, run_folders
 from eval.run import environment
 from sshade.core.errors import InputError
 from sshade.core.progress import silent
-from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.mesh.mesh import Mesh
+from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
+from tests.shapes import bumpy
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}
@@ -189,3 +191,16 @@ def test_a_tree_is_modified_by_files_that_can_change_numbers(tmp_path, monkeypat
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / place).write_text("new")
         assert environment._commit.__wrapped__()[1] is modified
+
+
+def test_the_checksum_of_a_pose_transfer_covers_all_that_a_method_reads():
+    rest = bumpy(1)
+    task = TransferTask("t", rest, rest, 2 * rest.V)
+    same = TransferTask("other name", rest, rest, 2 * rest.V, truth=rest.V)
+    assert environment.task_checksum(task) == environment.task_checksum(same)
+    others = [
+        TransferTask("t", Mesh(3 * rest.V, rest.F), rest, 2 * rest.V),
+        TransferTask("t", rest, Mesh(3 * rest.V, rest.F), 2 * rest.V),
+        TransferTask("t", rest, rest, 3 * rest.V),
+    ]
+    assert len({environment.task_checksum(other) for other in [task, *others]}) == 4

@@ -4,7 +4,6 @@ from time import sleep
 
 import pytest
 
-import eval.bench.turns
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
 from sshade.core.errors import InputError
 
@@ -24,15 +23,6 @@ def test_several_rejected_repeats_in_a_row_end_the_command(machine):
     with pytest.raises(InputError, match="not quiet: 5 repeats of a on t in a row .* used 30% .*nothing was"):
         take_turns([job("a", order)], rounds=3)
     assert order == ["a"] * (1 + ATTEMPTS)
-
-
-def test_a_long_job_runs_once_unless_it_was_disturbed(machine, monkeypatch):
-    monkeypatch.setattr(eval.bench.turns, "LONG", 0.0)
-    order = []
-    rows = take_turns([job(name, order) for name in "ab"], rounds=3)
-    assert order == ["a", "b"] and [row["method.name"] for row in rows] == ["a", "b"]
-    machine(0.2, 0.0)
-    assert [row["kept"] for row in take_turns([job("a", [])], rounds=3)] == [False, True]
 
 
 @pytest.mark.parametrize(("busy", "own", "share"), [(19.0, 18.1, 0.045), (19.0, 17.8, 0.06), (5.0, 5.1, 0.0)])

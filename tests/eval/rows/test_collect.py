@@ -1,11 +1,13 @@
-"""Rows of several runs, folders, people and machines are joined into one file for each experiment."""
+"""Rows of several runs, folders, people and machines are one experiment, which is found by its name."""
 
 import pytest
-from eval_rows import row
+from eval_rows import frame, row
 
 from eval.main import call
-from eval.rows.frame import read_csv
-from eval.rows.store import write_run
+from eval.rows.collect import Experiment, load_rows, read_experiments
+from eval.rows.frame import read_csv, write_csv
+from eval.rows.store import run_folder, write_run
+from sshade.core.errors import InputError
 
 
 @pytest.fixture
@@ -44,3 +46,40 @@ def test_a_damaged_row_is_left_out_with_a_note(here, capfd):
     assert call("collect", ["mine"]) == 0
     assert "t2/row.json: not a row" in capfd.readouterr().err
     assert list(read_csv("out/rows/mine.csv")["task.name"]) == ["t1"]
+
+
+def test_cases_of_an_experiment():
+    one = [
+        row("arap"),
+        row("arap", seed=1),
+        row("paper"),
+        row("paper", "t2", status="failed"),
+        row("b", "t2"),
+    ]
+    low = row("arap", task__checksum="low", task__vertices=100)
+    cases = Experiment("tiny", frame(*one, low), ()).cases()
+    told = [[(r["task.name"], r["task.vertices"], r["method.name"]) for r in case] for case in cases]
+    assert told == [[("t1", 100, "arap")], [("t1", 1000, "arap"), ("t1", 1000, "paper")], [("t2", 1000, "b")]]
+
+
+def test_experiments_are_found_by_name(here):
+    with pytest.raises(InputError, match="holds no rows"):
+        read_experiments([])
+    write_csv("out/rows/tiny.csv", frame(row()))
+    write_csv("elsewhere/tiny.csv", frame(row(), row("b")))
+    for names in ([], ["tiny"], ["out/rows/tiny.csv"]):
+        (found,) = read_experiments(names)
+        assert found.name == "tiny" and len(found.rows) == 1 and str(found.runs[0]) == "out/runs/tiny"
+    with pytest.raises(InputError, match="two experiments are named 'tiny'"):
+        read_experiments(["tiny", "elsewhere/tiny.csv"])
+
+
+def test_rows_are_ones_own_or_published_or_of_runs_that_were_not_collected(here):
+    write_csv("results/rows/tiny.csv", frame(row()))
+    assert len(load_rows("tiny")) == 1
+    write_csv("out/rows/tiny.csv", frame(row(), row("b")))
+    assert len(load_rows("tiny")) == 2
+    write_run(run_folder("out/runs/new", row()), row())
+    assert len(load_rows("new")) == len(load_rows("out/runs/new")) == 1
+    with pytest.raises(InputError, match="no runs in older or out/runs/older; out/runs has new$"):
+        load_rows("older")
