@@ -96,6 +96,14 @@ def folder(tmp_path_factory):
     return path
 
 
+def test_the_readme_installs_into_an_environment_in_a_clone(tmp_path):
+    """Git and the environment are real; the last command only looks where it would install."""
+    (commands,) = (block for block in blocks(README) if block.startswith("git clone"))
+    instead = 'python3() { command python3 "$@" --without-pip; }\n'
+    instead += 'pip() { test "$*" = "install ." && test -f pyproject.toml && test -n "$VIRTUAL_ENV"; }\n'
+    subprocess.run(["bash", "-ec", instead + commands.replace("URL", str(ROOT))], cwd=tmp_path, check=True)
+
+
 def blocks(page: str, language: str = "") -> list[str]:
     """The contents of a page's blocks in a language; commands have none."""
     found = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.M | re.S)
