@@ -212,7 +212,6 @@ def panel(
     *,
     error: np.ndarray | None = None,
     top: float = 1.0,
-    colours: str = COLOURS,
     bar: str | None = None,
     handles: Handles | None = None,
     targets: bool = False,
@@ -230,8 +229,6 @@ def panel(
     error : (n,) float64, optional
         Values that colour the surface, on a scale from 0 to `top`.
     top : float
-    colours : str
-        Name of a colour map of matplotlib.
     bar : str, optional
         Title of a colour bar.
     handles : Handles, optional
@@ -245,7 +242,7 @@ def panel(
     paint: dict[str, Any] = {"color": BODY}
     if error is not None:
         # The light keeps the colours close to the colour bar.
-        paint = {"scalars": error, "clim": (0, top), "cmap": colours, "ambient": 0.4, "diffuse": 0.6}
+        paint = {"scalars": error, "clim": (0, top), "cmap": COLOURS, "ambient": 0.4, "diffuse": 0.6}
         bar_style = {"title": bar, "color": "black", "n_labels": 2, "fmt": "%.3g"}
         bar_place = {"position_x": 0.2, "position_y": 0.01, "width": 0.6, "height": 0.07}
         paint |= {"show_scalar_bar": bar is not None, "scalar_bar_args": {**bar_style, **bar_place}}

@@ -158,7 +158,6 @@ def packed_view(
         "note": " ".join(notes),
         "vertices": len(shown.samples),
         "faces": len(shown.faces),
-        "diagonal": 1.0,
         "label": label,
         "bottom": bottom,
         "top": top,

@@ -85,7 +85,7 @@
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * n), 3));
     const surface = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ vertexColors: true, side: 2 }));
     surface.frustumCulled = false;
-    const balls = spheres(entry.handles.length, entry, 1), goals = spheres(entry.handles.length, entry, 0.4);
+    const balls = spheres(entry.handles.length, 1), goals = spheres(entry.handles.length, 0.4);
     entry.dynamic.forEach((dynamic, k) => {
       const colour = new THREE.Color(dynamic ? "#f2c200" : "#2166ac");
       balls.setColorAt(k, colour);
@@ -107,8 +107,8 @@
     showShape();
   }
 
-  function spheres(count, entry, opacity) {
-    const ball = new THREE.SphereGeometry(0.0025 * entry.diagonal, 12, 8);
+  function spheres(count, opacity) {
+    const ball = new THREE.SphereGeometry(0.0025, 12, 8);
     const matter = new THREE.MeshLambertMaterial({ transparent: opacity < 1, opacity });
     const instances = new THREE.InstancedMesh(ball, matter, count);
     instances.frustumCulled = false;

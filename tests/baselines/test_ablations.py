@@ -5,9 +5,17 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from baselines.ablations import FAR, cross_part, paper_with, project_to_surface
-from sshade import deform
+from baselines.ablations import (
+    FAR,
+    cross_part,
+    paper_with,
+    project_to_surface,
+    sample_nearest_to_handles,
+)
+from sshade import Handles, deform
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.rigid import rigid_motion
+from sshade.method.regions import HandleRegions
 from sshade.proxy.projection import project_to_fans
 from sshade.proxy.sample import proxy_mesh, sample_proxy
 from tests.shapes import bumpy, folded, held_ends
@@ -51,3 +59,18 @@ def test_cross_part_projections_are_those_that_land_on_the_other_layer():
     extra = paper_with(task, projection="surface", vertices=150, samplings=2).extra
     assert extra["far_share"] == pytest.approx(100 * extra["far_vertices"] / mesh.n)
     assert extra["far_share"] > 1
+
+
+def test_the_sample_of_a_handles_region_gets_its_motion_and_a_mean_of_several(body):
+    result = sample_proxy(body, 40, seed=(2, 0))
+    index = np.flatnonzero(np.isin(result.cell, [3, 4]))
+    regions = HandleRegions(body, Handles(index, body.V[index]), vertices=40, graph=vertex_graph(body))
+    _, place = sample_nearest_to_handles(body, regions, (2, 0))
+    target = np.random.default_rng(0).normal(size=(len(index), 3))
+    handles = place(Handles(index, target))
+    assert handles.index.tolist() == [3, 4]
+    R, _ = rigid_motion(body.V[index], target)
+    moved = target + (body.V[result.samples[result.cell[index]]] - body.V[index]) @ R.T
+    for i, s in enumerate((3, 4)):
+        mean = moved[result.cell[index] == s].mean(axis=0)
+        assert np.allclose(handles.target[i], mean, rtol=0, atol=1e-13)

@@ -28,10 +28,13 @@ def igl_positions(task: DeformationTask, energy: str, iterations: int, start: np
 
 
 @pytest.mark.parametrize("energy", ENERGIES)
-@pytest.mark.parametrize("iterations", [1, 7, 40])
+@pytest.mark.parametrize("iterations", [7, 40])
 def test_iterations_one_a_call_equal_one_libigl_call_bit_for_bit(task, energy, iterations):
     result = libigl_arap(task, energy=energy, tolerance=0, max_iterations=iterations)
     start = task.mesh.V.copy()
     start[task.handles.index] = task.handles.target
     assert np.array_equal(result.vertices, igl_positions(task, energy, iterations, start))
     assert result.iterations == iterations and result.converged is False
+    before = igl_positions(task, energy, iterations - 1, start)
+    moved = np.linalg.norm(result.vertices - before, axis=1).max() / task.mesh.diagonal
+    assert result.extra["residual"] == pytest.approx(moved)

@@ -8,7 +8,7 @@ from baselines.vertex_frames import transfer
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import TransferTask
 from sshade.proxy.triangle import FLAT
-from tests.shapes import bent, family, rotation, tetrahedron
+from tests.shapes import bent, family, rotation
 
 
 def edit(mesh, amount=0.1):
@@ -65,9 +65,3 @@ def test_a_collapsed_ring_turns_as_its_neighbours_do(body, caplog):
     turned = np.stack(columns, axis=2)
     U, _, Vt = np.linalg.svd(turned[ring[ring != 7]].mean(axis=0))
     np.testing.assert_allclose(turned[7], U @ Vt, atol=1e-12)
-
-
-def test_a_pose_without_any_frame_keeps_displacements():
-    mesh = tetrahedron()
-    found = moved(mesh, edit(mesh), np.zeros_like(mesh.V))
-    np.testing.assert_allclose(found, edit(mesh) - mesh.V, atol=1e-15)

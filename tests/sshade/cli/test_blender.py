@@ -63,16 +63,3 @@ def test_without_network_the_command_says_so_and_writes_nothing(tmp_path, monkey
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "pip could not fetch numba==" in error and "check the network" in error
     assert list(tmp_path.iterdir()) == []
-
-
-def test_wheels_are_fetched_in_the_installed_versions_with_progress(tmp_path, monkeypatch):
-    """From a folder, through pip, as for an index."""
-    wheel = small_wheel(tmp_path)
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
-    monkeypatch.setattr(blender, "BUNDLED", ("sshade_probe",))
-    monkeypatch.setattr(blender, "version", lambda name: "1.0")
-    seen = []
-    found = blender.fetched_wheels(tmp_path, lambda *report: seen.append(report))
-    assert [path.read_bytes() for path in found] == [wheel.read_bytes()]
-    assert seen == [("fetching wheels", 0, 1, "sshade_probe==1.0"), ("fetching wheels", 1, 1)]

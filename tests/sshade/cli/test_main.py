@@ -156,16 +156,11 @@ def test_it_tells_its_version(capsys):
     assert capsys.readouterr().out == f"sshade {version('sshade')}\n"
 
 
-def test_help_tells_the_usual_switches_and_help_all_tells_all(capsys):
-    told = {}
-    for switch in ("--help", "--help-all"):
-        with pytest.raises(SystemExit) as caught:
-            main(["deform", switch])
-        assert caught.value.code == 0
-        told[switch] = capsys.readouterr().out
-    assert len(told["--help"].splitlines()) < 80 and "--weight W" in told["--help"]
-    for rare in ("--attachment A", "--refuse-unconstrained", '{"handles": ['):
-        assert rare not in told["--help"] and rare in told["--help-all"]
+@pytest.mark.parametrize(("switch", "told"), [("--help", False), ("--help-all", True)])
+def test_help_all_tells_the_rare_switches(capsys, switch, told):
+    with pytest.raises(SystemExit, match="0"):
+        main(["deform", switch])
+    assert ("--attachment A" in capsys.readouterr().out) == told
 
 
 def test_an_interrupt_ends_with_130_and_an_error_of_the_program_is_not_hidden(capsys):

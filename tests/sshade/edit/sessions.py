@@ -3,24 +3,17 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from sshade import Mesh
 from sshade.edit.document import Document
 from sshade.edit.groups import Motion
 from sshade.edit.session import Session
 from sshade.files.meshes import write_mesh
-from tests.shapes import bumpy, strip, torn
+from tests.shapes import bumpy, torn
 
 BODY = bumpy(3)
 LOW, HIGH = (np.flatnonzero(keep) for keep in (BODY.V[:, 2] < -1.2, BODY.V[:, 2] > 1.2))
-
-
 LIFT = Motion(np.eye(3), np.array([0.0, 0.0, 0.4]))
-
-
-SHAPES = {"a closed body": BODY, "a sheet": strip(30, 12)}
 
 
 def upright(mesh: Mesh) -> Mesh:
@@ -37,14 +30,6 @@ def begun(mesh: Mesh = BODY, name: str = "body.ply", **given) -> Session:
 def edited(name: str = "body.ply", *, method: str = "fast", begin: str | None = None, **options) -> Session:
     """Open a file with the handle file `begin` and the options of :class:`Document`."""
     return Session(Document(Path(name), **options), method, begin and Path(begin))
-
-
-def along_edges(mesh: Mesh, sources: np.ndarray) -> np.ndarray:
-    """Return distances (n,) from the nearest source."""
-    i, j = mesh.edges.T
-    length = np.linalg.norm(mesh.V[i] - mesh.V[j], axis=1)
-    graph = csr_array((length, (i, j)), shape=(mesh.n, mesh.n))
-    return dijkstra(graph, directed=False, indices=sources, min_only=True)
 
 
 def ends(V: np.ndarray, share: float = 0.15) -> tuple[np.ndarray, np.ndarray]:

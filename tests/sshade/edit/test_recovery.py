@@ -95,9 +95,6 @@ def test_files_of_another_mesh_and_damaged_files_are_refused_in_a_sentence(monke
     assert [offer.path for offer in again.recovery.offers] == [path]
     again.discard()
     assert not path.exists() and again.recovery.offers == []
-    for call in again.recover, again.discard:
-        with pytest.raises(InputError, match="nothing to recover"):
-            call()
 
 
 def test_where_no_file_can_be_written_the_work_goes_on_and_the_reason_is_told(monkeypatch):

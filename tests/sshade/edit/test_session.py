@@ -6,16 +6,16 @@ import pytest
 from sshade.edit import follower, state, work
 from sshade.edit.groups import Motion
 from sshade.edit.work import Superseded
-from tests.shapes import beside, bumpy, rotation, shifted
-from tests.sshade.edit.sessions import BODY, LIFT, SHAPES, added, begun, ends, marked, ready, settled, turned
+from tests.shapes import beside, bumpy, rotation, shifted, strip
+from tests.sshade.edit.sessions import BODY, LIFT, added, begun, ends, marked, ready, settled, turned
 from tests.sshade.mesh.test_cutting import t_fin
 
 pytestmark = pytest.mark.usefixtures("here")
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(shape):
-    session, number = ready(SHAPES[shape])
+@pytest.mark.parametrize("mesh", [BODY, strip(30, 12)], ids=["closed", "sheet"])
+def test_a_drag_follows_the_group_and_comes_near_the_shape_at_rest(mesh):
+    session, number = ready(mesh)
     V = session.mesh.V
     for step in np.linspace(0.05, 0.4, 8):
         shown = session.drag(number, turned(V, step))
