@@ -5,8 +5,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Deformer, InputError, Mesh, deform
+from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
 from sshade.method import proxy as proxy_module
+from sshade.problem.options import GROUPS
 from tests.shapes import bumpy, end_handles, moved_parts, tube
 from tests.sshade.mesh.test_cutting import moebius
 from tests.sshade.method.calls import fast, paper
@@ -71,6 +72,25 @@ def bound_and_task(name: str, **options):
     )
     drag = Deformer(mesh, own.index, group=own.group, weight=own.weight, vertices=300, **options)
     return drag, DeformationTask("t", mesh, own)
+
+
+#: Another value than the default of `fast` for each option of the energy.
+OTHER_ENERGY = {"volume": 0.01, "volume_goal": 1.2, "stiffness": 0.5, "strain": 0.1, "strain_limit": 0.02}
+OTHER_ENERGY |= {"area": 0.0, "attachment": 3.0, "bending": 0.1, "thickness": 1.0, "inertia": 5.0}
+
+
+@pytest.mark.parametrize("option", GROUPS["Energy"])
+def test_a_drag_has_the_energy_of_the_method(mesh, option):
+    """Also for an option that is new in the list."""
+    ends, middle = end_handles(mesh.V, count=4).index, np.argsort(abs(mesh.V[:, 2]))[:40:10]
+    index, group = np.concatenate([ends, middle]), np.array([0] * 4 + [1] * 4 + [2, 3, 4, 5])
+    target = mesh.V[index] + np.outer(group == 1, [0.3, 0, 0.4])
+    task = DeformationTask("t", mesh, Handles(index, target, group=group))
+    plain, other = (deform(task, vertices=150, **more) for more in ({}, {option: OTHER_ENERGY[option]}))
+    drag = Deformer(mesh, index, group=group, vertices=150, **{option: OTHER_ENERGY[option]})
+    changed = np.abs(other.vertices - plain.vertices).max()
+    assert changed > 1e-4
+    assert np.abs(drag(target).vertices - other.vertices).max() < 0.01 * changed
 
 
 @pytest.mark.parametrize(("name", "samplings"), [("bumpy", 1), ("bumpy", 3), ("soft", 2), ("regions", 2)])
