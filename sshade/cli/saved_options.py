@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sshade.core.atomic import naming
 from sshade.core.console import say
-from sshade.core.errors import InputError
 from sshade.files.handle_files import HandleFile
 from sshade.files.handwritten import require_known
 from sshade.mesh.weld import check_weld
@@ -31,8 +30,6 @@ def take_saved_options(options: argparse.Namespace, path: Path, given: HandleFil
         require_method(made.get("method", "fast"))
         if "weld" in made:
             check_weld(made["weld"])
-        if not isinstance(made.get("repair", False), bool):
-            raise InputError(f"repair must be true or false, not {made['repair']!r}")
     taken = {name: value for name, value in made.items() if getattr(options, name) in (None, False)}
     for name, value in taken.items():
         setattr(options, name, value)

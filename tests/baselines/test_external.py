@@ -1,6 +1,5 @@
 """Programs as methods: files, failures and memory. No process of a program is left after its end."""
 
-import json
 import os
 from contextlib import nullcontext
 
@@ -74,13 +73,6 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
     monkeypatch.delenv(TIME_LIMIT)
     run(text, "{seed}", "{time_limit}", "-", "{mesh}", "{handles}", "{output}")
     assert told.read_text().split()[1] == "inf"
-
-
-def test_a_report_of_the_program_is_shown_beside_our_clock(run):
-    report = {"seconds": 0.25, "iterations": 9, "converged": False, "residual": 0.5}
-    result = run(f"echo '{json.dumps(report)}' > \"$3.json\"; {SHIFTING}")
-    assert (result.iterations, result.converged, result.extra["residual"]) == (9, False, 0.5)
-    assert result.seconds["reported"] == 0.25 and result.seconds["program"] > 0
 
 
 @pytest.mark.parametrize(

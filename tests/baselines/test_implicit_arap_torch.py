@@ -11,7 +11,7 @@ from baselines.implicit_arap import implicit_arap  # noqa: E402
 from baselines.implicit_arap.networks import euler_rotation  # noqa: E402
 from baselines.implicit_arap.patches import pattern_of, zero_set  # noqa: E402
 from baselines.implicit_arap.sdf import GridSdf, ImplicitSurface, fit_network_sdf  # noqa: E402
-from sshade.problem.task import DeformationTask, Handles, silent  # noqa: E402
+from sshade.problem.task import silent  # noqa: E402
 from tests.shapes import held_ends, icosphere  # noqa: E402
 
 CPU = torch.device("cpu")
@@ -91,11 +91,3 @@ def test_network_sdf_from_end_to_end():
     assert result.extra["sdf"] == "network" and np.isfinite(result.extra["sdf_loss_last"])
     first, *_, last = result.extra["loss_curve"].sum(axis=1)
     assert last < first
-
-
-def test_a_task_may_have_moving_or_static_handles_only():
-    mesh = icosphere(2)
-    for dynamic in (False, True):
-        handles = Handles(np.arange(5), mesh.V[:5], dynamic=np.full(5, dynamic))
-        result = implicit_arap(DeformationTask("held", mesh, handles), seed=0, **SMALL | {"steps": 10})
-        assert np.abs(result.vertices - mesh.V).max() < 0.05 * mesh.diagonal

@@ -12,13 +12,10 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.main import main
-from sshade.cli.notes import notes
 from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, run_command
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import read_handles, write_handles
-from sshade.mesh.surface import Surface, SurfaceFacts
-from sshade.problem.facts import Facts
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted
@@ -134,21 +131,6 @@ def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, caps
     assert "note: 1 position was merged with another position" in err
     assert "note: handles given by position were snapped by at most" in err
     assert "note: the rotation or scale of entry 1 is about the origin, which lies outside" in err
-
-
-@pytest.mark.parametrize(
-    ("facts", "surface", "dense", "words"),
-    [
-        ({"opening": 0.11}, {}, False, "parts of the mesh that touched came apart by 11 % of the diagonal"),
-        ({"opening": 1e-9}, {}, False, None),
-        ({}, {"near": 3, "tolerance": 1e-3}, False, "3 vertices lie near another vertex"),
-        ({}, {}, True, "the handles are dense: --method interpolate"),
-    ],
-)
-def test_facts_in_words(facts, surface, dense, words):
-    whole = Surface(BODY, np.arange(BODY.n), SurfaceFacts(**surface))
-    found = list(notes(Facts(**facts), whole, snap=0.0, dense=dense))
-    assert len(found) == bool(words) and (words or "") in "".join(found)
 
 
 def test_it_tells_its_version(capsys):

@@ -29,7 +29,6 @@ for line in json.load(open("lines.json")):
 HANDLES = {
     "syntax.json": '{"handles": [',
     "quick.json": '{"handles": [{"vertices": [1]}], "made": {"method": "quick"}}',
-    "flag.json": '{"handles": [{"vertices": [1]}], "made": {"repair": 1}}',
     "typo.json": '{"handles": [{"vertices": [1]}], "made": {"methd": 0}}',
 }
 #: Command lines, and words of their errors.
@@ -51,7 +50,6 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --coarser few": "--coarser: 'few' is no number; see",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply quick.json -o a.ply": "quick.json, key \"made\": there is no method 'quick' here",
-    "deform body.ply flag.json -o a.ply": "repair must be true or false, not 1",
     "deform body.ply typo.json -o a.ply": "there is no key \"methd\"; did you mean 'method'?",
     "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
     "carry body.ply gone.npz body.ply -o a.ply": "gone.npz: no such file",

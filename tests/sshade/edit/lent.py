@@ -10,7 +10,6 @@ import numpy as np
 
 from sshade.edit.server import Server
 from sshade.edit.session import Session
-from tests.sshade.edit.sessions import HIGH, LOW
 
 
 @contextmanager
@@ -48,30 +47,16 @@ def ask(server: Server, method: str, path: str, body: bytes | None = None, **hea
         connection.close()
 
 
-def command(server: Server, name: str, given=None, **headers):
+def command(server: Server, name: str, given=None):
     """What a command is answered: its facts, with the arrays by name; or status and error."""
-    status, _, content = ask(
-        server,
-        "POST",
-        f"/{server.token}/{name}",
-        json.dumps({} if given is None else given).encode(),
-        **headers,
-    )
+    body = json.dumps({} if given is None else given).encode()
+    status, _, content = ask(server, "POST", f"/{server.token}/{name}", body)
     return unpacked(content) if status == 200 else {"status": status, **json.loads(content)}
 
 
 def whole(server: Server) -> dict:
     """What a page asks for first."""
     return unpacked(ask(server, "GET", f"/{server.token}/whole", Origin=None)[2])
-
-
-def mark(server: Server, low: np.ndarray = LOW, high: np.ndarray = HIGH) -> int:
-    """Fix some vertices and make others movable; return the number of the movable group."""
-    for vertices, kind in ((low, "fixed"), (high, "moved")):
-        body = np.asarray(vertices).astype("<u4").tobytes()
-        assert ask(server, "POST", f"/{server.token}/select?how=replace", body)[0] == 200
-        number = command(server, "mark", {"kind": kind})["marked"]
-    return number
 
 
 def unpacked(content: bytes) -> dict:

@@ -91,8 +91,8 @@ def release(page) -> None:
     page.wait_for_selector("#stage[data-state=converged]")
 
 
-def mark(page, session, shown: np.ndarray) -> np.ndarray:
-    """Fix the lower end and make the upper end movable, by rectangles; return the relative heights."""
+def mark(page, session, shown: np.ndarray) -> None:
+    """Fix the lower end and make the upper end movable, by rectangles."""
     V = session.mesh.V
     height = (V[:, 1] - V[:, 1].min()) / np.ptp(V[:, 1])
     page.locator("#through").check()
@@ -101,7 +101,6 @@ def mark(page, session, shown: np.ndarray) -> np.ndarray:
         stroke(page, *corners(shown[keep]))
         asked(page, "mark", page.get_by_role("button", name=button, exact=True).click)
     page.wait_for_selector("#groups .moved[aria-pressed=true]")
-    return height
 
 
 def test_every_tool_picks_what_it_goes_over_and_is_in_sight(page, session):

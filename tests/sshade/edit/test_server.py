@@ -8,7 +8,7 @@ import pytest
 
 from sshade import Mesh
 from sshade.edit.server import PAGE, Server
-from tests.sshade.edit.lent import ask, command, lent, mark, whole
+from tests.sshade.edit.lent import ask, command, lent, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -93,7 +93,9 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     centre = 0.5 * (BODY.V.min(axis=0) + BODY.V.max(axis=0))
     P = first["positions"].reshape(-1, 3)
     assert np.allclose(P, (BODY.V - centre) / BODY.diagonal, atol=1e-7)
-    number = mark(server)
+    for end, kind in ((LOW, "fixed"), (HIGH, "moved")):
+        ask(server, "POST", f"/{server.token}/select?how=replace", end.astype("<u4").tobytes())
+        number = command(server, "mark", {"kind": kind})["marked"]
     answer = command(server, "alter", {"group": number, "name": "tip", "weight": None})
     low, high = (np.isin(range(BODY.n), end) for end in (LOW, HIGH))
     assert np.array_equal(answer["labels"], 1 * low + 2 * high)
