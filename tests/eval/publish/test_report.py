@@ -46,10 +46,7 @@ def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     lines = {line[0]: line[1:] for line in whole[1:]}
     assert lines["failing"][:2] == ["0/2", "failed"] and lines["missing"][:2] == ["0/2", "skipped"]
     assert lines["arap"][:2] == ["2", f"{numbers['arap'].astype(float).mean():.2f}"]
-    assert "No ranks and no intervals: the means are over" in page.text
-    assert not re.search('<b title="best">|<u title="second best">|: difference to', page.text)
     assert "arap: five <iterations> & no more" in page.told("ul", "notes") and "<iterations>" not in page.text
-    assert "<h3>tiny: further measures</h3>" in page.text
     of_case = page.tables[1]
     assert [line[0] for line in of_case] == ["method", "arap", "learned", "stretching"]
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
