@@ -28,7 +28,6 @@ RIGID = [
     (libigl_arap, {}, SINGLE),
     (arap_sr, {}, ROUNDING),
     (deformation_graph, {"nodes": 30}, ROUNDING),
-    (deformation_graph, {"nodes": 10_000}, ROUNDING),
     (deformation_field, {"order": 1}, ROUNDING),
     (deformation_field, {"order": 2}, ROUNDING),
     (smooth_arap, {}, ROUNDING),
@@ -73,8 +72,6 @@ def test_a_rigid_start_of_rigidly_moved_handles_is_the_answer(method, options, c
     result = called(method, task, start="rigid", **options)
     assert np.abs(result.vertices - expected).max() < close * mesh.diagonal
     assert result.iterations == 1 and result.converged is not False
-    if "nodes" in options:
-        assert result.extra["nodes"] == min(options["nodes"], mesh.n // 4)
 
 
 @pytest.mark.parametrize(("method", "options", "message"), WRONG)

@@ -79,11 +79,9 @@ def test_seed_and_time_limit_reach_arguments_and_environment(run, tmp_path, monk
     ("text", "words"),
     [
         ("echo first >&2; echo 'no  end' >&2; exit 3", "exit code 3; its last line was: no end"),
-        ("exit 4", "ended with exit code 4; it said nothing"),
         ("echo big >&2; kill -9 $$", "killed by signal 9, as the system does when memory runs out; its last"),
         ("echo done >&2", "wrote no output.txt; its last line was: done"),
         ("echo 1 2 3 > $3", "wrote 1 vertices, and the mesh has 162 vertices"),
-        ("echo 1 2 > $3", r"wrote an array of shape \(1, 2\), and"),
         ("echo 1 2 x > $3", "output.txt of the program is not readable"),
         (f"{SHIFTING}; sed -i '2,3s/^[^ ]*/nan/' $3", "2 of the 162 vertices .* are not finite"),
         (f"{SHIFTING}; echo '{{' > $3.json", "output.txt.json of the program is not JSON"),

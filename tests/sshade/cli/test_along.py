@@ -7,6 +7,7 @@ from sshade import Mesh, move_along
 from sshade.files.meshes import read_file, read_mesh, write_mesh
 from tests.robustness.case import run
 from tests.robustness.inputs import BODY
+from tests.write import rows
 
 CALL = "sshade deform body.ply pose.json -o posed.ply --with {}"
 
@@ -19,15 +20,11 @@ def shirt() -> Mesh:
     return Mesh(middle + 1.05 * (BODY.V - middle), BODY.F)
 
 
-def rows(name: str, values: np.ndarray) -> list[str]:
-    return [f"{name} {x:.9g} {y:.9g} {z:.9g}" for x, y, z in values]
-
-
 def test_a_shirt_keeps_its_texture_and_turns_its_normals(tmp_path):
     mesh = shirt()
     faces = [f"f {a}/1/{i} {b}/1/{i} {c}/1/{i}" for i, (a, b, c) in enumerate((mesh.F + 1).tolist(), 1)]
     head = ["mtllib shirt.mtl", "usemtl cloth", "vt 0.1 0.2"]
-    text = "\n".join([*head, *rows("v", mesh.V), *rows("vn", mesh.face_normals), *faces, ""])
+    text = "\n".join([*head, *rows("v ", mesh.V), *rows("vn ", mesh.face_normals), *faces, ""])
     (tmp_path / "shirt.obj").write_text(text)
     write_mesh("hair.glb", mesh.V, mesh.F)
     code, _, said = run(CALL.format("shirt.obj hair.glb"))

@@ -205,7 +205,6 @@ def test_progress_draws_a_bar_on_a_terminal_and_nothing_elsewhere(capsys, monkey
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("FORCE_COLOR", "1")
     with progress_bar() as progress:
-        progress("sampling 1", 1, 2, "residual 1e-3")
         progress("sampling 1", 2, 2, "residual 1e-6")
     out, err = capsys.readouterr()
     assert out == "" and "sampling 1" in err and "residual 1e-6" in err

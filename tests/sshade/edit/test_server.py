@@ -115,9 +115,3 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
     assert command(server, "restore", {"group": number})["converged"]
     assert command(server, "set_up", {"method": "fine"})["method"] == "fine"
-
-
-def test_a_page_asks_for_progress(server):
-    server.progress("binding", 1, 3, "of two")
-    status, _, content = ask(server, "GET", f"/{server.token}/progress")
-    assert (status, content) == (200, b'"binding 1/3 of two"')
