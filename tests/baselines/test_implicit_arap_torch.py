@@ -23,10 +23,6 @@ def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def points(count=200, seed=1):
-    return 2 * torch.rand(count, 3, generator=generator(seed)) - 1
-
-
 def twist():
     """A task on an icosphere: the lower cap stays, the upper cap turns by 40 degrees about z and rises."""
     return held_ends(icosphere(3), share=0.1, turn=Rotation.from_euler("z", 40, degrees=True).as_matrix())
@@ -42,7 +38,7 @@ def test_fitted_network_approaches_the_distance():
     sphere = icosphere(3)
     surface = ImplicitSurface.of(0.7 * sphere.V, sphere.F, device=CPU)
     settings = {"width": 32, "layers": 4, "frequencies": 2, "points": 256, "learning_rate": 1e-3}
-    x = 0.7 * torch.nn.functional.normalize(points(300), dim=-1)
+    x = 0.7 * torch.nn.functional.normalize(torch.rand(300, 3, generator=generator(1)) - 0.5, dim=-1)
 
     def off_surface(steps):
         sdf, loss = fit_network_sdf(

@@ -6,27 +6,15 @@ import pytest
 from baselines.volumetric.lattice import lattice
 from baselines.volumetric.lattice_arap import lattice_arap
 from sshade.problem.task import DeformationTask, Handles
-from tests.shapes import (
-    block,
-    bumpy,
-    folded,
-    held_ends,
-    icosphere,
-    jittered,
-    rotation,
-    strip,
-    tube,
-)
+from tests.shapes import block, bumpy, folded, held_ends, icosphere, jittered, rotation, strip, tube
 
-
-def surfaces_for_a_lattice():
-    return {
-        "closed": bumpy(2),
-        "open": tube(),
-        "sheet": jittered(strip(12, 6), 0.1),
-        "folded": folded(40, 8),
-        "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
-    }
+SURFACES = {
+    "closed": bumpy(2),
+    "open": tube(),
+    "sheet": jittered(strip(12, 6), 0.1),
+    "folded": folded(40, 8),
+    "not manifold": block(np.array([[[1], [0]], [[0], [1]]]), cells=3),
+}
 
 
 def test_a_filled_lattice_has_the_volume_of_the_shape():
@@ -36,9 +24,8 @@ def test_a_filled_lattice_has_the_volume_of_the_shape():
     assert shell * side**3 < 0.8 * mesh.volume < mesh.volume < full * side**3 < 1.5 * mesh.volume
 
 
-@pytest.mark.parametrize("name", surfaces_for_a_lattice())
-def test_lattice_arap_reproduces_rigid_motions_of_any_surface(name):
-    mesh = surfaces_for_a_lattice()[name]
+@pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
+def test_lattice_arap_reproduces_rigid_motions_of_any_surface(mesh):
     index = np.argsort(mesh.V[:, 0] + 0.1 * mesh.V[:, 1])[[0, 1, 2, 3, -4, -3, -2, -1]]
     expected = mesh.V @ rotation(2).T + [3.0, 0, -1]
     task = DeformationTask("rigid", mesh, Handles(index, expected[index]))

@@ -1,9 +1,6 @@
-"""Figures in a browser, in frames as a notebook shows them: they draw, react, and need no network."""
-
-from contextlib import ExitStack
+"""A figure in a browser, in a frame as a notebook shows it: it draws, reacts, and needs no network."""
 
 import numpy as np
-import pytest
 
 from sshade import DeformationResult, DeformationTask
 from tests.browser import changed, opened, pixels
@@ -14,45 +11,26 @@ TASK = DeformationTask("bend", REST, end_handles(REST.V, shift=(0.3, 0, 0.2)))
 RESULT = DeformationResult(REST.V * [1, 1, 1.3], 0, None).of(TASK)
 
 
-@pytest.fixture
-def notebook(browser, tmp_path):
-    """Return a function that opens a page with a cell for each object.
-
-    The page lists its messages as `said` and its requests as `asked`.
-    """
-    with ExitStack() as pages:
-
-        def show(*objects):
-            path = tmp_path / "notebook.html"
-            path.write_text("".join(f"<div>{one._repr_html_()}</div>" for one in objects), encoding="utf-8")
-            return pages.enter_context(opened(browser, path.as_uri(), width=800, height=600))
-
-        yield show
-
-
-def stage(page, number=0):
-    """Return the frame of a cell and the view in the frame."""
-    frame = page.frame_locator("iframe").nth(number)
-    frame.locator("#turn-stage[data-shape]").wait_for(timeout=20_000)
-    return frame, frame.locator("#turn-stage")
-
-
-def test_a_result_draws_switches_and_turns_without_a_network(notebook):
-    page = notebook(RESULT)
-    frame, view = stage(page)
-    first = pixels(view)
-    assert 0.02 < (first[4:-4, 4:-4] < 235).any(axis=2).mean() < 0.9
-    assert frame.locator("#turn-label").inner_text() == "change of edge length (%)"
-    frame.get_by_text("rest", exact=True).click()
-    assert changed(first, rest := pixels(view)) > 0.02
-    frame.get_by_label("handles").uncheck()
-    assert np.ptp(pixels(view)[4:-4, 4:-4], axis=2).max() < 60 < np.ptp(rest[4:-4, 4:-4], axis=2).max()
-    box = view.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 90, y, steps=4)
-    page.mouse.up()
-    assert changed(rest, pixels(view)) > 0.02
-    assert page.said == []
-    assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+def test_a_result_draws_switches_and_turns_without_a_network(browser, tmp_path):
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<div>{RESULT._repr_html_()}</div>", encoding="utf-8")
+    with opened(browser, path.as_uri(), width=800, height=600) as page:
+        frame = page.frame_locator("iframe")
+        view = frame.locator("#turn-stage[data-shape]")
+        view.wait_for(timeout=20_000)
+        first = pixels(view)
+        assert 0.02 < (first[4:-4, 4:-4] < 235).any(axis=2).mean() < 0.9
+        assert frame.locator("#turn-label").inner_text() == "change of edge length (%)"
+        frame.get_by_text("rest", exact=True).click()
+        assert changed(first, rest := pixels(view)) > 0.02
+        frame.get_by_label("handles").uncheck()
+        assert np.ptp(pixels(view)[4:-4, 4:-4], axis=2).max() < 60 < np.ptp(rest[4:-4, 4:-4], axis=2).max()
+        box = view.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 90, y, steps=4)
+        page.mouse.up()
+        assert changed(rest, pixels(view)) > 0.02
+        assert page.said == []
+        assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
