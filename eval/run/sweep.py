@@ -136,9 +136,8 @@ def lacks_case(dataset: Mapping[str, Any]) -> str:
     if (subject, pose) in there:
         return ""
     poses = [p for s, p in there if s == subject]
-    kind, own = ("poses", poses) if poses else ("subjects", [s for s, _ in there])
-    listed = ", ".join(map(str, sorted(set(own))))
-    return f"{dataset['root']} has no subject {subject}, pose {pose}; its {kind} are {listed}"
+    kind, own = ("poses", poses) if poses else ("subjects", {s for s, _ in there})
+    return f"{dataset['root']} has no subject {subject}, pose {pose}; its {kind} are {str(sorted(own))[1:-1]}"
 
 
 @cache

@@ -52,6 +52,7 @@ def test_workers_of_a_launcher_find_our_packages_in_a_folder_with_folders_of_the
     assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] > 10
 
 
+@pytest.mark.full
 def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folder):
     source, target = tmp_path / "source", tmp_path / "installed"
     left_out = (".*", "*.egg-info", "__pycache__", "compiled")
