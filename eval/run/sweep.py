@@ -135,9 +135,10 @@ def lacks_case(dataset: Mapping[str, Any]) -> str:
     there = _cases(dataset["cases"], dataset["root"])
     if (subject, pose) in there:
         return ""
-    poses = [p for s, p in there if s == subject]
+    poses = {p for s, p in there if s == subject}
     kind, own = ("poses", poses) if poses else ("subjects", {s for s, _ in there})
-    return f"{dataset['root']} has no subject {subject}, pose {pose}; its {kind} are {str(sorted(own))[1:-1]}"
+    listed = ", ".join(map(str, sorted(own)))
+    return f"{dataset['root']} has no subject {subject}, pose {pose}; its {kind} are {listed}"
 
 
 @cache

@@ -14,6 +14,7 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Group, Motion
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
+from sshade.mesh.sides import flagged
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -191,7 +192,7 @@ class Commands:
             "scale": self._scale,
             "version": session.version,
             "picked": len(state.selection),
-            "parts": len(np.unique(mesh.component[state.selection])),
+            "parts": int(flagged(mesh.component[state.selection], mesh.topology.components).sum()),
             "carried": self._carried(state.groups),
             "method": state.method,
             "converged": session.is_converged,

@@ -85,8 +85,8 @@ def leaders(mesh: Mesh, unconstrained: np.ndarray) -> list[tuple[np.ndarray, np.
 
     It follows the closest vertices of another component: the first of the components that lead to one with
     handles. They are those with the least sum of gaps, where each further component counts as a gap of a mean
-    edge. An eye in a head without handles so follows the head, and the head follows the body. A component
-    comes after the one that it follows.
+    edge. An eye follows its head, and a head without handles follows the body. A component comes after the
+    one that it follows.
     """
     from scipy.spatial import cKDTree
 
