@@ -134,7 +134,8 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
     for note in file.notes:
         say(f"note: {path}: {note}")
     if output is not None and (lost := file.lost(output)):
-        say(f"note: {output} loses the {listed(lost)} of {path}: only positions and faces are written")
+        kept = f"; a {' or '.join(file.suffixes)} file keeps all" if file.suffixes else ""
+        say(f"note: {output} loses the {listed(lost)} of {path}: only positions and faces are written{kept}")
     return file
 
 

@@ -114,7 +114,8 @@ def require_rotations(R: np.ndarray) -> None:
 
 def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray:
     """Return where each id of handles first occurs, in input order; their other fields must agree."""
-    index, target, weight, rotation = (fields[name] for name in ("index", "target", "weight", "rotation"))
+    index, target, group = (fields[name] for name in ("index", "target", "group"))
+    weight, rotation = fields["weight"], fields["rotation"]
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)
     if len(first) < len(index):
         earlier = first[inverse]
@@ -122,8 +123,11 @@ def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray
         extent = float(np.linalg.norm(np.ptp(target, axis=0))) if extent is None else extent
         if (gap > SAME_TARGET * extent).any():
             bad = int(np.argmax(gap))
-            vertex, apart = index[bad], f"{gap[bad]:.3g}"
-            raise InputError(f"vertex {vertex} has contradictory targets, {apart} apart; give it one target")
+            one, other = group[earlier[bad]], group[bad]
+            where = f" in groups {one} and {other}" if one != other else ""
+            raise InputError(
+                f"vertex {index[bad]} has contradictory targets{where}, {gap[bad]:.3g} apart; give it one target"
+            )
         differ = weight != weight[earlier]
         _refuse(index[differ], "has two weights; give each handle vertex one weight, or none")
         if rotation is not None:

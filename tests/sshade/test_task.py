@@ -52,6 +52,10 @@ def test_repeated_ids_with_one_target_are_kept_once_in_order():
         ({"index": [4, 4], "target": np.zeros((2, 3)), "weight": [1, 2]}, "vertex 4 has two weights"),
         ({"index": [4, 4], "target": np.zeros((2, 3)), "rotation": TURNS}, "vertex 4 has two rotations"),
         ({"index": [4, 4]}, "vertex 4 has contradictory targets, 1.41 apart"),
+        (
+            {"index": [4, 4], "group": [0, 3]},
+            "vertex 4 has contradictory targets in groups 0 and 3, 1.41 apart",
+        ),
     ],
 )
 def test_inconsistent_handles_are_refused(arguments, words):
