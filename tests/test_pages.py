@@ -2,6 +2,7 @@
 
 import re
 
+import pandas as pd
 import pytest
 
 from docs import gallery
@@ -21,6 +22,14 @@ def headings(page) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_of_a_page_are_up_to_date(page):
     assert filled_page(page) == page.read_text(encoding="utf-8"), "run: python -m docs.pages"
+
+
+def test_the_speeds_of_the_readme_are_those_of_the_tables():
+    measured = []
+    for name in ("speed", "speed_hard"):
+        fast = pd.read_csv(ROOT / "results" / "tables" / f"{name}.csv").set_index("method").loc["fast"]
+        measured += [f"{fast['speed_up']:.0f}", f"{fast['speed_up_accelerated']:.0f}"]
+    assert re.findall(r"\b1/(\d+)\b", (ROOT / "README.md").read_text(encoding="utf-8")) == measured
 
 
 @pytest.mark.parametrize(
