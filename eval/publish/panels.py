@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 #: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
 #: panel.
 INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
+#: Letters of the title in an inch.
+LETTERS = 11
 #: Largest number of characters of the text in an empty panel.
 REASON = 90
 #: What the subjects of a dataset are, by the beginning of the name of its source.
@@ -181,7 +183,9 @@ def draw(rows: Sequence[PanelRow], *, title: str, label: str) -> Figure:
     columns = max(len(row.panels) for row in rows)
     heights = [row.panels[0].view.size[1] / row.panels[0].view.size[0] for row in rows]
     inches = min(INCHES, WIDEST / columns, TALLEST * len(rows) / sum(heights))
-    figure = new_figure(inches * columns + 1.1, inches * sum(heights) + 0.7 + 0.3 * len(rows))
+    across = inches * columns + 1.1
+    title = "\n".join(fill(line, int(LETTERS * across)) for line in title.splitlines())
+    figure = new_figure(across, inches * sum(heights) + 0.55 + 0.15 * title.count("\n") + 0.3 * len(rows))
     axes = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     for place in axes.flat:
         place.set_axis_off()

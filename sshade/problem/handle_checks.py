@@ -126,7 +126,8 @@ def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray
             one, other = group[earlier[bad]], group[bad]
             where = f" in groups {one} and {other}" if one != other else ""
             raise InputError(
-                f"vertex {index[bad]} has contradictory targets{where}, {gap[bad]:.3g} apart; give it one target"
+                f"vertex {index[bad]} has contradictory targets{where}, {gap[bad]:.3g} apart; "
+                "give it one target"
             )
         differ = weight != weight[earlier]
         _refuse(index[differ], "has two weights; give each handle vertex one weight, or none")
