@@ -75,7 +75,7 @@ def polished(
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
     solution = prepared.solver.solve(
-        **vars(aim),
+        aim,
         start=start.pop(),  # so that the solver can free it
         tolerance=options.tolerance,
         max_iterations=options.polish_iterations,
@@ -130,6 +130,6 @@ def _solution_at(
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
     exact = {name: energy[name] for name in ("volume", "area", "workers")}
     V = solver.project(V, volume_goal=aim.volume_goal, **exact)
-    after = solver.solve(**vars(aim), start=V, rotations=solution.rotations, max_iterations=0, **energy)
+    after = solver.solve(aim, start=V, rotations=solution.rotations, max_iterations=0, **energy)
     kept = "iterations", "residual", "residual_curve", "converged", "rejected"
     return after._replace(**{name: getattr(solution, name) for name in kept})

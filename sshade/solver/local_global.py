@@ -11,6 +11,7 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -19,7 +20,6 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import Pending, ThreadTeam
 from sshade.problem.handle_checks import checked_target
-from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import ENERGY, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
@@ -47,14 +47,10 @@ class LocalGlobal(System):
 
     def solve(
         self,
-        targets: np.ndarray,
+        aim: Aim,
         *,
         start: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
-        prescribed: tuple[np.ndarray, np.ndarray] | None = None,
-        fraction: np.ndarray | None = None,
-        volume_goal: float = 1.0,
-        majority: MajorityMotion | None = None,
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
@@ -72,8 +68,7 @@ class LocalGlobal(System):
 
         Parameters
         ----------
-        targets, prescribed, fraction, volume_goal, majority
-            See :class:`sshade.solver.run.Aim`.
+        aim : Aim
         start : (n, 3) float64, optional
             First iterate; the rest shape if missing. Hard handles are first put on their targets.
         rotations : (n, 3, 3) float64, optional
@@ -104,19 +99,19 @@ class LocalGlobal(System):
         Raises
         ------
         InputError
-            On an unknown option or a value out of its range.
+            On targets of another shape or not finite, an unknown option or a value out of its range.
         FloatingPointError
             When an iterate is not finite.
         """
         options = complete(energy, ENERGY)
-        targets = checked_target(targets, self.index)
+        targets = checked_target(aim.targets, self.index)
         u = self.to_system(self.mesh.V if start is None else start, targets)
         del start  # frees a large array if this is the last reference
         with ThreadTeam(workers) as team:
             window = window if accelerate else 0
             kinds = {"single": self.multigrid, "softened": softened}
             state = Descent(self, options, u, team=team, window=window, **kinds)
-            state.aim(Aim(targets, prescribed, fraction, volume_goal, majority))
+            state.aim(replace(aim, targets=targets))
             if rotations is not None:
                 state.energy.begin_with(rotations)
             state.begin(tolerance)
@@ -288,7 +283,7 @@ def solve_task(
     """
     ready, begin = prepared.result(), perf_counter()
     solution = ready.solver.solve(
-        **vars(ready.aim),
+        ready.aim,
         start=initial_guess(task, options.start),
         accelerate=options.accelerate,
         workers=workers,

@@ -13,6 +13,7 @@ from sshade.files.task_files import write_handles
 from sshade.proxy.binding_file import save_binding
 from sshade.proxy.sample import sample_proxy
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.run import Aim
 from tests.shapes import bumpy
 
 BODY = bumpy(2)
@@ -48,7 +49,7 @@ WRONG = {
     "mask as ids": (lambda: sample_proxy(BODY, 40, first=[True, False]), "integers"),
     "no seed": (lambda: sample_proxy(BODY, 40, seed=None), "a seed is 0 or a positive integer"),
     "id twice": (lambda: LocalGlobal(BODY, [3, 3]), "given twice"),
-    "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(TARGETS, tolerance=np.nan), "tolerance must be"),
+    "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(Aim(TARGETS), tolerance=np.nan), "tolerance must be"),
     "volume": (lambda: local_global(task(), volume=np.inf, volume_goal=-1.0), "above 0, not -1"),
     "key": (lambda: write_handles("x.json", task().handles, about={"author": "me"}), "there is no key"),
     "soft group": (

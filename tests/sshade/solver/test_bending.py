@@ -9,6 +9,7 @@ from baselines.accelerated import local_global
 from sshade import DeformationTask
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import Multigrid
+from sshade.solver.run import Aim
 from tests.shapes import bumpy, held_ends
 from tests.sshade.naive import TASKS, Naive, vertex_areas
 
@@ -54,7 +55,9 @@ def test_plain_iterations_equal_the_definition(name, energy):
     assert 0 < np.count_nonzero(naive.share) < task.mesh.n
     for iterations in range(1, 5):
         U = naive.iterate(U)
-        ours = solver.solve(task.handles.target, max_iterations=iterations, tolerance=0, accelerate=False)
+        ours = solver.solve(
+            Aim(task.handles.target), max_iterations=iterations, tolerance=0, accelerate=False
+        )
         assert np.abs(ours.positions - U).max() < 1e-11 * task.mesh.diagonal
     R = naive.rotations(U)
     assert np.abs(ours.rotations - R).max() < 1e-9

@@ -26,9 +26,17 @@ BAR, STRIP = TASKS["bar"], TASKS["strip"]
 EXACT = {"volume": (inf, 0.0), "area": (0.0, inf), "both": (inf, inf)}
 
 
-def solve(task: DeformationTask, weights: tuple[float, float], *, energy: str = "spokes_and_rims", **options):
+def solve(
+    task: DeformationTask,
+    weights: tuple[float, float],
+    *,
+    energy: str = "spokes_and_rims",
+    volume_goal: float = 1.0,
+    **options,
+):
     solver = LocalGlobal(task.mesh, task.handles.index, energy=energy)
-    return solver.solve(task.handles.target, volume=weights[0], area=weights[1], **options)
+    aim = Aim(task.handles.target, volume_goal=volume_goal)
+    return solver.solve(aim, volume=weights[0], area=weights[1], **options)
 
 
 def measured(V: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -297,7 +305,7 @@ def test_one_solver_holds_different_things_at_once():
     solver, targets = LocalGlobal(BAR.mesh, BAR.handles.index), BAR.handles.target
 
     def run(weights) -> Solution:
-        return solver.solve(targets, volume=weights[0], area=weights[1], max_iterations=12)
+        return solver.solve(Aim(targets), volume=weights[0], area=weights[1], max_iterations=12)
 
     cases = [(0, 0), (inf, 0), (inf, inf), (0.3, 0), (0, 2.0), (inf, 0)]
     alone = [run(weights) for weights in cases]

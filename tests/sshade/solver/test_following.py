@@ -50,7 +50,7 @@ def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachme
         last = following.solve(at(attachment, angle), tolerance=1e-4)
     assert last.iterations == LEAST  # the last move is repeated
     end = following.solve(at(attachment, 0.4), tolerance=1e-9)
-    anew = solver.solve(**vars(at(attachment, 0.4)), start=last.positions, tolerance=1e-9, **ENERGY)
+    anew = solver.solve(at(attachment, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
     assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
     assert end.area_error < 1e-6 and end.area_constraint == "exact"
@@ -82,10 +82,10 @@ def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attach
     """The minimum equals the minimum of a system that is built with the weaker pull."""
     target, fraction = attachment.pulls(handles_at(0.5).target)
     fraction = np.where(np.isinf(attachment.stiffness), 1.0, 0.3)
-    weaker_pull = solver.solve(target, fraction=fraction, tolerance=1e-10, max_iterations=3000)
+    weaker_pull = solver.solve(Aim(target, fraction=fraction), tolerance=1e-10, max_iterations=3000)
     weaker = LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness * fraction)
-    expected = weaker.solve(target, tolerance=1e-10, max_iterations=3000)
-    full = solver.solve(target, tolerance=1e-10, max_iterations=3000)
+    expected = weaker.solve(Aim(target), tolerance=1e-10, max_iterations=3000)
+    full = solver.solve(Aim(target), tolerance=1e-10, max_iterations=3000)
     assert weaker_pull.energy == pytest.approx(expected.energy, rel=1e-9)
     assert np.abs(weaker_pull.positions - expected.positions).max() < 1e-6 * BAR.diagonal
     assert np.abs(weaker_pull.positions - full.positions).max() > 1e-4 * BAR.diagonal

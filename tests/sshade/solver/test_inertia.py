@@ -11,6 +11,7 @@ from eval.metrics import Deformed
 from sshade import DeformationTask, Deformer, Handles, Mesh
 from sshade.problem.majority import LEAST, HandleGroups, MajorityMotion
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.run import Aim
 from sshade.solver.terms.inertia import Inertia
 from tests.shapes import beside, block, held_ends, of_all, rotation, shifted, tube
 from tests.sshade.naive import Naive
@@ -84,7 +85,7 @@ def test_an_independent_minimiser_ends_at_the_same_shape(multigrid):
     motion, naive = majority_of(task), Naive(task, "spokes_and_rims")
     solver = LocalGlobal(mesh, task.handles.index, inertia=weight, multigrid=multigrid, exact_steps=20)
     stop = {"tolerance": 1e-9, "max_iterations": 3000}
-    ours = solver.solve(task.handles.target, majority=motion, **stop)
+    ours = solver.solve(Aim(task.handles.target, majority=motion), **stop)
     stiffness = (weight * mesh.vertex_areas / mesh.area)[naive.free]
     goal = motion.moved(mesh.V)[naive.free]
 
@@ -213,9 +214,9 @@ def test_all_pieces_of_a_mesh_have_one_motion():
     seen = []
     solve = LocalGlobal.solve
 
-    def watched(self, *given, majority=None, **more):
-        seen.append(majority)
-        return solve(self, *given, majority=majority, **more)
+    def watched(self, aim, **more):
+        seen.append(aim.majority)
+        return solve(self, aim, **more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(LocalGlobal, "solve", watched)

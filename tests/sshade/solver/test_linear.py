@@ -8,7 +8,7 @@ from sshade import DeformationTask, Handles, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.solver.local_global import LocalGlobal
 from sshade.solver.multigrid import ConjugateGradients, Multigrid, VCycle
-from sshade.solver.run import Solution
+from sshade.solver.run import Aim, Solution
 from tests.shapes import bumpy, held_ends, jittered, tube
 from tests.sshade.solver.test_multigrid import CASES, matrix
 
@@ -57,7 +57,7 @@ TASKS |= {
 def solve(task: DeformationTask, *, multigrid: bool, energy="spokes_and_rims", **options) -> Solution:
     own = task.handles
     solver = LocalGlobal(task.mesh, own.index, energy=energy, stiffness=own.stiffness, multigrid=multigrid)
-    return solver.solve(task.handles.target, **options)
+    return solver.solve(Aim(task.handles.target), **options)
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -99,7 +99,9 @@ def test_without_a_factorisation_the_minimum_and_the_test_that_ends_are_the_same
     own = task.handles
     solver = LocalGlobal(task.mesh, own.index, energy=energy, stiffness=own.stiffness)
     options = {"tolerance": 0, "max_iterations": 1, "accelerate": False}
-    step = solver.solve(own.target, start=cycles.vertices, rotations=cycles.extra["rotations"], **options)
+    step = solver.solve(
+        Aim(own.target), start=cycles.vertices, rotations=cycles.extra["rotations"], **options
+    )
     assert step.residual < 1.1e-6
 
 

@@ -10,7 +10,7 @@ from sshade import DeformationTask, Handles
 from sshade.mesh.rotations import fit_rotations
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import largest_move
+from sshade.solver.run import Aim, largest_move
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations
 
@@ -47,7 +47,7 @@ def test_plain_iterations_equal_the_definition(task, energy):
     stop = {"tolerance": 0, "accelerate": False, "progress": lambda *call: reported.append(call[:2])}
     for iterations in range(1, 7):
         U = naive.iterate(U)
-        ours = solver.solve(task.handles.target, max_iterations=iterations, **stop)
+        ours = solver.solve(Aim(task.handles.target), max_iterations=iterations, **stop)
         assert np.abs(ours.positions - U).max() < EXACT * task.mesh.diagonal
         assert ours.iterations == len(ours.residual_curve) == iterations and not ours.converged
         assert reported[-2:] == [("iterations", 0), ("iterations", iterations)]
@@ -76,7 +76,7 @@ def test_a_quasi_newton_step_that_raises_the_energy_is_given_up():
 
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_converged_means_one_plain_iteration_moves_less_than_the_tolerance(task, energy):
-    fast = solver_of(task, energy).solve(task.handles.target, tolerance=1e-6, max_iterations=20000)
+    fast = solver_of(task, energy).solve(Aim(task.handles.target), tolerance=1e-6, max_iterations=20000)
     assert fast.converged and fast.residual < 1e-6
     again = Naive(task, energy).iterate(fast.positions)
     assert largest_move(again, fast.positions) < 1e-6 * task.mesh.diagonal
@@ -97,13 +97,13 @@ def test_rigidly_moved_handles_move_the_mesh_rigidly(task, extra):
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_rotations_to_begin_with_change_the_work_and_not_the_result(task, energy):
     solver, targets = solver_of(task, energy), task.handles.target
-    half = solver.solve(targets, max_iterations=9, tolerance=0)
+    half = solver.solve(Aim(targets), max_iterations=9, tolerance=0)
     options = {"start": half.positions, "max_iterations": 5, "tolerance": 0}
-    cold = solver.solve(targets, **options)
-    warm = solver.solve(targets, rotations=half.rotations, **options)
+    cold = solver.solve(Aim(targets), **options)
+    warm = solver.solve(Aim(targets), rotations=half.rotations, **options)
     assert np.abs(cold.positions - warm.positions).max() < EXACT * task.mesh.diagonal
     assert np.abs(cold.rotations - warm.rotations).max() < 1e-10
-    again = solver.solve(targets, start=half.positions, rotations=half.rotations, max_iterations=0)
+    again = solver.solve(Aim(targets), start=half.positions, rotations=half.rotations, max_iterations=0)
     assert np.abs(again.rotations - half.rotations).max() < 1e-12
 
 
@@ -190,7 +190,9 @@ def test_weights_are_libigls():
 def test_iterates_that_overflow():
     mesh = icosphere(0)
     with pytest.raises(FloatingPointError, match="not finite after"), np.errstate(all="ignore"):
-        LocalGlobal(mesh, np.array([0, 1, 2])).solve(np.array([[1e300, 0, 0], [0, -1e300, 0], [0, 0, 1e300]]))
+        LocalGlobal(mesh, np.array([0, 1, 2])).solve(
+            Aim(np.array([[1e300, 0, 0], [0, -1e300, 0], [0, 0, 1e300]]))
+        )
 
 
 @pytest.mark.parametrize(
@@ -201,10 +203,10 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
     if energy == "spokes":  # only triangles soften
         options = {name: value for name, value in options.items() if name != "stiffness"}
     task, options = TASKS["bar"], {"max_iterations": 12, "tolerance": 0, **options}
-    whole = solver_of(task, energy, thickness=1.0).solve(task.handles.target, **options)
+    whole = solver_of(task, energy, thickness=1.0).solve(Aim(task.handles.target), **options)
     monkeypatch.setattr("sshade.solver.laplacian.CHUNK", 30)
     solver = solver_of(task, energy, thickness=1.0)
-    parts = [solver.solve(task.handles.target, workers=workers, **options) for workers in (1, 2, 3)]
+    parts = [solver.solve(Aim(task.handles.target), workers=workers, **options) for workers in (1, 2, 3)]
     for part in parts:
         assert np.array_equal(part.positions, whole.positions)
         assert np.array_equal(part.rotations, whole.rotations)
@@ -216,15 +218,17 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
 def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, energy, bending):
     mesh, index = task.mesh, task.handles.index
     solver = LocalGlobal(mesh, index, energy=energy, bending=bending)
-    before = solver.solve(task.handles.target, max_iterations=5).positions
+    before = solver.solve(Aim(task.handles.target), max_iterations=5).positions
     others = np.concatenate([index[::2], np.setdiff1d(np.arange(mesh.n), index)[::9]])
     stiffness = np.where(np.arange(len(others)) % 3 == 0, 0.7, np.inf)
     target = mesh.V[others] + 0.1 * mesh.diagonal * (np.arange(len(others)) % 2)[:, None]
     shared = solver.with_handles(others, stiffness=stiffness)
     anew = LocalGlobal(mesh, others, energy=energy, stiffness=stiffness, bending=bending)
-    pair = [s.solve(target, max_iterations=5) for s in (shared, anew)]
+    pair = [s.solve(Aim(target), max_iterations=5) for s in (shared, anew)]
     np.testing.assert_array_equal(*(solution.positions for solution in pair))
     assert pair[0].energy == pair[1].energy
     back = shared.with_handles(index)
     for same in (solver, back):
-        np.testing.assert_array_equal(same.solve(task.handles.target, max_iterations=5).positions, before)
+        np.testing.assert_array_equal(
+            same.solve(Aim(task.handles.target), max_iterations=5).positions, before
+        )

@@ -5,6 +5,7 @@ from baselines.accelerated import local_global
 from sshade import DeformationTask, InputError, Mesh
 from sshade.solver.laplacian import half_cotangents
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.run import Aim
 from tests.sshade.naive import TASKS
 
 SOFT = {"stiffness": 0.2, "strain": 0.03}
@@ -51,7 +52,7 @@ def solver_of(task: DeformationTask) -> LocalGlobal:
 
 
 def test_the_energy_is_that_of_the_definition(task, soft):
-    solution = solver_of(task).solve(task.handles.target, max_iterations=7, tolerance=0, **soft)
+    solution = solver_of(task).solve(Aim(task.handles.target), max_iterations=7, tolerance=0, **soft)
     expected = softened_energy(task.mesh, solution.positions, solution.rotations, **soft)
     assert solution.energy == pytest.approx(expected, rel=1e-9)
 
@@ -59,7 +60,7 @@ def test_the_energy_is_that_of_the_definition(task, soft):
 def test_it_ends_where_the_energy_is_stationary(task, soft):
     """With the final rotations, no random direction of the free vertices lowers the energy."""
     solver = solver_of(task)
-    ended = solver.solve(task.handles.target, tolerance=1e-10, max_iterations=20_000, **soft)
+    ended = solver.solve(Aim(task.handles.target), tolerance=1e-10, max_iterations=20_000, **soft)
     assert ended.converged
     rng, free = np.random.default_rng(0), np.ones(task.mesh.n, dtype=bool)
     free[task.handles.index] = False
@@ -75,17 +76,17 @@ def test_it_ends_where_the_energy_is_stationary(task, soft):
 
 def test_a_softened_laplacian_reaches_the_same_minimum_in_fewer_iterations(task):
     solver, target = solver_of(task), task.handles.target
-    rough = solver.solve(target, tolerance=1e-3, max_iterations=5000, **SOFT)
+    rough = solver.solve(Aim(target), tolerance=1e-3, max_iterations=5000, **SOFT)
     ends = {
         softened: solver.solve(
-            target, start=rough.positions, softened=softened, tolerance=1e-8, max_iterations=5000, **SOFT
+            Aim(target), start=rough.positions, softened=softened, tolerance=1e-8, max_iterations=5000, **SOFT
         )
         for softened in (False, True)
     }
     assert ends[True].converged and ends[False].converged
     assert ends[True].energy == pytest.approx(ends[False].energy, rel=1e-6)
     assert ends[True].iterations < ends[False].iterations
-    plain, same = (solver.solve(target, max_iterations=9, softened=on) for on in (False, True))
+    plain, same = (solver.solve(Aim(target), max_iterations=9, softened=on) for on in (False, True))
     assert np.array_equal(plain.positions, same.positions)  # without softening
     with pytest.raises(InputError, match="only triangles soften"):
         local_global(task, stiffness=0.5, energy="spokes")
