@@ -42,7 +42,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
     meshes = len(tree.get("meshes", [])) - 1
     instances = _split_instances(tree)
     matrices = mesh_matrices(tree)
-    shared, owner = _overlapping(gltf), dict[tuple, tuple]()
+    owner = dict[tuple, tuple]()
     #: Accessors to copy, and the attributes of all primitives that share the copies.
     copied: dict[tuple, tuple[dict[str, int], list[dict[str, int]]]] = {}
     converted = 0
@@ -58,7 +58,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
             mine = {key: (name, use) for name, key in keys.items()}
             plain = all(_is_plain(tree["accessors"][i]) for i in here.values())
             own = all(owner.get(key, value) == value for key, value in mine.items())
-            if own and not (shown and (not plain or len(mine) < len(keys) or shared & mine.keys())):
+            if own and not (shown and (not plain or len(mine) < len(keys))):
                 owner |= mine
                 continue
             converted += use not in copied and not plain
@@ -107,24 +107,3 @@ def _split_instances(tree: dict[str, Any]) -> int:
 
 def _is_plain(accessor: dict[str, Any]) -> bool:
     return accessor["componentType"] == FLOAT and "sparse" not in accessor
-
-
-def _overlapping(gltf: Gltf) -> set[tuple]:
-    """Return the bytes of accessors that overlap the bytes of other accessors or of images."""
-    tree, uses = gltf.tree, [np.zeros(len(data), dtype=np.uint8) for data in gltf.buffers]
-    counts = gltf._replace(buffers=uses)  # how many accessors and images use each byte, counted up to 3
-    numbers: dict[tuple, int] = {}
-    views = [image.get("bufferView") for image in tree.get("images", [])]
-    for number, accessor in enumerate(tree["accessors"]):
-        if "sparse" in accessor:
-            views += [accessor["sparse"][part]["bufferView"] for part in ("indices", "values")]
-        if "bufferView" in accessor:
-            numbers[accessor_bytes(tree, number)] = number
-    for number in numbers.values():
-        here = counts.array(number).view(np.uint8)
-        here += here < 2
-    there = range(len(tree["bufferViews"]))
-    for view in (tree["bufferViews"][number] for number in views if number in there):
-        begin = view.get("byteOffset", 0)
-        uses[view["buffer"]][begin : begin + view["byteLength"]] |= 2
-    return {key for key, number in numbers.items() if (counts.array(number).view(np.uint8) > 1).any()}

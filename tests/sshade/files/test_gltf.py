@@ -15,6 +15,7 @@ from tests.gltf import arrays, glb, taken_apart, with_arrays
 from tests.shapes import icosphere, rotation
 
 SPHERE = icosphere(2)
+PRIMITIVE = "meshes.0.primitives.0"
 HALF = 0.5 * np.sqrt(2.0)
 #: A node turned by 90 degrees about x, scaled and moved, as an exporter changes axes.
 NODE = {"mesh": 0, "rotation": [HALF, 0, 0, HALF], "scale": [2, 2, 2], "translation": [0, 1, 0]}
@@ -251,7 +252,30 @@ def test_a_sparse_position_is_read_and_written(here):
     written(file, file.V + [0, 0, 1])
 
 
-PRIMITIVE = "meshes.0.primitives.0"
+def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers_of_their_own(here):
+    """Normals of a unit sphere are its positions; a smaller sphere inside it has the same normals."""
+    turn = rotation(2)
+    tree, buffer = exported(node={"mesh": 0}, **{f"{PRIMITIVE}.attributes.NORMAL": 0})
+    file = stored(tree, buffer)
+    new, data = written(file, file.V @ turn.T + [1, 2, 3])
+    normals = new["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]
+    assert np.allclose(arrays(new, data)[normals], SPHERE.V @ turn.T, atol=1e-6)
+
+    tree, buffer = exported(node={"mesh": 0})
+    tree["accessors"].append({**tree["accessors"][0], "bufferView": 4, "max": [0.5] * 3, "min": [-0.5] * 3})
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(buffer), "byteLength": 12 * SPHERE.n})
+    tree["buffers"][0]["byteLength"] += 12 * SPHERE.n
+    attributes = {"POSITION": 6, "NORMAL": 1, "TANGENT": 2}
+    tree["meshes"][0]["primitives"].append({"attributes": attributes, "indices": 4})
+    file = stored(tree, buffer + (0.5 * SPHERE.V).astype("<f4").tobytes())
+    inner = np.arange(len(file.V)) >= SPHERE.n
+    new, data = written(file, np.where(inner[:, None], file.V @ turn.T, file.V))
+    found = [list(p["attributes"].values())[:3] for p in new["meshes"][0]["primitives"]]
+    assert found == [[0, 1, 2], [7, 8, 9]]
+    for number, expected in (1, SPHERE.V), (8, SPHERE.V @ turn.T):
+        assert np.allclose(arrays(new, data)[number], expected, atol=1e-6)
+
+
 #: A sparse entry whose index is a short within the positions.
 SPARSE = {
     "count": 1,
