@@ -38,10 +38,6 @@ from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import vertex_turns
 from sshade.mesh.surface import single_steps
 
-#: Greatest error of written positions, as a fraction of the largest extent of the mesh, beside the rounding
-#: of the positions of the file.
-ROUNDING = 1e-5
-
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 _OTHER_VERSION = "{}: it is a file of glTF {}, and only glTF 2.0 is read; export it again as glTF 2.0"
 #: Keys of the JSON whose values are lists of objects.
@@ -99,7 +95,7 @@ def read_gltf(path: Path) -> MeshFile:
             count += len(P)
         F.append(parts[key].first + corners)
     rest, triangles = np.concatenate(V), np.concatenate(F)
-    content = partial(_content, gltf, list(parts.values()), rest, triangles, rounding)
+    content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
     named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree))
     return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named)
@@ -213,7 +209,6 @@ def _content(
     parts: list[_BufferPart],
     rest: np.ndarray,
     F: np.ndarray,
-    rounding: np.ndarray,
     V: np.ndarray,
     path: Path,
 ) -> bytes:
@@ -221,7 +216,6 @@ def _content(
     new = gltf._replace(tree=copy.deepcopy(gltf.tree), buffers=buffers)
     accessors = new.tree["accessors"]
     moved = (rest != V).any(axis=1)
-    allowed = ROUNDING * np.nanmax(np.nanmax(V, axis=0) - np.nanmin(V, axis=0)) + 16 * rounding.max()
     normals = np.zeros_like(rest)
     for part in parts:
         if part.normal is not None:
@@ -238,12 +232,6 @@ def _content(
         positions = new.array(part.position)
         changes = moved[vertices]
         positions[changes] = as_floats((V[vertices] - t)[changes] @ back.T, path)
-        # Vertices at NaN have no face.
-        if np.nanmax(np.abs(positions @ A.T + t - V[vertices]), initial=0) > allowed:
-            raise InputError(
-                f"{path}: the transformations of the nodes leave too few digits in single precision; apply "
-                "them to the meshes first, or write another format"
-            )
         turns = turned[vertices]
         rotations = Q[vertices][turns]
         if part.normal is not None:
