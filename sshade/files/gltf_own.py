@@ -1,6 +1,6 @@
 """Give each mesh that a glTF scene shows positions, normals and tangents of its own.
 
-Files save space: several nodes show one mesh, meshes share accessors, and numbers are sparse or quantised.
+Files save space: several nodes show one mesh, meshes share accessors, and numbers are quantised.
 Vertices that move apart need numbers of their own. New accessors hold them as float32, at the end of the
 first buffer. Everything that already has numbers of its own stays where it is.
 """
@@ -25,7 +25,7 @@ from sshade.files.gltf_scene import (
 )
 
 #: Fields of an accessor that its copy does not have, or has from its numbers.
-_REPLACED = ("bufferView", "byteOffset", "componentType", "count", "type", "normalized", "sparse")
+_REPLACED = ("bufferView", "byteOffset", "componentType", "count", "type", "normalized")
 
 
 def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
@@ -56,7 +56,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
             keys = {name: accessor_bytes(tree, i) for name, i in here.items()}
             use = (place, max(number, meshes), *keys.items())  # instances share nothing, even at one place
             mine = {key: (name, use) for name, key in keys.items()}
-            plain = all(_is_plain(tree["accessors"][i]) for i in here.values())
+            plain = all(tree["accessors"][i]["componentType"] == FLOAT for i in here.values())
             own = all(owner.get(key, value) == value for key, value in mine.items())
             if own and not (shown and (not plain or len(mine) < len(keys))):
                 owner |= mine
@@ -67,7 +67,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
     notes = {
         f"{counted(instances, 'node has', 'nodes have')} a mesh that another node has; each gets a mesh of "
         "its own": instances,
-        f"sparse or quantised positions and normals of {primitives} become float32": converted,
+        f"quantised positions and normals of {primitives} become float32": converted,
     }
     if copied:
         longer = gltf._replace(buffers=[bytearray(gltf.buffers[0]), *gltf.buffers[1:]])
@@ -84,7 +84,7 @@ def with_own_numbers(gltf: Gltf) -> tuple[Gltf, tuple[str, ...]]:
 def _add_copy(new: NewAccessors, gltf: Gltf, number: int) -> int:
     """Add a copy of an accessor as float32; normalised whole numbers become numbers in [-1, 1]."""
     accessor = gltf.tree["accessors"][number]
-    values = gltf.fractions(number) if accessor.get("normalized") else gltf.dense(number)
+    values = gltf.fractions(number) if accessor.get("normalized") else gltf.array(number)
     floats = values.astype(np.float32)
     kept = {key: value for key, value in accessor.items() if key not in _REPLACED}
     return new.add(floats, kept | bounds(floats, accessor.keys() & {"min", "max"}))
@@ -103,7 +103,3 @@ def _split_instances(tree: dict[str, Any]) -> int:
             node["mesh"], instances = len(tree["meshes"]) - 1, instances + 1
         taken.add(node["mesh"])
     return instances
-
-
-def _is_plain(accessor: dict[str, Any]) -> bool:
-    return accessor["componentType"] == FLOAT and "sparse" not in accessor

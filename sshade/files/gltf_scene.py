@@ -43,6 +43,8 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
         found.append(("a skin", "apply the pose of the skeleton and export without the skeleton"))
     if any(p.get("targets") for p in primitives):
         found.append(("morph targets", "apply them, or export without them"))
+    if any("sparse" in accessor for accessor in tree.get("accessors", [])):
+        found.append(("sparse accessors", "export it again without them"))
     for contents, action in found:
         raise InputError(f"{path}: it holds {contents}, which cannot be deformed: {action}")
     corners = [tree["accessors"][p["indices"]] for p in primitives if "indices" in p]
@@ -59,13 +61,8 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
 
 
 def accessor_bytes(tree: dict[str, Any], number: int) -> tuple:
-    """Return the view, offset, count and types of an accessor, which identify its numbers.
-
-    The numbers of a sparse accessor are identified by its own number.
-    """
+    """Return the view, offset, count and types of an accessor, which identify its numbers."""
     accessor = tree["accessors"][number]
-    if "sparse" in accessor:
-        return ("sparse", number)
     place = accessor["bufferView"], accessor.get("byteOffset", 0), accessor["count"]
     return *place, accessor["componentType"], accessor["type"]
 
@@ -86,37 +83,8 @@ class Gltf(NamedTuple):
     buffers: list[Any]
 
     def array(self, number: int) -> np.ndarray:
-        """Return a (count, width) view of the numbers of an accessor; writable if the buffers are.
-
-        The view lacks the sparse numbers; see :meth:`dense`.
-        """
-        return self._array(self.tree["accessors"][number], f"its accessor {number}")
-
-    def dense(self, number: int) -> np.ndarray:
-        """Return a copy (count, width) of the numbers of an accessor, with its sparse numbers."""
+        """Return a (count, width) view of the numbers of an accessor; writable if the buffers are."""
         accessor, name = self.tree["accessors"][number], f"its accessor {number}"
-        kind = {"componentType": accessor["componentType"], "type": accessor["type"]}
-        if "bufferView" in accessor:
-            values = self.array(number).copy()
-        else:
-            values = np.zeros((accessor["count"], _WIDTHS[kind["type"]]), _KINDS[kind["componentType"]])
-        if "sparse" in accessor:
-            sparse, count = accessor["sparse"], {"count": accessor["sparse"]["count"]}
-            rows = self._array({**sparse["indices"], "type": "SCALAR", **count}, name)[:, 0]
-            values[rows] = self._array({**sparse["values"], **kind, **count}, name)
-        return values
-
-    def fractions(self, number: int) -> np.ndarray:
-        """Return numbers (count, width) float64, of which whole ones are parts of the largest of their type.
-
-        They lie in [-1, 1], with the sparse numbers.
-        """
-        values = self.dense(number)
-        if values.dtype.kind == "f":
-            return values.astype(np.float64)
-        return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
-
-    def _array(self, accessor: dict[str, Any], name: str) -> np.ndarray:
         view = self.tree["bufferViews"][accessor["bufferView"]]
         offset, count = accessor.get("byteOffset", 0), accessor["count"]
         kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
@@ -131,6 +99,16 @@ class Gltf(NamedTuple):
         if view.get("byteOffset", 0) + view["byteLength"] > buffer["byteLength"]:
             raise ValueError(f"the view of {name} reaches out of its buffer")
         return np.ndarray((count, width), kind, self.buffers[view["buffer"]], begin, (stride, kind.itemsize))
+
+    def fractions(self, number: int) -> np.ndarray:
+        """Return numbers (count, width) float64, of which whole ones are parts of the largest of their type.
+
+        They lie in [-1, 1].
+        """
+        values = self.array(number)
+        if values.dtype.kind == "f":
+            return values.astype(np.float64)
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
 
 
 class NewAccessors:
@@ -190,7 +168,7 @@ def triangles_of(gltf: Gltf, primitive: dict[str, Any], size: int) -> np.ndarray
     if not is_surface(primitive):
         return np.zeros((0, 3), dtype=np.int64)
     if "indices" in primitive:
-        ids = gltf.dense(primitive["indices"])[:, 0].astype(np.int64)
+        ids = gltf.array(primitive["indices"])[:, 0].astype(np.int64)
         if len(ids) and ids.max() >= size:
             raise ValueError(f"a triangle refers to vertex {ids.max()} of {size}")
     else:

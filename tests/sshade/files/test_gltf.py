@@ -214,42 +214,28 @@ def test_instances_are_written_as_meshes_that_share_what_does_not_move(here):
         assert (positions == SPHERE.V.astype("f4")).all() == (normals == SPHERE.V.astype("f4")).all() != moved
 
 
-def test_quantised_and_sparse_positions_are_written_as_single_precision(here):
-    """Positions are shorts, and normals are normalised bytes. The first position is sparse."""
+def test_quantised_positions_are_written_as_single_precision(here):
+    """Positions are shorts, and normals are normalised bytes."""
     rows = np.zeros(SPHERE.n, [("p", "<i2", 4), ("n", "<i1", 4)])
     rows["p"][:, :3], rows["n"][:, :3] = np.round(1000 * SPHERE.V), np.round(127 * SPHERE.V)
     tree, buffer = exported(node={"mesh": 0, "scale": [0.001] * 3})
-    parts = [rows.tobytes(), np.array([0, 0], "<u2").tobytes(), np.array([2000, 0, 0, 0], "<i2").tobytes()]
-    for part, stride in zip(parts, ({"byteStride": 12}, {}, {}), strict=True):
-        tree["bufferViews"].append(
-            {"buffer": 0, "byteOffset": len(buffer), "byteLength": len(part), **stride}
-        )
-        buffer += part
+    view = {"buffer": 0, "byteOffset": len(buffer), "byteLength": rows.nbytes, "byteStride": 12}
+    tree["bufferViews"].append(view)
+    buffer += rows.tobytes()
     tree["buffers"][0]["byteLength"] = len(buffer)
     at = {"bufferView": 4, "count": SPHERE.n, "type": "VEC3"}
-    indices = {"bufferView": 5, "componentType": 5123}
-    values = {"count": 1, "indices": indices, "values": {"bufferView": 6}}
-    tree["accessors"][0] = {**at, "componentType": 5122, "max": [2000, 1000, 1000], "sparse": values}
+    tree["accessors"][0] = {**at, "componentType": 5122, "max": [1000, 1000, 1000]}
     tree["accessors"][1] = {**at, "byteOffset": 8, "componentType": 5120, "normalized": True}
     tree["extensionsUsed"] = tree["extensionsRequired"] = ["KHR_mesh_quantization"]
     file = stored(tree, buffer)
     expected = rows["p"][:, :3] * 0.001
-    expected[0] = [2, 0, 0]
     assert np.allclose(file.V[:-3], expected, atol=1e-12) and np.array_equal(file.F[:-1], SPHERE.F)
-    assert file.notes == ("sparse or quantised positions and normals of 1 primitive become float32",)
+    assert file.notes == ("quantised positions and normals of 1 primitive become float32",)
     new, data = written(file, file.V + [0, 0, 1])
     normals = new["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]
     del new["accessors"][:2]  # shorts and bytes
     assert "normalized" not in new["accessors"][normals - 2]
-    assert np.allclose(arrays(new, data)[normals - 2][1:], rows["n"][1:, :3] / 127, atol=5e-3)
-
-
-def test_a_sparse_position_is_read_and_written(here):
-    """The first index of the triangles names the vertex; the second mesh begins with its place."""
-    sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
-    file = stored(*exported(node={"mesh": 0}, **{"accessors.0.sparse": sparse}))
-    assert file.V[SPHERE.F[0, 0]].tolist() == [5, 0, 0]
-    written(file, file.V + [0, 0, 1])
+    assert np.allclose(arrays(new, data)[normals - 2], rows["n"][:, :3] / 127, atol=5e-3)
 
 
 def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers_of_their_own(here):
@@ -276,14 +262,6 @@ def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers
         assert np.allclose(arrays(new, data)[number], expected, atol=1e-6)
 
 
-#: A sparse entry whose index is a short within the positions.
-SPARSE = {
-    "count": 1,
-    "indices": {"bufferView": 0, "byteOffset": 2, "componentType": 5123},
-    "values": {"bufferView": 2},
-}
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -293,7 +271,7 @@ SPARSE = {
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed"),
         ({f"{PRIMITIVE}.mode": 1, "meshes.1.primitives.0.mode": 0}, "no triangles"),
         ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
-        ({"accessors.0.sparse": SPARSE}, "one of its entries is missing"),
+        ({"accessors.0.sparse": {"count": 1}}, "sparse accessors, .* export it again without them"),
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "their own ancestors"),
         ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
