@@ -3,7 +3,7 @@
 The chart ``out/figures/<experiment>_time.svg`` shows the time of each method against its distance to the true
 pose. The picture ``out/figures/<experiment>.png`` shows shapes, if there are run folders: a row of panels for
 each case, as :mod:`eval.publish.panels` describes. A run that failed shows its reason. ``conf/pictures.yaml``
-holds the cases, methods and camera of some experiments; options override it.
+holds the cases, methods and camera of some experiments; options override its cases and methods.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from eval.publish.columns import TIME, TRUTH, reference_rows
 from eval.publish.comparison import RUN, means
 from eval.publish.notes import require_one_version
 from eval.publish.panels import Case
-from eval.publish.plotting import FIGURES, add_camera, camera, new_figure, save, style
+from eval.publish.plotting import FIGURES, new_figure, save, style
 from eval.rows.collect import Experiment, collect, load_rows
 from eval.rows.files import FOLDER_HELP, experiment_folder, has_runs, read_conf
 from eval.rows.frame import distinct, method_names, numbers, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
 from sshade.core.errors import InputError
+from sshade.plotting.pictures import TOWARDS, UP
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,12 +137,17 @@ def read_picture(name: str) -> dict[str, Any]:
     return dict(read_conf("pictures").get(name, {}))
 
 
+def camera_of(name: str) -> dict[str, np.ndarray]:
+    """Return the directions of the camera of an experiment, (3,) float64."""
+    entry = {"towards": TOWARDS, "up": UP, **read_picture(name)}
+    return {axis: np.array(entry[axis]) for axis in ("towards", "up")}
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
-    add_camera(parser)
     text = "picture to write (default: out/figures/<experiment>.png)"
     parser.add_argument("-o", "--out", type=Path, help=text)
 
@@ -173,7 +179,7 @@ def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
     entry = read_picture(folder.name)
     names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
     cases = of_one_error(read_cases(folder, names=names, methods=methods))
-    view = camera(options, entry)
+    view = camera_of(folder.name)
     out = options.out or FIGURES / f"{folder.name}.png"
     rows = [panels.row_of(case, **view) for case in cases]
     legend = f"{panels.what_to_see(cases[0].task)} Percentages are means. Seconds are of these runs."

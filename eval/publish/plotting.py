@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import numpy as np
 
 from eval.rows.files import writing
 from sshade.core.atomic import check_suffix
-from sshade.plotting.pictures import TOWARDS, UP, View, new_plotter, panel
+from sshade.plotting.pictures import View, new_plotter, panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,17 +120,3 @@ def to_svg(figure: Figure) -> str:
     with style():
         figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
     return text.getvalue()
-
-
-def add_camera(parser: argparse.ArgumentParser) -> None:
-    """Declare --towards, the direction from the scene to the camera, and --up, the upright direction."""
-    text = f"direction from the scene to the camera (default: {' '.join(f'{x:g}' for x in TOWARDS)})"
-    parser.add_argument("--towards", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
-    text = f"upward direction (default: {' '.join(f'{x:g}' for x in UP)})"
-    parser.add_argument("--up", nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
-
-
-def camera(options: argparse.Namespace, defaults: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
-    """Return ``towards`` and ``up``, (3,) float64, of parsed arguments, with defaults."""
-    defaults = {"towards": TOWARDS, "up": UP, **(defaults or {})}
-    return {name: np.array(getattr(options, name) or defaults[name]) for name in ("towards", "up")}

@@ -23,10 +23,10 @@ import pandas as pd
 from eval.metrics import Task
 from eval.publish.columns import HEADLINE, TIME, TRUTH, begun
 from eval.publish.comparison import compare, means
-from eval.publish.figures import chart_of
+from eval.publish.figures import camera_of, chart_of
 from eval.publish.notes import definitions, legend
 from eval.publish.panels import Case, error_label, error_of, picture_of, row_of, task_title, what_to_see
-from eval.publish.plotting import add_camera, camera, to_svg
+from eval.publish.plotting import to_svg
 from eval.publish.summary import by_half, make_table
 from eval.publish.tables import TIE, printed
 from eval.rows.collect import Experiment, read_experiments
@@ -115,8 +115,6 @@ def show_case(
     rows: list[Row],
     *,
     scales: dict[str, float],
-    towards: np.ndarray,
-    up: np.ndarray,
     turnable: bool,
 ) -> ReportCase:
     """Render a case from its stored runs.
@@ -128,8 +126,6 @@ def show_case(
         Rows of the case, one per method.
     scales : dict
         See :func:`scales_of`.
-    towards, up : (3,) float64
-        Direction from the scene to the camera, and upright direction.
     turnable : bool
         Pack the shapes for the 3D view as well.
     """
@@ -138,7 +134,7 @@ def show_case(
     if case is None:
         return shown
     shown.task = task = case.task
-    row = row_of(case, towards=towards, up=up)
+    row = row_of(case, **camera_of(experiment.name))
     shown.width, shown.top = round(DIAGONAL * row.width), scales[error_label(task)]
     try:
         for panel in row.panels:
@@ -213,8 +209,6 @@ def write_page(
     experiments: list[Experiment],
     *,
     cases: list[str],
-    towards: np.ndarray,
-    up: np.ndarray,
     progress: Progress,
 ) -> str:
     """Return the page as HTML text.
@@ -224,8 +218,6 @@ def write_page(
     experiments : list of Experiment
     cases : list of str
         Names of tasks to show. If empty: pictures of every case, and three cases of each experiment in 3D.
-    towards, up : (3,) float64
-        Direction from the scene to the camera, and upright direction.
     progress : Progress
 
     Raises
@@ -238,10 +230,9 @@ def write_page(
     unknown = [name for name in cases if name not in known]
     if unknown:
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
-    direction = {"towards": towards, "up": up}
     chosen = [(experiment, group) for experiment in experiments for group in experiment.cases(cases)]
     stored = (stored_case(*pair)[0] for pair in chosen)
-    form = {"cases": cases, "scales": scales_of(filter(None, stored)), "camera": direction}
+    form = {"cases": cases, "scales": scales_of(filter(None, stored))}
     sections = [_section(experiment, progress=progress, **form) for experiment in experiments]
     views = [
         case.view | {"title": f"{section['name']}: {case.title}", "id": f"{section['slug']}-case-{i}"}
@@ -253,7 +244,7 @@ def write_page(
         sections=sections,
         data=[view.pop("data") for view in views],
         views=views,
-        camera={name: list(axis) for name, axis in direction.items()},
+        camera={name: list(axis) for name, axis in camera_of(experiments[0].name).items()},
         ramp=plotting.COLOURS,
         three=threejs.source(),
         viewer=plotting.part("viewer.js"),
@@ -284,7 +275,6 @@ def _section(
     *,
     cases: list[str],
     scales: dict[str, float],
-    camera: dict[str, np.ndarray],
     progress: Progress,
 ) -> dict[str, Any]:
     """Return the contents of the section of an experiment."""
@@ -295,7 +285,7 @@ def _section(
     shown = []
     for i, group in enumerate(groups):
         progress(experiment.name, i, len(groups), group[0]["task.name"])
-        shown.append(show_case(experiment, group, scales=scales, **camera, turnable=i < turnable))
+        shown.append(show_case(experiment, group, scales=scales, turnable=i < turnable))
     progress(experiment.name, len(groups), len(groups))
     return {
         "name": experiment.name,
@@ -337,7 +327,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
     parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
-    add_camera(parser)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -348,7 +337,7 @@ def command(options: argparse.Namespace) -> int:
 
     experiments = read_experiments(options.rows, runs=options.runs)
     with progress_bar() as progress:
-        text = write_page(experiments, cases=options.cases, **camera(options), progress=progress)
+        text = write_page(experiments, cases=options.cases, progress=progress)
     write_text(options.out, text)
     print(f"{options.out}: {len(text) / 1e6:.1f} MB; open it in a browser")  # noqa: T201
     return 0
