@@ -98,7 +98,7 @@ def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) ->
     InputError
         If there is no such run or result, or a dataset has changed since the run.
     """
-    experiment = Experiment(folder.name, collect(folder), (folder,))
+    experiment = Experiment(folder.name, collect(folder), folder)
     every = experiment.rows.assign(found=experiment.rows["status"].isin(VALID))
     # The latest run with a result; without a result, the latest run.
     every = every.sort_values(["found", "date"]).drop_duplicates(["task.name", "method.name"], keep="last")
@@ -117,7 +117,7 @@ def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) ->
 
 def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -> Case:
     runs = {row["method.name"]: row for row in rows}
-    folder, name = experiment.runs[0], rows[0]["task.name"]
+    folder, name = experiment.runs, rows[0]["task.name"]
     results: dict[str, np.ndarray | str] = {}
     for method in methods:
         if method not in runs:

@@ -89,8 +89,7 @@ def stored_case(experiment: Experiment, rows: list[Row]) -> tuple[Case | None, l
     found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
     missing = []
     if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
-        where = ", ".join(str(root) for root in experiment.runs)
-        missing.append(f"No stored vertices of {', '.join(absent)} in {where}: only the numbers.")
+        missing.append(f"No stored vertices of {', '.join(absent)} in {experiment.runs}: only the numbers.")
     if not found:
         return None, missing
     try:
@@ -323,8 +322,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("rows", nargs="*", type=Path, help=f"{ROWS_HELP} (default: every CSV there)")
     add_out(parser, Path("out/report.html"), "page to write")
-    runs = "folders of the run folders (default: out/runs/<experiment>)"
-    parser.add_argument("--runs", nargs="+", type=Path, default=[], metavar="FOLDER", help=runs)
     cases = "task names to show in pictures and in 3D (default: pictures of all, three in 3D)"
     parser.add_argument("--cases", nargs="+", default=[], metavar="TASK", help=cases)
 
@@ -335,7 +332,7 @@ def command(options: argparse.Namespace) -> int:
     import matplotlib  # noqa: F401
     import pyvista  # noqa: F401
 
-    experiments = read_experiments(options.rows, runs=options.runs)
+    experiments = read_experiments(options.rows)
     with progress_bar() as progress:
         text = write_page(experiments, cases=options.cases, progress=progress)
     write_text(options.out, text)

@@ -77,13 +77,13 @@ class Experiment(NamedTuple):
     ----------
     name : str
     rows : DataFrame
-    runs : tuple of path
-        Folders that may hold their run folders.
+    runs : path
+        Folder that may hold their run folders.
     """
 
     name: str
     rows: pd.DataFrame
-    runs: tuple[Path, ...]
+    runs: Path
 
     @property
     def methods(self) -> list[str]:
@@ -102,33 +102,23 @@ class Experiment(NamedTuple):
             if not names or name in names:
                 yield records(group.drop(columns="place"))
 
-    def folder(self, row: Row) -> Path | None:
-        """Return the run folder of a row, or None if it is not on this machine."""
-        for root in self.runs:
-            folder = run_folder(root, row)
-            stored = read_row(folder)
-            # Equal runs on several machines, and repeated runs, share a folder name.
-            if stored is not None and stored["key"] == row["key"] and stored["date"] == row["date"]:
-                return folder
-        return None
-
     def vertices(self, row: Row) -> np.ndarray | None:
-        """Return the deformed vertices (n, 3) of a row, or None without its run folder."""
-        folder = self.folder(row)
-        return None if folder is None else require_vertices(folder, n=row["task.vertices"]).astype(np.float64)
+        """Return the deformed vertices (n, 3) of a row, or None if its run folder is not on this machine."""
+        folder = run_folder(self.runs, row)
+        stored = read_row(folder)
+        # Equal runs on several machines, and repeated runs, share a folder name.
+        if stored is None or (stored["key"], stored["date"]) != (row["key"], row["date"]):
+            return None
+        return require_vertices(folder, n=row["task.vertices"]).astype(np.float64)
 
 
-def read_experiments(
-    names: Sequence[str | os.PathLike[str]], *, runs: Sequence[Path] = ()
-) -> list[Experiment]:
-    """Read the rows of experiments.
+def read_experiments(names: Sequence[str | os.PathLike[str]]) -> list[Experiment]:
+    """Read the rows of experiments, whose run folders are in out/runs/<experiment>.
 
     Parameters
     ----------
     names : sequence of path
         CSV files or names of experiments; if empty, every CSV in out/rows.
-    runs : sequence of path
-        Folders of run folders; if empty, out/runs/<experiment>.
 
     Raises
     ------
@@ -142,7 +132,7 @@ def read_experiments(
     repeated = [stem for stem in stems if stems.count(stem) > 1]
     if repeated:
         raise InputError(f"two experiments are named {repeated[0]!r}; give them one CSV, or other names")
-    return [Experiment(path.stem, read_csv(path), tuple(runs) or (RUNS / path.stem,)) for path in paths]
+    return [Experiment(path.stem, read_csv(path), RUNS / path.stem) for path in paths]
 
 
 def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:

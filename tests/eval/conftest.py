@@ -25,35 +25,35 @@ METHODS = {
 def tiny(tmp_path_factory) -> Path:
     """Run a small experiment with results, a failure and a skipped run; return the CSV of its rows.
 
-    The run folders lie in runs/tiny beside the CSV.
+    The rows and the run folders lie in the folder `out` where the commands put them.
     """
-    folder = tmp_path_factory.mktemp("tiny")
+    out = tmp_path_factory.mktemp("tiny") / "out"
     for angle in (10.0, 40.0):
         source = {"_target_": "eval_cases.bumpy_task", "level": 2, "angle": angle}
         for method, config in METHODS.items():
             task = bumpy_task(level=2, angle=angle)
-            run(task, config, name=method, root=folder / "runs" / "tiny", source=source)
-    write_csv(folder / "tiny.csv", collect(folder / "runs" / "tiny"))
-    return folder / "tiny.csv"
+            run(task, config, name=method, root=out / "runs" / "tiny", source=source)
+    write_csv(out / "rows" / "tiny.csv", collect(out / "runs" / "tiny"))
+    return out / "rows" / "tiny.csv"
 
 
 @pytest.fixture(scope="session")
 def tiny_runs(tiny) -> Path:
     """Return the folder with the run folders of the small experiment."""
-    return tiny.parent / "runs" / "tiny"
+    return tiny.parents[1] / "runs" / "tiny"
 
 
 @pytest.fixture(scope="session")
-def tiny_report(tiny, tiny_runs) -> Path:
+def tiny_report(tiny) -> Path:
     """Make the report of the small experiment while its methods cannot run."""
-    out = tiny.parent / "report.html"
     look = {"towards": [1.0, 0.0, 0.2], "up": [0.0, 0.0, 1.0]}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eval.publish.figures.read_picture", {"tiny": look}.get)
         for name in ("stretching", "with_options", "failing", "missing_extra"):
             patch.setattr(f"eval_cases.{name}", lambda *a, **k: pytest.fail("a report ran a method"))
-        assert call("report", [str(tiny), "-o", str(out), "--runs", str(tiny_runs)]) == 0
-    return out
+        patch.chdir(tiny.parents[2])
+        assert call("report", ["tiny"]) == 0
+    return tiny.parents[1] / "report.html"
 
 
 @pytest.fixture

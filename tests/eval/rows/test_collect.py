@@ -1,5 +1,7 @@
 """Rows of several runs, folders, people and machines are one experiment, which is found by its name."""
 
+from pathlib import Path
+
 import pytest
 from eval_rows import frame, row
 
@@ -57,7 +59,7 @@ def test_cases_of_an_experiment():
         row("b", "t2"),
     ]
     low = row("arap", task__checksum="low", task__vertices=100)
-    cases = Experiment("tiny", frame(*one, low), ()).cases()
+    cases = Experiment("tiny", frame(*one, low), Path()).cases()
     told = [[(r["task.name"], r["task.vertices"], r["method.name"]) for r in case] for case in cases]
     assert told == [[("t1", 100, "arap")], [("t1", 1000, "arap"), ("t1", 1000, "paper")], [("t2", 1000, "b")]]
 
@@ -69,7 +71,7 @@ def test_experiments_are_found_by_name(here):
     write_csv("elsewhere/tiny.csv", frame(row(), row("b")))
     for names in ([], ["tiny"], ["out/rows/tiny.csv"]):
         (found,) = read_experiments(names)
-        assert found.name == "tiny" and len(found.rows) == 1 and str(found.runs[0]) == "out/runs/tiny"
+        assert found.name == "tiny" and len(found.rows) == 1 and str(found.runs) == "out/runs/tiny"
     with pytest.raises(InputError, match="two experiments are named 'tiny'"):
         read_experiments(["tiny", "elsewhere/tiny.csv"])
 
