@@ -120,8 +120,7 @@ def _run(config: RunConfig, settings: DictConfig) -> None:
         return
     begin = perf_counter()
     with progress_bar() as progress:
-        jobs = config.run.jobs or _at_once(settings.launcher, config.run.of)
-        outcome = run(config, jobs=jobs, progress=progress)
+        outcome = run(config, jobs=_at_once(settings.launcher, config.run.of), progress=progress)
     row = outcome.row
     if not outcome.found:
         _took.append(perf_counter() - begin)

@@ -41,7 +41,6 @@ class RunSettings(NamedTuple):
     force: bool
     fresh: bool
     time_limit: float | None
-    jobs: int | None
     of: int
 
 
@@ -92,8 +91,7 @@ def read_config(config: DictConfig) -> RunConfig:
     run, seed = RunSettings(**plain["run"]), plain["seed"]
     if type(seed) is not int:
         raise InputError(f"seed={seed} does not fit; it takes int")
-    least = {"seed": (seed, 0), "run.time_limit": (run.time_limit, 1e-3), "run.jobs": (run.jobs, 1)}
-    for name, (value, smallest) in least.items():
+    for name, value, smallest in (("seed", seed, 0), ("run.time_limit", run.time_limit, 1e-3)):
         if value is not None and value < smallest:
             raise InputError(f"{name}={value} does not fit; it takes at least {smallest:g}")
     experiment = Path(str(run.experiment))

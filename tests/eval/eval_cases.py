@@ -33,7 +33,7 @@ def run(
 ) -> Outcome:
     """Run a method on a task as `sshade-eval run` does; without a `source`, the task is kept in memory."""
     values = {"experiment": "e", "folder": "e", "split": None, "force": False, "fresh": False, "of": 1}
-    values |= {"time_limit": None, "jobs": None, **settings}
+    values |= {"time_limit": None, **settings}
     if source is None:
         source = {"_target_": "eval_cases.kept_task", "key": id(task)}
         KEPT[id(task)] = task

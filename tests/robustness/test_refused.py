@@ -68,7 +68,6 @@ SETTINGS = {
     "run.speed=1": "no setting run.speed",
     "seed=-1": "seed=-1",
     "run.split=half": "it takes tuning, held_out, both or null",
-    "run.jobs=0": "run.jobs=0",
     "run.experiment=../tiny": "run.experiment=../tiny is no name of a folder",
     "method._target_=magic.magic": "no module 'magic'",
     "dataset._target_=os.getcwd": "os.getcwd has no parameter",
