@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +16,11 @@ from sshade.core.atomic import replacing
 from sshade.core.console import run_command
 from tools.bake import animals, bodies, new_bodies, noisy
 
-log = logging.getLogger("tools.bake")
-
 ASSETS = {"bodies": bodies.bake, "new_bodies": new_bodies.bake, "noisy": noisy.bake, "animals": animals.bake}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Bake an asset and write it, and log its checksum."""
+    """Bake an asset and write it, and print its checksum."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
         "python -m tools.bake", description=tools.bake.__doc__, formatter_class=raw
@@ -32,7 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--mpfb2", type=Path, help="folder of MPFB2's data, with 3dobjs, rigs and targets")
     parser.add_argument("--out", type=Path, required=True, help="the .npz to write")
     args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
 
     def work() -> int:
         if args.mpfb2 is not None and not (args.mpfb2 / "3dobjs" / "base.obj").is_file():
@@ -43,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with replacing(args.out) as temporary:
             np.savez_compressed(temporary, **arrays)
         data = args.out.read_bytes()
-        log.info("%s: %d bytes, sha256 %s", args.out, len(data), hashlib.sha256(data).hexdigest())
+        print(f"{args.out}: {len(data)} bytes, sha256 {hashlib.sha256(data).hexdigest()}")
         return 0
 
     return run_command(work)

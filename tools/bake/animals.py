@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,6 @@ from sshade import InputError, Mesh
 from sshade.mesh.adjacency import edge_graph
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.template import neighbour_average, quantise_weights
-
-log = logging.getLogger("tools.bake")
 
 TABLE = Path(__file__).with_suffix(".yaml")
 #: Accepted relative error of the number of vertices, and maximum number of remeshings.
@@ -139,7 +136,6 @@ def make_mesh(rig: Rig, vertices: int) -> Mesh:
         is_good = mesh.is_manifold and mesh.is_closed and mesh.topology == (2, 1, 0)
         if is_good and abs(mesh.n - vertices) <= CLOSE * vertices and not self_intersecting(mesh).any():
             return mesh
-        log.info("%d vertices, good %s, %d self", mesh.n, is_good, self_intersecting(mesh).sum())
         length *= float(np.sqrt(mesh.n / vertices))
     raise InputError(
         f"{ATTEMPTS} remeshings gave no mesh of {vertices} vertices without self-intersections; "
@@ -209,7 +205,5 @@ def bake(_: Path | None) -> dict[str, np.ndarray]:
     """Bake every species; return the arrays of the asset."""
     arrays = {}
     for name, species in read_table().items():
-        baked = bake_animal(species)
-        log.info("%s: %d vertices", name, len(baked["bone"]))
-        arrays |= {f"{name}.{key}": value for key, value in baked.items()}
+        arrays |= {f"{name}.{key}": value for key, value in bake_animal(species).items()}
     return arrays

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -35,8 +34,6 @@ from tools.bake.template import (
     without_intersections,
 )
 
-log = logging.getLogger("tools.bake")
-
 SEED = 0
 SUBJECTS = tuple(Shape(*values) for values in PARAMETERS["subjects"])
 
@@ -61,7 +58,6 @@ def bake(root: Path | None) -> dict[str, np.ndarray]:
     T, TF = make_template(neutral[:body], skin)
     matrix, distance = interpolation(T, neutral[:body], skin)
     on_skin = distance < 1e-6
-    log.info("template: %d vertices, %d of them fill holes", len(T), int((~on_skin).sum()))
 
     joint_ids = read_joints(root, base)
     steps, joints = [], []
@@ -134,7 +130,6 @@ def without_reaches(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Rotations (b, 3) and shift (3,) of a pose, in float32 as stored."""
-    rest = Mesh(bodies.rest[subject], bodies.faces)
     for factor in np.linspace(1.0, 0.5, 26):
         rotations, shift = make_pose(
             name,
@@ -148,12 +143,6 @@ def _find_pose(bodies: Bodies, *, subject: int, name: str) -> tuple[np.ndarray, 
         # Test the rounded values, which are stored.
         stored = rotations.astype(np.float32), shift.astype(np.float32)
         V = bodies.pose(subject, rotations=stored[0].astype(np.float64), shift=stored[1].astype(np.float64))
-        posed = Mesh(V, bodies.faces)
-        intersecting = self_intersecting(posed).sum()
-        if name in REACHES or not intersecting:
-            log.info(
-                "subject %d %-15s factor %.2f volume %+.1f %%, %d faces intersect",
-                subject, name, factor, 100 * (posed.volume / rest.volume - 1), intersecting,
-            )  # fmt: skip
+        if name in REACHES or not self_intersecting(Mesh(V, bodies.faces)).any():
             return stored
     raise InputError(f"subject {subject} intersects itself in {name} even at half the angles")

@@ -6,7 +6,6 @@ morphs of the same base mesh, interpolated at the vertices of the first body.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +13,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from defaust.build.upsample import self_intersecting
 from defaust.sources.bodies import Bodies
 from defaust.sources.new_bodies import SUBJECTS
 from defaust.sources.noisy import ANGLE, LENGTH
 from defaust.sources.synthetic import QUANTUM, load_bodies
 from defaust.tasks.full_size import interpolation
-from sshade import Mesh
 from tools.bake.morphs import BONES, PARAMETERS, Shape, morph, read_base, read_joints
 from tools.bake.noisy import make_pose
 from tools.bake.template import fill, outer_skin, without_intersections
-
-log = logging.getLogger("tools.bake")
 
 SEED = 66
 NEW: dict[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
@@ -47,11 +42,8 @@ def bake(root: Path) -> dict[str, np.ndarray]:
     rotations = np.zeros((len(rest), len(NEW["poses"]), len(BONES), 3))
     shifts = np.zeros((len(rest), len(NEW["poses"]), 3))
     for s, subject in enumerate(SUBJECTS):
-        for k, (name, pose) in enumerate(NEW["poses"].items()):
+        for k, pose in enumerate(NEW["poses"].values()):
             rotations[s, k], shifts[s, k] = make_pose(bodies, subject=s, pose=pose, seed=[SEED, subject, k])
-            V = bodies.pose(s, rotations=rotations[s, k], shift=shifts[s, k])
-            crossing = self_intersecting(Mesh(V, rig.faces)).sum()
-            log.info("subject %d, %s: %d faces intersect", subject, name, crossing)
     return {
         "offset": (rest - np.round(rig.rest[0] / QUANTUM).astype(np.int64)).astype(np.int16),
         "joints": joints.astype(np.float32),
@@ -72,7 +64,6 @@ def make_shapes(root: Path, rig: Bodies) -> tuple[np.ndarray, np.ndarray]:
     T = rig.rest[0] + floor
     matrix, distance = interpolation(T, first[:body], skin)
     on_skin = distance < ON_SKIN
-    log.info("%d vertices close holes", int((~on_skin).sum()))
     rest, joints = [], []
     for values in NEW["subjects"]:
         V = morph(root, base, shape=Shape(*values))

@@ -6,7 +6,6 @@ subject.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +22,6 @@ from defaust.sources.skinning import apply_motions, bone_motions
 from defaust.sources.synthetic import load_bodies
 from tools.bake.morphs import BONES
 from tools.bake.poses import JITTER, _both_sides
-
-log = logging.getLogger("tools.bake")
 
 SEED = 35
 POSES: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(
@@ -150,12 +147,8 @@ def bake(_: Path | None) -> dict[str, np.ndarray]:
     for key, poses in POSES.items():
         for s in SUBJECTS[key]:
             names.append(list(poses))
-            for k, (name, pose) in enumerate(poses.items()):
+            for k, pose in enumerate(poses.values()):
                 rotations[s, k], shifts[s, k] = make_pose(bodies, subject=s, pose=pose, seed=[SEED, s, k])
-                wrists = [
-                    np.degrees(np.linalg.norm(rotations[s, k, BONES.index(f"hand_{side}")])) for side in "lr"
-                ]
-                log.info("subject %d, %s: wrists bent by %.0f and %.0f degrees", s, name, *wrists)
     return {
         "names": np.array(names),
         "rotations": np.round(rotations / ANGLE).astype(np.int16),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import igl
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -12,8 +10,6 @@ from scipy.sparse.linalg import splu
 from defaust.build.upsample import self_intersecting
 from defaust.sources.synthetic import QUANTUM
 from sshade import InputError, Mesh
-
-log = logging.getLogger(__name__)
 
 #: Number of FAUST's faces; the template then has FAUST's 6890 vertices.
 FACES = 13776
@@ -41,7 +37,6 @@ def outer_skin(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     ids = np.flatnonzero(hidden)
     component = igl.facet_components(F[ids])[1]
     size = np.bincount(component)
-    log.info("pockets of %s faces", size[size >= 40].tolist())
     pockets = np.zeros(len(F), dtype=bool)
     pockets[ids[size[component] >= 40]] = True
     # Add two rings of faces, because the rims of lips and lids still intersect themselves.
@@ -65,7 +60,6 @@ def make_template(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     meshes.meshing_remove_unreferenced_vertices()
     meshes.meshing_close_holes(maxholesize=10_000, refinehole=True)
     meshes.set_selection_none()
-    log.info("closed: %d vertices", meshes.current_mesh().vertex_number())
     closed = pymeshlab.Mesh(meshes.current_mesh().vertex_matrix(), meshes.current_mesh().face_matrix())
     surface = (closed.vertex_matrix().copy(), closed.face_matrix().astype(np.int64))
     meshes.meshing_decimation_quadric_edge_collapse(
@@ -125,11 +119,10 @@ def without_intersections(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     The morph targets press the little toes together.
     """
     average = neighbour_average(F)
-    for step in range(60):
+    for _ in range(60):
         rounded = np.round(V / QUANTUM).astype(np.int64)
         intersecting = self_intersecting(Mesh(QUANTUM * rounded, F))
         if not intersecting.any():
-            log.info("no intersections after %d steps", step)
             return rounded
         near = np.zeros(len(V))
         near[F[intersecting]] = 1.0
