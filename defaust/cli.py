@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         args = make_parser().parse_args(argv)
-        logging.basicConfig(level=logging.INFO if args.verbose else logging.WARNING, format="%(message)s")
+        logging.basicConfig(format="%(message)s")
         command = {"example": _example, "build": _build, "verify": _verify}[args.command]
         return command(args)
 
@@ -62,7 +62,6 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=version_of("defaust"))
-    parser.add_argument("-v", "--verbose", action="store_true", help="report every step")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     example = commands.add_parser(
         "example",

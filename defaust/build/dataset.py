@@ -100,7 +100,6 @@ def build(
         for error in unusable.values():
             log.warning("left out: %s", error)
         missing = [s for s in subjects if s not in done and s not in unusable]
-        log.info("%d of %d subjects are already built", len(done), len(subjects))
         progress("subjects", len(done), len(subjects))
         workers = min(workers, max(1, len(missing)))
         for subject, record in build_subjects(
