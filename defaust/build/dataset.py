@@ -103,7 +103,7 @@ def build(
         progress("subjects", len(done), len(subjects))
         workers = min(workers, max(1, len(missing)))
         for subject, record in build_subjects(
-            source, out, subjects=missing, options=options, strict=strict, workers=workers, progress=progress
+            source, out, subjects=missing, options=options, strict=strict, workers=workers
         ):
             if isinstance(record, UnusableError):
                 unusable[subject] = record

@@ -16,7 +16,6 @@ from defaust.build.upsample import Upsampled, self_intersecting, upsample
 from defaust.folder import layout
 from defaust.sources.source import Source
 from sshade import InputError, Mesh
-from sshade.core.progress import Progress, silent
 from sshade.files.meshes import write_mesh
 
 
@@ -31,7 +30,6 @@ def build_subject(
     subject: int,
     options: BuildOptions,
     strict: bool = True,
-    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write a subject's folder. It gets its name when it is complete.
 
@@ -50,9 +48,7 @@ def build_subject(
         When files cannot be written.
     """
     try:
-        meshes, texts, record = _content(
-            source, subject=subject, options=options, strict=strict, progress=progress
-        )
+        meshes, texts, record = _content(source, subject=subject, options=options, strict=strict)
     except InputError as error:
         raise UnusableError(f"subject {subject}: {error}") from error
     name = layout.subject_folder(subject)
@@ -73,21 +69,16 @@ def build_subject(
 
 
 def _content(
-    source: Source, *, subject: int, options: BuildOptions, strict: bool, progress: Progress
+    source: Source, *, subject: int, options: BuildOptions, strict: bool
 ) -> tuple[dict[str, Mesh], dict[str, str], dict[str, Any]]:
     """Meshes and texts of a subject by file name, and its entry in dataset.json without the list of files."""
-    stage = f"subject {subject}"
-    poses = source.poses(subject)
-    steps = len(poses) + 2
-    progress(stage, 0, steps, "rest pose")
     rest = source.rest(subject)
     landmarks = source.landmark_vertices(subject)
     chosen = choose_handles(rest, landmarks, subject=subject, options=options)
     regions = [name for name in source.landmark_names if name not in chosen]
     meshes, texts = {layout.REST_LOW: rest}, {}
     facts, left_out = [], []
-    for k, pose in enumerate(poses, start=1):
-        progress(stage, k, steps, pose.name)
+    for k, pose in enumerate(source.poses(subject), start=1):
         try:
             posed = source.posed(subject, pose)
             if posed is not None and not np.array_equal(posed.F, rest.F):
@@ -114,8 +105,6 @@ def _content(
         facts.append({"pose": k, "name": pose.name} | counts | measured | case_facts(rest, posed, handles))
     if not facts:
         raise InputError(left_out[0]["reason"])
-
-    progress(stage, steps - 1, steps, "upsampling")
     high = _high_resolution(source, rest, subject=subject, options=options)
     meshes[layout.REST] = high.mesh
     dropped = source.dropped(subject)
@@ -129,7 +118,6 @@ def _content(
         "high": _mesh_facts(high.mesh)
         | {"ls3_steps": high.ls3_steps, "edge_length": high.edge_length, "remeshings": high.attempts},
     }
-    progress(stage, steps, steps)
     return meshes, texts, record
 
 

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
@@ -17,13 +17,6 @@ from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError, build_subject
 from defaust.sources.source import Source
 from sshade.core.errors import InputError
-from sshade.core.progress import Progress
-
-#: Time between two polls of the workers' progress, in seconds.
-POLL = 0.2
-
-#: In a worker: queue for progress reports. A queue can be passed only when the worker starts.
-_stages: Any = None
 
 
 def build_subjects(
@@ -34,7 +27,6 @@ def build_subjects(
     options: BuildOptions,
     strict: bool,
     workers: int,
-    progress: Progress,
 ) -> Iterator[tuple[int, dict[str, Any] | UnusableError]]:
     """Build subjects; yield each with its record, or with the reason why it cannot be used.
 
@@ -51,7 +43,6 @@ def build_subjects(
         Raise an UnusableError instead of yielding it.
     workers : int
         Number of processes; 1 builds in this process.
-    progress : Progress
 
     Raises
     ------
@@ -61,23 +52,15 @@ def build_subjects(
     job = partial(_build, source, out, options=options, strict=strict)
     if workers == 1:
         for s in subjects:
-            yield s, job(subject=s, progress=progress)
+            yield s, job(subject=s)
         return
     # Spawned, because forking a process with threads (numba, BLAS) can hang.
     context = multiprocessing.get_context("spawn")
-    stages = context.SimpleQueue()
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start_worker, initargs=(stages,)
-    ) as pool:
-        jobs = {pool.submit(job, subject=s, progress=_report): s for s in subjects}
-        waiting = set(jobs)
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
+        jobs = {pool.submit(job, subject=s): s for s in subjects}
         try:
-            while waiting:
-                done, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
-                while not stages.empty():
-                    progress(*stages.get())
-                for finished in done:
-                    yield jobs[finished], finished.result()
+            for finished in as_completed(jobs):
+                yield jobs[finished], finished.result()
         except BrokenProcessPool as error:
             raise InputError(
                 "a process of the build was killed, perhaps for lack of memory; the same command continues, "
@@ -97,9 +80,7 @@ def _build(source: Source, out: Path, *, strict: bool, **settings: Any) -> dict[
         return error
 
 
-def _start_worker(stages: Any) -> None:
-    global _stages
-    _stages = stages
+def _start_worker() -> None:
     # Ctrl-C reaches the workers too. They end silently; the main process reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     _end_with_parent()
@@ -118,8 +99,3 @@ def _end_with_parent() -> None:
             os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-
-
-def _report(stage: str, done: int, total: int, note: str = "") -> None:
-    """Send a worker's progress to the main process."""
-    _stages.put((stage, done, total, note))
