@@ -22,7 +22,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from baselines.hard_handles import require_hard
-from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
@@ -71,14 +70,10 @@ def paper_with(
     Raises
     ------
     InputError
-        On an unknown choice, and as :func:`sshade.deform`.
+        As :func:`sshade.deform`.
     """
     projections = {"fan": project_to_fans, "surface": project_to_surface}
     samplers = {"samples": sample_with_handles, "nearest": sample_nearest_to_handles}
-    if projection not in projections:
-        raise InputError(f"unknown projection {projection!r}; use 'fan' or 'surface'")
-    if handle_mode not in samplers:
-        raise InputError(f"unknown handle mode {handle_mode!r}; use 'samples' or 'nearest'")
     if handle_mode == "nearest":
         require_hard(task.handles, "the handle mode nearest")
     counts = []

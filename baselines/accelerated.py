@@ -13,10 +13,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from math import inf
 from typing import Any
 
-from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import Later
 from sshade.method.pieces import Pieces, both
@@ -31,9 +29,6 @@ def local_global(
     energy: Energy = "spokes_and_rims",
     accelerate: bool = True,
     factorised: bool | None = None,
-    volume_goal: float = 1.0,
-    workers: int = 1,
-    softened: bool = False,
     seed: int = 0,
     progress: Progress = silent,
     **options: Any,
@@ -50,12 +45,6 @@ def local_global(
         Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional
         See :func:`sshade.solver.local_global.prepare`.
-    volume_goal : float
-        Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
-    workers : int
-        Threads that share each iteration; no influence on the result.
-    softened : bool
-        See :meth:`sshade.solver.local_global.LocalGlobal.solve`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -76,17 +65,13 @@ def local_global(
     FloatingPointError
         When an iterate is not finite.
     """
-    if not 0 < volume_goal < inf:
-        raise InputError(f"volume_goal must be a finite number above 0, not {volume_goal}")
     solver_options = complete(options)
-    binding: dict[str, Any] = {"volume_goal": volume_goal, "energy": energy, "factorised": factorised}
     return solve_task(
         task,
-        prepared=Later(partial(prepare, task, solver_options, **binding)),
+        prepared=Later(partial(prepare, task, solver_options, energy=energy, factorised=factorised)),
         options=replace(solver_options, accelerate=accelerate),
-        workers=workers,
+        workers=1,
         tolerance=solver_options.tolerance,
-        softened=softened,
         progress=progress,
     )
 

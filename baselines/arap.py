@@ -76,7 +76,7 @@ def libigl_arap(
     Returns
     -------
     DeformationResult
-        ``extra`` holds the last ``residual`` and the ``residual_curve``, with one value an iteration.
+        ``extra`` holds the last ``residual``.
 
     Raises
     ------

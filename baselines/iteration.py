@@ -70,13 +70,13 @@ def iterated(vertices: np.ndarray, done: Run, seconds: dict[str, float], **extra
     ----------
     vertices : (n, 3) float64
     done : Run
-        The residuals become the facts ``residual`` and ``residual_curve``.
+        The last residual becomes the fact ``residual``.
     seconds : dict
         Time of each stage.
     **extra
         Further facts.
     """
-    extra |= {"residual": done.residual, "residual_curve": done.residual_curve}
+    extra["residual"] = done.residual
     return DeformationResult(vertices, done.iterations, done.converged, seconds, extra)
 
 

@@ -139,7 +139,6 @@ def neo_hookean(
         extra={
             **tetrahedra.facts(),
             "residual": residual,
-            "residual_curve": np.array(residuals),
             "energy": problem.energy(x) - problem.rest,
             "inverted": inverted,
             "handle_error": handle_error(mesh, handles, V),

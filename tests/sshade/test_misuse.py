@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import sshade
-from baselines.accelerated import local_global
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.files.task_files import write_handles
 from sshade.proxy.binding_file import save_binding
@@ -50,7 +49,6 @@ WRONG = {
     "no seed": (lambda: sample_proxy(BODY, 40, seed=None), "a seed is 0 or a positive integer"),
     "id twice": (lambda: LocalGlobal(BODY, [3, 3]), "given twice"),
     "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(Aim(TARGETS), tolerance=np.nan), "tolerance must be"),
-    "volume": (lambda: local_global(task(), volume=np.inf, volume_goal=-1.0), "above 0, not -1"),
     "key": (lambda: write_handles("x.json", task().handles, about={"author": "me"}), "there is no key"),
     "soft group": (
         lambda: write_handles("x.json", Handles(HELD, TARGETS, weight=[1.0, 2.0, 1.0, 1.0])),
