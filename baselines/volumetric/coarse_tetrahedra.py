@@ -10,9 +10,9 @@ Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in
 
 from __future__ import annotations
 
-import hashlib
 import subprocess
 import sys
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -55,9 +55,6 @@ nodes, T = tetrahedralize(
 )[:2]
 np.savez("filled.npz", nodes=nodes, T=T)
 """
-
-#: Nodes and tetrahedra of a mesh moved and scaled to unit size, and fTetWild's time; latest use last.
-_cache: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray, float]] = {}
 
 
 class TetrahedraOptions(TypedDict, total=False):
@@ -141,16 +138,7 @@ def coarse_tetrahedra(
         )
     centre, scale = mesh.V.mean(axis=0), mesh.diagonal
     rounded = np.round((mesh.V - centre) / (scale * GRID)) * GRID + 0.0  # no negative zeros
-    key = (hashlib.sha256(rounded.tobytes() + mesh.F.tobytes()).digest(), samples, edge, envelope)
-    unit = _cache.pop(key, None)
-    if unit is None:
-        begin = perf_counter()
-        filled = _filled(*_sampled(Mesh(rounded, mesh.F), samples), edge=edge, envelope=envelope)
-        unit = (*filled, perf_counter() - begin)
-    _cache[key] = unit
-    while len(_cache) > CACHED:
-        del _cache[next(iter(_cache))]
-    V, T, seconds = unit
+    V, T, seconds = _unit_tetrahedra(rounded.tobytes(), mesh.F.tobytes(), samples, edge, envelope)
     return CoarseTetrahedra(
         V=V * scale + centre,
         T=T,
@@ -159,6 +147,17 @@ def coarse_tetrahedra(
         component=_components(len(V), T),
         seconds=seconds,
     )
+
+
+@lru_cache(CACHED)
+def _unit_tetrahedra(
+    V: bytes, F: bytes, samples: int, edge: float, envelope: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the nodes and tetrahedra of a mesh of unit size, whose arrays are bytes, and fTetWild's time."""
+    mesh = Mesh(np.frombuffer(V, np.float64).reshape(-1, 3), np.frombuffer(F, np.int64).reshape(-1, 3))
+    begin = perf_counter()
+    nodes, T = _filled(*_sampled(mesh, samples), edge=edge, envelope=envelope)
+    return nodes, T, perf_counter() - begin
 
 
 def _sampled(mesh: Mesh, samples: int) -> tuple[np.ndarray, np.ndarray]:
