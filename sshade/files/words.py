@@ -14,7 +14,7 @@ import numpy as np
 
 #: The byte-order mark of UTF-8, with which programs of Windows begin a text.
 BOM = b"\xef\xbb\xbf"
-_NEWLINE, _RETURN, _BLANK = 10, 13, 32
+_NEWLINE, _BLANK = 10, 32
 _INTEGER = re.compile(rb"[+-]?[0-9]{1,18}")
 #: How programs of Windows write a number that is none, such as the normal of a face without area.
 _NAN = re.compile(rb"[+-]?(nan\([a-z]*\)|1\.#(ind|qnan|snan)[0-9]*)", re.IGNORECASE)
@@ -42,9 +42,9 @@ class Numbers(NamedTuple):
 
 
 class Text:
-    r"""Words of a text, line by line. Lines end in ``\n``, ``\r`` or ``\r\n``; empty lines do not count.
+    r"""Words of a text, line by line. Lines end in ``\n`` or ``\r\n``; empty lines do not count.
 
-    A byte-order mark at the beginning belongs to no word. Raises ValueError for a text in UTF-16.
+    A byte-order mark at the beginning belongs to no word.
 
     Parameters
     ----------
@@ -62,8 +62,6 @@ class Text:
     """
 
     def __init__(self, data: bytes, *, above: int = 0) -> None:
-        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise ValueError("it is a text in UTF-16; save it as UTF-8")
         self.data, self._above = data, above
         self._bytes = np.frombuffer(data, np.uint8)
         space = np.ones(len(data) + 2, dtype=bool)
@@ -73,7 +71,7 @@ class Text:
             space[1:4] = True
         edges = np.flatnonzero(space[1:] != space[:-1])
         self.begin, self.end = edges[::2], edges[1::2]
-        breaks = np.flatnonzero((self._bytes == _NEWLINE) | (self._bytes == _RETURN))
+        breaks = np.flatnonzero(self._bytes == _NEWLINE)
         self._breaks = np.concatenate([[-1], breaks, [len(data) - 1]])
         starts = np.searchsorted(self.begin, self._breaks[:-1])
         nonempty = np.append(starts[1:] > starts[:-1], starts[-1] < len(self.begin))
@@ -103,15 +101,12 @@ class Text:
 
     def _line_number(self, place: int) -> int:
         """Return the number of the line with a byte."""
-        before = self.data[:place]
-        return self._above + max(before.count(b"\n"), before.count(b"\r")) + 1
+        return self._above + self.data.count(b"\n", 0, place) + 1
 
     def line_ends(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the bytes where some lines begin, and the bytes where their next lines begin."""
         after = np.searchsorted(self._breaks, self.begin[self.first[lines]])
-        begin, end = self._breaks[after - 1] + 1, self._breaks[after] + 1
-        following = self._bytes.take(end, mode="clip")
-        return begin, end + ((self._bytes[end - 1] == _RETURN) & (following == _NEWLINE))
+        return self._breaks[after - 1] + 1, self._breaks[after] + 1
 
     def vectors(self, lines: np.ndarray, first: int, name: str) -> Numbers:
         """Read three numbers (k, 3) of each of k lines, from word `first` on.

@@ -65,7 +65,6 @@ BAD = {
         for end in (".stl", ".glb", ".vtp", ".vtu", ".vtk", ".3mf")
     },
     "compressed": (".ply", gzip.compress(mesh_ply(V, F), mtime=0), "does not begin with ply"),
-    "text in UTF-16": (".obj", obj(V, F).decode().encode("utf-16"), "in UTF-16; save it as UTF-8"),
     "1e999 in OBJ": (".obj", obj(V, F).replace(b"v ", b"v 1e999 ", 1), "NaN or infinite"),
     "inf in OFF": (".off", off(at(np.inf), F), "NaN or infinite"),
     "NaN in PLY": (".ply", mesh_ply(at(np.nan), F), "NaN or infinite"),

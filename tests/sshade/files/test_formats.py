@@ -44,7 +44,6 @@ def streams() -> dict[str, bytes]:
     broken = [line.replace(b" ", b"\n", 2) for line in faces]
     return {
         "faces on several lines": b"\n".join([head, counts, *vertices, b"# faces", *broken]),
-        "lines of old Macintoshes": b"\r".join([head, counts, *rows]),
         "one line": b" ".join([head, counts, *rows]),
         "a number on each line": b"\n".join([head, counts, *rows]).replace(b" ", b"\r\n"),
         "counts glued to the keyword, as in ModelNet": b"\n".join([head + counts, *rows]),
