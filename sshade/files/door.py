@@ -182,26 +182,23 @@ def on_shape(file: HandleFile, shape: OpenShape) -> Handles:
     return on_mesh(file, shape.mesh, vertex=shape.surface.vertex, extent=shape.extent)
 
 
-def on_mesh(
-    file: HandleFile, mesh: Mesh, *, vertex: np.ndarray | None = None, extent: float | None = None
-) -> Handles:
+def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) -> Handles:
     """Place the handles of a file on a mesh.
 
     Parameters
     ----------
     file : HandleFile
-    mesh, vertex
-        See :func:`sshade.files.task_files.read_handles`.
-    extent : float, optional
-        See :class:`sshade.Handles`; by default the diagonal of the mesh.
+    mesh : Mesh
+    vertex : (k,) int
+        Vertex of the mesh for each vertex id of the file, or -1.
+    extent : float
+        See :class:`sshade.Handles`.
 
     Raises
     ------
     InputError
         When the handles do not fit the mesh.
     """
-    vertex = np.arange(mesh.n) if vertex is None else vertex
-    extent = mesh.diagonal if extent is None else extent
     # Handles at vertices, and positions, which are snapped at once with one search tree.
     rows: tuple[list[tuple[np.ndarray, ...]], ...] = ([], [])
     for own in file.groups:

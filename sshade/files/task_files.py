@@ -28,7 +28,6 @@ def read_handles(
     target: str | os.PathLike[str] | None = None,
     amount: float = 1.0,
     raw: bool = False,
-    vertex: np.ndarray | None = None,
 ) -> Handles:
     """Read handles for a mesh from a .json or an Implicit-ARAP .yaml file, or from two landmark files.
 
@@ -44,9 +43,6 @@ def read_handles(
         Fraction of the way that the handles move, from 0 to 2; rotations have this fraction of the angle.
     raw : bool
         Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
-    vertex : (k,) int, optional
-        Needed if `mesh` is a repaired copy of the mesh that the vertex ids refer to: the vertex of `mesh`
-        for each id, or -1; see :class:`sshade.mesh.surface.Surface`.
 
     Raises
     ------
@@ -56,7 +52,7 @@ def read_handles(
     paths = (path,) if target is None else (path, target)
     file = read_handle_file(*paths, raw=raw, amount=amount)
     with naming(path):
-        return on_mesh(file, mesh, vertex=vertex)
+        return on_mesh(file, mesh, vertex=np.arange(mesh.n), extent=mesh.diagonal)
 
 
 def read_task(
