@@ -70,8 +70,6 @@ def compile_all() -> set[Path]:
     modules = sorted(listed, key=lambda module: -len(listed[module]))
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         files = pool.map(compile_module, modules, [listed[module] for module in modules])
-        made = pool.submit(store.made_for).result()
-        (store.folders()[0] / store.MADE_FOR).write_text(made, "utf-8")
         return {path for found in files for path in found}
 
 

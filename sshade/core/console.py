@@ -96,8 +96,6 @@ def compilation_told() -> Iterator[None]:
     """Report on standard error when kernels are compiled, at their first use, and how long it took."""
     from numba.core import event
 
-    from sshade.core.kernel_store import why_compiled
-
     class CompilationTimer(event.TimingListener):
         """Measure the time of compilations in all threads; nested compilations count once."""
 
@@ -105,7 +103,7 @@ def compilation_told() -> Iterator[None]:
 
         def on_start(self, event: event.Event) -> None:
             if not self.announced:
-                say(f"compiling kernels of sshade once, for up to half a minute: {why_compiled()} ...")
+                say("compiling kernels of sshade once, for up to half a minute ...")
             self.announced = True
             super().on_start(event)
 

@@ -29,8 +29,6 @@ from numba.misc.appdirs import AppDirs
 
 #: Kernels that came with the package, or that a checkout has compiled.
 SHIPPED = Path(__file__).parents[1] / "compiled"
-#: Says for which Python, numba and processors the kernels in this folder were compiled.
-MADE_FOR = "made_for.txt"
 #: Level that a machine's processors have in common, and processor features that tell whether it can be used.
 LEVELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "x86_64": ("x86-64-v3", ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")),
@@ -116,20 +114,6 @@ def _user_folders() -> list[Path]:
         if not os.path.isabs(parent):  # an empty XDG_CACHE_HOME, or "~" itself
             return []
     return [Path(parent, hashlib.sha256(str(SHIPPED).encode()).hexdigest()[:16])]
-
-
-def why_compiled() -> str:
-    """Return the reason why kernels are compiled in this process."""
-    try:
-        return f"its kernels are for {(folders()[0] / MADE_FOR).read_text('utf-8')}, this is {made_for()}"
-    except OSError:
-        return "it came without compiled kernels"
-
-
-def made_for() -> str:
-    """Return the Python, the numba and the processor for which this process compiles."""
-    name = numba.config.CPU_NAME or llvm.get_host_cpu_name()
-    return f"{sys.implementation.cache_tag}, numba {numba.__version__} and {name} processors"
 
 
 @cache
