@@ -13,7 +13,7 @@ from sshade.core.progress import silent
 from sshade.core.threads import Later
 from sshade.mesh.mesh import Mesh
 from sshade.method.start import solve_from_start, solver_threads
-from sshade.problem.options import ENERGY, Options
+from sshade.problem.options import ENERGY, MATRIX, Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
@@ -41,15 +41,8 @@ class FollowingSolver:
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = handles.has_rotation
         self._attachment = Attachment(proxy, handles, options.attachment)
-        attachment = self._attachment
-        self._solver = LocalGlobal(
-            proxy,
-            attachment.vertex,
-            stiffness=attachment.stiffness,
-            bending=options.bending,
-            thickness=options.thickness,
-            inertia=options.inertia,
-        )
+        vertex, stiffness = self._attachment.vertex, self._attachment.stiffness
+        self._solver = LocalGlobal(proxy, vertex, stiffness=stiffness, **options.subset(MATRIX))
         self._solver.factorise()
         self.reset()
 

@@ -16,12 +16,9 @@ from sshade.problem.options import ENERGY, Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.local_global import LocalGlobal, Prepared, prepare
+from sshade.solver.quasi_newton import WINDOW_OF_POLISH
 from sshade.solver.run import Aim, Solution
 from sshade.solver.system import give_back
-
-#: Number of steps that quasi-Newton iterations remember. A larger number takes more memory, and gave no
-#: better results on six bodies.
-WINDOW = 4
 
 
 def set_up(task: DeformationTask, options: Options) -> Prepared:
@@ -79,7 +76,7 @@ def polished(
         start=start.pop(),  # so that the solver can free it
         tolerance=options.tolerance,
         max_iterations=options.polish_iterations,
-        window=WINDOW,
+        window=WINDOW_OF_POLISH,
         progress=renamed(progress, "polish"),
         **energy,
     )

@@ -123,8 +123,8 @@ def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray
         extent = float(np.linalg.norm(np.ptp(target, axis=0))) if extent is None else extent
         if (gap > SAME_TARGET * extent).any():
             bad = int(np.argmax(gap))
-            one, other = group[earlier[bad]], group[bad]
-            where = f" in groups {one} and {other}" if one != other else ""
+            one, two = group[earlier[bad]], group[bad]
+            where = f" in groups {one} and {two}" if one != two else ""
             raise InputError(
                 f"vertex {index[bad]} has contradictory targets{where}, {gap[bad]:.3g} apart; "
                 "give it one target"
@@ -132,9 +132,9 @@ def first_of_each(fields: Mapping[str, Any], extent: float | None) -> np.ndarray
         differ = weight != weight[earlier]
         _refuse(index[differ], "has two weights; give each handle vertex one weight, or none")
         if rotation is not None:
-            other = rotation[earlier]
-            gap = np.abs(rotation - other).max(axis=(1, 2))
-            differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(other)).any(axis=(1, 2))
+            turn = rotation[earlier]
+            gap = np.abs(rotation - turn).max(axis=(1, 2))
+            differ = (gap > ROTATION) | (np.isnan(rotation) != np.isnan(turn)).any(axis=(1, 2))
             _refuse(index[differ], "has two rotations, or is given with a rotation and without; give it one")
     return np.sort(first)
 

@@ -167,13 +167,14 @@ class Options:
         return replace(self, **energy, bending=self.proxy_bending, strain_limit=inf, polish=False)
 
 
-#: Options of the energy that may change without a new factorisation. ``attachment``, ``bending``,
-#: ``thickness`` and ``inertia`` change the matrix and are therefore not here.
+#: Options of the energy that may change without a new factorisation, and options that change the matrix, as
+#: ``attachment`` does through the handles.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
+MATRIX = ("bending", "thickness", "inertia")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
-    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", "bending", "thickness", "inertia"),
+    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", *MATRIX),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "accelerate"),
     "Polish": ("detail", "proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations"),

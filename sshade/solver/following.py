@@ -20,6 +20,7 @@ from sshade.core.threads import ThreadTeam
 from sshade.problem.options import ENERGY, complete
 from sshade.solver.descent import Descent
 from sshade.solver.local_global import LocalGlobal
+from sshade.solver.quasi_newton import WINDOW_OF_DRAG
 from sshade.solver.run import Aim, Solution, Stop, run
 
 #: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
@@ -38,8 +39,6 @@ class Following:
         First iterate, as of a solution. Hard handles are first put on their targets.
     aim : Aim
         With the targets there.
-    window : int
-        Number of stored quasi-Newton steps.
     workers : int
         Threads that share each iteration; no influence on the result.
     **energy
@@ -58,7 +57,6 @@ class Following:
         rotations: np.ndarray,
         aim: Aim,
         *,
-        window: int = 10,
         workers: int = 1,
         **energy: Any,
     ) -> None:
@@ -72,7 +70,7 @@ class Following:
             self._options,
             solver.to_system(positions, aim.targets),
             team=self._team,
-            window=window,
+            window=WINDOW_OF_DRAG,
             single=True,
             accelerate_last=True,
         )

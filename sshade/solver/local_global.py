@@ -20,10 +20,11 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import Pending, ThreadTeam
 from sshade.problem.handle_checks import checked_target
-from sshade.problem.options import ENERGY, Energy, Options, complete
+from sshade.problem.options import ENERGY, MATRIX, Energy, Options, complete
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
+from sshade.solver.quasi_newton import WINDOW
 from sshade.solver.run import Aim, Run, Solution, Stop, initial_guess, run
 from sshade.solver.system import System
 
@@ -54,7 +55,7 @@ class LocalGlobal(System):
         tolerance: float = 1e-5,
         max_iterations: int = 1000,
         accelerate: bool = True,
-        window: int = 5,
+        window: int = WINDOW,
         workers: int = 1,
         softened: bool = False,
         progress: Progress = silent,
@@ -80,7 +81,7 @@ class LocalGlobal(System):
         accelerate : bool
             Take quasi-Newton steps, L-BFGS; see :mod:`sshade.solver.quasi_newton`.
         window : int
-            Number of steps that L-BFGS stores.
+            Number of steps that L-BFGS stores; see :data:`sshade.solver.quasi_newton.WINDOW`.
         workers : int
             Threads that share each iteration, useful from 20,000 vertices on; no influence on the result.
         softened : bool
@@ -229,6 +230,9 @@ def prepare(
     pulled = fraction > 0
     targets, stiffness = targets[pulled], (attachment.stiffness * fraction)[pulled]
     majority = task.handles.majority
+    matrix = options.subset(MATRIX)
+    if majority is None or not majority.certainty:
+        matrix["inertia"] = 0.0
     solver = LocalGlobal(
         task.mesh,
         attachment.vertex[pulled],
@@ -236,9 +240,7 @@ def prepare(
         stiffness=stiffness,
         multigrid=not factorised,
         exact_steps=exact_steps,
-        bending=options.bending,
-        thickness=options.thickness,
-        inertia=options.inertia if majority and majority.certainty else 0.0,
+        **matrix,
     )
     aim = Aim(targets, task.handles.prescribed_rotations, volume_goal=volume_goal, majority=majority)
     return Prepared(solver, aim, perf_counter() - begin)
