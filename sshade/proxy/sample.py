@@ -110,17 +110,14 @@ class Sampling:
         For each vertex of M, the vertex of N whose cell contains it.
     distance : (n,) float64
         Distance along edges from each vertex of M to its sample, in the mesh's unit.
-    rounds : int
-        Rounds of the closed-ball test that added samples.
     added : int
-        Number of samples added in these rounds.
+        Number of samples that the closed-ball test added.
     """
 
     samples: np.ndarray
     faces: np.ndarray
     cell: np.ndarray
     distance: np.ndarray
-    rounds: int = 0
     added: int = 0
 
 
@@ -192,7 +189,6 @@ def sample_proxy(
         faces=_dual_faces(mesh.F, fronts.cell, len(fronts)),
         cell=fronts.cell,
         distance=fronts.distance,
-        rounds=rounds,
         added=len(fronts) - sampled,
     )
     _check_topology(mesh, result)

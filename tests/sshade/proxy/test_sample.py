@@ -53,7 +53,7 @@ def test_the_proxy_keeps_the_topology(name, count):
     mesh = SURFACES[name]
     k = min(max(int(count * mesh.n) if isinstance(count, float) else count, 1), mesh.n)
     result = sample_proxy(mesh, k, seed=1)
-    assert len(result.samples) == k + result.added and (result.added > 0) == (result.rounds > 0)
+    assert len(result.samples) == k + result.added
     assert_valid_proxy(mesh, result)
     # The faces are the triples of cells at triangles of the mesh, with its orientation.
     triples = [face for face in result.cell[mesh.F].tolist() if len(set(face)) == 3]
