@@ -184,17 +184,15 @@ class Deformer:
         self._last_handles = handles
         return self._deformed(handles, stop, out)
 
-    def settle(self, *, tolerance: float | None = None, out: np.ndarray | None = None) -> DeformationResult:
+    def settle(self, *, out: np.ndarray | None = None) -> DeformationResult:
         """Converge to the minimum for the last call's targets, at the end of a drag.
 
         A drag lags a few hundred steps behind, and the residual is the length of one step. At the method's
-        tolerance the shape is up to some thousandths of the diagonal from the minimum, at a hundredth of the
-        tolerance less than a thousandth.
+        tolerance the shape is up to some thousandths of the diagonal from the minimum, at :data:`SETTLED`
+        times the tolerance less than a thousandth.
 
         Parameters
         ----------
-        tolerance : float, optional
-            By default :data:`SETTLED` times the method's.
         out : (n, 3) float64, C-contiguous, optional
 
         Raises
@@ -210,11 +208,11 @@ class Deformer:
         if self._groups is not None:  # the motion of a drag may lag as well
             motion = self._groups.motion(handles.target)
             self._last_majority, handles = (motion, handles.target), handles.following(motion)
-        tolerance = SETTLED * self._options.tolerance if tolerance is None else tolerance
-        return self._deformed(handles, self._stopping(tolerance, None, out), out, settle=True)
+        stop = self._stopping(SETTLED * self._options.tolerance, None, out)
+        return self._deformed(handles, stop, out, settle=True)
 
     def _stopping(
-        self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None = None
+        self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None
     ) -> Options:
         """Return the options with another stopping rule; None keeps the option's value. Check `out`, too."""
         if out is not None:
