@@ -104,10 +104,10 @@ def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projec
     """
     import igl
 
-    squared, face, point = igl.point_mesh_squared_distance(V, np.array(proxy.V), np.array(proxy.F))
+    _, face, point = igl.point_mesh_squared_distance(V, np.array(proxy.V), np.array(proxy.F))
     corners = proxy.V[proxy.F[face]]
     barycentric = igl.barycentric_coordinates(point, *(np.ascontiguousarray(corners[:, c]) for c in range(3)))
-    return Projection(np.asarray(face, dtype=np.int64), barycentric, np.sqrt(squared))
+    return Projection(np.asarray(face, dtype=np.int64), barycentric)
 
 
 def cross_part(projection: Projection, proxy: Mesh, sampling: Sampling) -> np.ndarray:

@@ -11,16 +11,14 @@ import numpy as np
 from sshade.core.atomic import INCOMPLETE, expecting, naming, read_npz, replacing
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.proxy.binding import Binding, FrameKind, frame_maker
-from sshade.proxy.projection import Projection
-from sshade.proxy.sample import Sampling, proxy_mesh
+from sshade.proxy.binding import Binding, FrameKind, bind_proxy, frame_maker
+from sshade.proxy.sample import Sampling
 from sshade.proxy.triangle import TriangleFrames
 
 #: What a file of a binding is, in messages.
 WHAT = "a map written by `sshade remesh`"
-#: Fields of a sampling and of a projection, by their names in a file.
+#: Fields of a sampling, by their names in a file.
 SAMPLING = {"samples": "samples", "faces": "faces", "region": "cell", "distance": "distance"}
-PROJECTION = {"face": "face", "barycentric": "barycentric", "to_proxy": "distance"}
 
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
@@ -35,7 +33,6 @@ def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
     """
     frames = binding.frames
     arrays: dict[str, Any] = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
-    arrays |= {name: getattr(binding.projection, field) for name, field in PROJECTION.items()}
     if isinstance(frames, TriangleFrames):
         arrays["values"] = frames.values
     arrays |= {"vertices": len(binding.local), "mesh": _digest(binding.mesh.F), "frames": frames.name}
@@ -50,7 +47,7 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     ----------
     path : path
     mesh : Mesh
-        The mesh that the binding was made for. Its positions may differ.
+        The mesh that the binding was made for. It is projected onto the proxy anew.
     frames : {"triangle", "affine", "blended", "blended_affine"}, optional
         Kind of frames; by default the saved kind. ``triangle`` frames use the saved frame function, or the
         default function if other frames were saved.
@@ -72,22 +69,18 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
         if str(arrays["mesh"]) != _digest(mesh.F):
             raise InputError(f"the map is of a mesh with other faces; {remedy}")
         sampling = Sampling(**{field: arrays[name] for name, field in SAMPLING.items()})
-        on_proxy = Projection(**{field: arrays[name] for name, field in PROJECTION.items()})
-        _require_fit(sampling, on_proxy, arrays.get("values"), mesh.n)
-        proxy, saved = proxy_mesh(mesh, sampling), str(arrays["frames"])
-        at_rest = frame_maker(saved, mesh)(proxy, sampling.samples)  # type: ignore[arg-type]
-        if (frames or saved) == "triangle" and "values" in arrays:
-            at_rest = TriangleFrames.of_values(proxy, arrays["values"])
-        elif frames:
-            at_rest = frame_maker(frames, mesh)(proxy, sampling.samples)
-    return Binding(mesh, sampling, proxy, on_proxy, at_rest, at_rest.encode(mesh.V, on_proxy), {})
+        kind, values = frames or str(arrays["frames"]), arrays.get("values")
+        _require_fit(sampling, values, mesh.n)
+        if kind == "triangle" and values is not None:
+            return bind_proxy(mesh, sampling, frames=lambda proxy, _: TriangleFrames.of_values(proxy, values))
+        return bind_proxy(mesh, sampling, frames=frame_maker(kind, mesh))  # type: ignore[arg-type]
 
 
 def _digest(F: np.ndarray) -> str:
     return hashlib.sha256(F.tobytes()).hexdigest()
 
 
-def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | None, n: int) -> None:
+def _require_fit(sampling: Sampling, values: np.ndarray | None, n: int) -> None:
     """Raise ValueError unless the arrays of a map fit together; kernels would read out of bounds."""
     k, faces = len(sampling.samples), len(sampling.faces)
     expected = [
@@ -95,9 +88,6 @@ def _require_fit(sampling: Sampling, on_proxy: Projection, values: np.ndarray | 
         (sampling.faces, (faces, 3), k),
         (sampling.cell, (n,), k),
         (sampling.distance, (n,), None),
-        (on_proxy.face, (n,), faces),
-        (on_proxy.distance, (n,), None),
-        (on_proxy.barycentric, (n, 3), None),
     ]
     if values is not None:
         expected.append((values, (faces, 3), None))

@@ -31,13 +31,10 @@ class Projection:
         Triangle of N that contains the point.
     barycentric : (n, 3) float64
         Barycentric coordinates of the point in this triangle; they sum to one.
-    distance : (n,) float64
-        Euclidean distance from the vertex to the point, in the mesh's unit.
     """
 
     face: np.ndarray
     barycentric: np.ndarray
-    distance: np.ndarray
 
 
 #: Projects the vertices of M (n, 3) onto N at rest; the third argument is the sampling that made N.
@@ -62,14 +59,14 @@ def project_to_fans(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projectio
     start, corner = sort_by_id(proxy.F.ravel(), proxy.n)
     fan = corner // 3  # the faces at each vertex
     tie = TIE * float(np.abs(proxy.V).max())
-    on = Projection(np.empty(len(V), dtype=np.int64), np.empty((len(V), 3)), np.empty(len(V)))
+    on = Projection(np.empty(len(V), dtype=np.int64), np.empty((len(V), 3)))
     rest = V, sampling.cell, start, fan, proxy.V, proxy.F, tie
-    in_ranges(_project, len(V), *rest, on.face, on.barycentric, on.distance)
+    in_ranges(_project, len(V), *rest, on.face, on.barycentric)
     return on
 
 
 @kernel
-def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric, distance):
+def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric):
     for i in range(first, end):
         x, s = _row(V, i), cell[i]
         best, best_v, best_w, best_face = np.inf, 0.0, 0.0, np.int64(-1)
@@ -90,7 +87,6 @@ def _project(first, end, V, cell, start, fan, NV, NF, tie, face, barycentric, di
                 best, best_v, best_w, best_face = d, v, w, t
         face[i] = best_face
         barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = 1.0 - best_v - best_w, best_v, best_w
-        distance[i] = np.sqrt(best)
 
 
 @subroutine

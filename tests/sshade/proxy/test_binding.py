@@ -51,7 +51,6 @@ def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path
         ("region", lambda cell: cell + 40),
         ("region", lambda _: None),
         ("samples", lambda samples: samples.astype(float)),
-        ("barycentric", lambda weights: weights * np.nan),
         ("distance", lambda distance: distance[1:]),
         ("frames", lambda _: np.array("quaternion")),
     ],

@@ -17,7 +17,7 @@ MESHES = family()
 def points_on(mesh: Mesh, count: int) -> Projection:
     """Random points in random triangles."""
     rng = np.random.default_rng(0)
-    return Projection(rng.integers(0, mesh.m, count), rng.dirichlet([1, 1, 1], count), np.zeros(count))
+    return Projection(rng.integers(0, mesh.m, count), rng.dirichlet([1, 1, 1], count))
 
 
 def turns(count: int, *, most: float, seed: int = 0) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
     half = Rotation.from_rotvec(np.pi * np.array([[1, -0.999, 0], [1, -1.001, 0]]) / np.sqrt(2)).as_matrix()
     half = 2 * np.round((half + np.eye(3)) / 2, 12) - np.eye(3)
     R = np.concatenate([np.eye(3)[None], half])
-    on = Projection(np.zeros(1, dtype=np.int64), np.array([[0.0, 0.5, 0.5]]), np.zeros(1))
+    on = Projection(np.zeros(1, dtype=np.int64), np.array([[0.0, 0.5, 0.5]]))
     frames = BlendedFrames(triangle)
     offset = np.array([[0.3, -0.4, 0.5]])
     moved, _ = frames.decode(offset, triangle.V, on=on, rotations=R)

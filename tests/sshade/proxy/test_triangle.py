@@ -21,7 +21,7 @@ def igl_gradients(mesh: Mesh, values: np.ndarray) -> np.ndarray:
 def at(face) -> Projection:
     """Points at the barycentres of triangles."""
     face = np.asarray(face)
-    return Projection(face, np.full((len(face), 3), 1 / 3), np.zeros(len(face)))
+    return Projection(face, np.full((len(face), 3), 1 / 3))
 
 
 def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
