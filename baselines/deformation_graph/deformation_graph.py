@@ -95,6 +95,7 @@ def deformation_graph(
     mesh, handles = task.mesh, task.handles
     require_hard(handles, "the deformation graph")
     mesh.require_handles(handles.index)
+    mesh.require_manifold()
     graph = vertex_graph(mesh)
     nodes = proxy_vertices(nodes, mesh.n, len(handles))
     regions = HandleRegions(mesh, handles, vertices=nodes, graph=graph)

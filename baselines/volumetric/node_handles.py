@@ -9,7 +9,7 @@ import numpy as np
 from baselines.iteration import handle_error
 from baselines.volumetric.coarse_tetrahedra import CoarseTetrahedra
 from sshade.core.errors import InputError, counted
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.regions import HandleRegions
@@ -171,7 +171,7 @@ def on_targets(
         diagonal.
     """
     before = handle_error(mesh, handles, V)
-    regions = HandleRegions(mesh, handles, vertices=nodes, graph=edge_graph(mesh))
+    regions = HandleRegions(mesh, handles, vertices=nodes, graph=vertex_graph(mesh))
     V = np.array(regions.on_targets(V, handles))
     V[handles.index] = handles.target
     return V, {"handle_before": before}

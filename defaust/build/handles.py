@@ -10,7 +10,7 @@ import numpy as np
 from defaust.build.options import BuildOptions
 from defaust.sources.source import SourcePose
 from sshade import InputError, Mesh
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigidly_moved
 from sshade.problem.snapping import vertices_in
 
@@ -32,7 +32,7 @@ def nearest_vertices(mesh: Mesh, vertex: int, *, count: int) -> np.ndarray:
     """
     from scipy.sparse.csgraph import dijkstra
 
-    distance = dijkstra(edge_graph(mesh).matrix, indices=vertex)
+    distance = dijkstra(vertex_graph(mesh).matrix, indices=vertex)
     nearest = np.argsort(distance, kind="stable")[:count]
     if len(nearest) < count or not np.isfinite(distance[nearest[-1]]):
         raise InputError(

@@ -15,7 +15,7 @@ import numpy as np
 
 from defaust.build.handles import DYNAMIC, STATIC
 from sshade import Mesh
-from sshade.mesh.adjacency import VertexGraph, edge_graph
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.rigid import rigid_motion, rigidly_moved
 from sshade.problem.snapping import vertices_in
 from sshade.proxy.fronts import Fronts
@@ -78,7 +78,7 @@ def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, An
         rotation of the surroundings, or None without a true pose. ``contradictions``: see
         :func:`_contradictions`.
     """
-    graph = edge_graph(rest)
+    graph = vertex_graph(rest)
     groups = [_group(rest, posed, graph, entry) for entry in handles if entry["kind"] in (STATIC, DYNAMIC)]
     moved = [
         np.linalg.norm(group.target - group.source, axis=1).max() for group in groups if group.kind == STATIC

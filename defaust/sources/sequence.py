@@ -17,7 +17,7 @@ from defaust.sources.files import LAYOUTS, Classes, SourceShape, existing, find_
 from defaust.sources.source import Source, SourcePose, provenance_texts
 from defaust.sources.winding import same_triangles, wound_outward
 from sshade import InputError, Mesh
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.cutting import without_duplicates
 from sshade.mesh.surface import cleaned
 from sshade.proxy.fronts import Fronts, farthest_point_sampling
@@ -195,7 +195,7 @@ class RegisteredSequence(Source):
                     f"the rest mesh has {rest.topology.components} components, and each needs a landmark; "
                     f"set source.landmarks to {rest.topology.components} or more"
                 )
-            graph = edge_graph(rest)
+            graph = vertex_graph(rest)
             largest = rest.component == np.bincount(rest.component).argmax()
             # The vertex farthest from any vertex is an end of the shape.
             distance = Fronts(graph, np.flatnonzero(largest)[:1]).distance

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from sshade import Handles, InputError, Mesh
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion, rigidly_moved
 from sshade.proxy.fronts import Fronts, thinned
 
@@ -57,7 +57,7 @@ def of_kind(mesh: Mesh, handles: Handles, kind: Kind, *, are_regions: bool = Fal
         return _selected(handles, leading)
     if kind == "regions":
         return _regions(mesh, handles, groups, leading)
-    graph = edge_graph(mesh)
+    graph = vertex_graph(mesh)
     few = [
         thinned(graph, handles.index[np.concatenate([[first], members[members != first]])], FEW)
         for first, members in zip(leading, groups, strict=True)
@@ -78,7 +78,7 @@ def _selected(handles: Handles, chosen: np.ndarray) -> Handles:
 
 
 def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], first: np.ndarray) -> Handles:
-    fronts = Fronts(edge_graph(mesh), handles.index[first])
+    fronts = Fronts(vertex_graph(mesh), handles.index[first])
     index = np.flatnonzero(fronts.distance <= REACH * mesh.diagonal)
     of = fronts.cell[index]
     target = mesh.V[index]

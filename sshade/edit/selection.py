@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 
 
@@ -62,4 +62,4 @@ def near(mesh: Mesh, vertices: np.ndarray, distance: float) -> np.ndarray:
 
     if not distance > 0:
         raise InputError(f"a distance is a number above 0, not {distance:g}")
-    return np.isfinite(dijkstra(edge_graph(mesh).matrix, indices=vertices, min_only=True, limit=distance))
+    return np.isfinite(dijkstra(vertex_graph(mesh).matrix, indices=vertices, min_only=True, limit=distance))

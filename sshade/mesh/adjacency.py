@@ -55,22 +55,11 @@ class VertexGraph:
 
 
 def vertex_graph(mesh: Mesh) -> VertexGraph:
-    """Return the graph of the edges of an oriented manifold, weighted by their lengths.
+    """Return the graph of the edges of any mesh, weighted by their lengths.
 
     An edge between coincident vertices gets the length :data:`SHORTEST` times the mean, so that each of
     the two vertices can be a sample with a cell of its own.
-
-    Raises
-    ------
-    InputError
-        Unless the mesh is manifold and consistently oriented.
     """
-    mesh.require_manifold()
-    return edge_graph(mesh)
-
-
-def edge_graph(mesh: Mesh) -> VertexGraph:
-    """Return the graph of :func:`vertex_graph` for any mesh, manifold and oriented or not."""
     near = mesh.connectivity.neighbours
     lengths = np.empty(len(near.indices))
     in_ranges(_lengths, mesh.n, mesh.V, near.indptr, near.indices, lengths)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, renamed
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import numbered
 from sshade.method.regions import EDGE_RATIO, edge_vertices
@@ -106,7 +106,7 @@ def _first_samples(parts: Mesh, vertex: np.ndarray, junction: np.ndarray, handle
 
     One junction of each set of components and one handle of each component and group are always among them.
     """
-    most, graph = VERTICES // EDGE_RATIO, edge_graph(parts)
+    most, graph = VERTICES // EDGE_RATIO, vertex_graph(parts)
     copies, component = np.flatnonzero(junction), parts.component
     _, place, own = np.unique(vertex[copies], return_index=True, return_inverse=True)
     # Junctions of the same components have the same sum of random numbers, one number a component.

@@ -90,6 +90,7 @@ class Shared:
         begin = perf_counter()
         self._graph = vertex_graph(mesh)
         self.graph_seconds = perf_counter() - begin
+        mesh.require_manifold()
         mesh.require_one_component()
         self.vertices = proxy_vertices(options.vertices, mesh.n, len(handles), coarser=options.coarser)
         self.set_handles(handles, options)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from sshade.core.errors import InputError, counted
 from sshade.core.threads import available_cpus
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh, bounds, require_mesh
 from sshade.problem.task import DeformationResult
 from sshade.proxy.blended import nearest_rotations
@@ -70,8 +70,8 @@ def move_along(mesh: Mesh, posed: DeformationResult | np.ndarray, points: np.nda
     require_mesh(mesh, "move_along")
     V = mesh.checked(posed.vertices if isinstance(posed, DeformationResult) else posed, "pose")
     X = require_near(mesh, points) - mesh.origin
-    fronts = sample_farthest(mesh, edge_graph(mesh), min(SAMPLES, mesh.n), first=np.zeros(1, dtype=np.int64))
-    samples = fronts.samples
+    first = np.zeros(1, dtype=np.int64)
+    samples = sample_farthest(mesh, vertex_graph(mesh), min(SAMPLES, mesh.n), first=first).samples
     rest, R = mesh.V[samples] - mesh.origin, nearest_rotations(VertexMaps.at_rest(mesh)(V)[0][samples])
     motions = np.concatenate([R.reshape(-1, 9), V[samples] - np.einsum("kij,kj->ki", R, rest)], axis=1)
     tree, spacing = cKDTree(rest), np.sqrt(mesh.area / len(samples))

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sshade.mesh.adjacency import VertexGraph, edge_graph
+from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import SPREAD
 from sshade.problem.handles import Handles
@@ -72,7 +72,7 @@ class Attachment:
         self._groups: _Groups | None = None
         if weight > 0:
             r = RADIUS * np.sqrt(mesh.area)
-            graph = edge_graph(mesh)
+            graph = vertex_graph(mesh)
             fronts = Fronts(graph, handles.index)
             number = _linked(graph, fronts, handles.group, LINK * r)
             groups = _Groups.at_rest(number, mesh.V[handles.index], handles.has_rotation)

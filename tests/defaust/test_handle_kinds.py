@@ -9,7 +9,7 @@ from defaust.edits import Unedited
 from defaust.tasks import load_task
 from defaust.tasks.handle_kinds import FEW, REACH, of_kind
 from sshade import Handles, InputError, Mesh
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from tests.shapes import end_handles, icosphere
 
 TURN = Rotation.from_euler("xyz", [20, -70, 35], degrees=True).as_matrix()
@@ -32,7 +32,7 @@ def handles(ball):
 
 def distances(mesh, vertex):
     """Distances along the edges, by scipy."""
-    return dijkstra(edge_graph(mesh).matrix, directed=False, indices=vertex)
+    return dijkstra(vertex_graph(mesh).matrix, directed=False, indices=vertex)
 
 
 def test_points_are_the_middles_of_the_groups_and_regions_are_rigid_discs_about_them(ball, handles):

@@ -16,7 +16,7 @@ from defaust.build.upsample import remesh, self_intersecting
 from defaust.sources.animals import unpack
 from defaust.sources.skinning import apply_motions, bone_motions
 from sshade import InputError, Mesh
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from tools.bake.capsules import MIRROR, Rig, make_rig
 from tools.bake.template import neighbour_average, quantise_weights
 
@@ -82,7 +82,7 @@ def pack(mesh: Mesh) -> dict[str, np.ndarray]:
     """
     corner = mesh.V.min(axis=0)
     step = (mesh.V.max(axis=0) - corner).max() / STEPS
-    order = reverse_cuthill_mckee(edge_graph(mesh).matrix.tocsr(), symmetric_mode=True)
+    order = reverse_cuthill_mckee(vertex_graph(mesh).matrix.tocsr(), symmetric_mode=True)
     number = np.empty(mesh.n, dtype=np.int64)
     number[order] = np.arange(mesh.n)
     lattice = np.round((mesh.V[order] - corner) / step).astype(np.int64)

@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from sshade import InputError
 from sshade.edit.groups import Motion
-from sshade.mesh.adjacency import edge_graph
+from sshade.mesh.adjacency import vertex_graph
 from tests.shapes import beside, shifted
 from tests.sshade.edit.sessions import BODY, HIGH, LIFT, added, begun, settled
 
@@ -41,7 +41,7 @@ def test_a_limited_group_moves_nothing_beyond_the_distance():
     number_beyond = session.limit(number, 1.0)
     made = session.state.group(number_beyond)
     own = session.state.group(number).vertices
-    along_edges = dijkstra(edge_graph(BODY).matrix, indices=own, min_only=True)
+    along_edges = dijkstra(vertex_graph(BODY).matrix, indices=own, min_only=True)
     near = np.flatnonzero(along_edges <= 1.0)
     assert made.kind == "fixed" and sorted([*made.vertices, *near]) == list(range(BODY.n))
     settled(session, number, Motion(np.eye(3), np.array([0, 0, 0.2])))
