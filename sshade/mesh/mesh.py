@@ -261,11 +261,6 @@ class Mesh(Shown):
                 f"{sizes[free[0]]} vertices, such as vertex {first}); {advice}"
             )
 
-    @property
-    def _has_copies(self) -> bool:
-        """Some vertices are at exactly one place, so that welding may join components."""
-        return len(np.unique(self.V, axis=0)) < self.n
-
     def require_manifold(self) -> None:
         """Raise InputError unless the mesh is manifold and consistently oriented."""
         facts = self.connectivity
@@ -292,10 +287,9 @@ class Mesh(Shown):
         count = self.topology.components
         if count > 1:
             sizes = np.sort(np.bincount(self.component))[::-1]
-            weld = ", or weld coincident vertices" if self._has_copies else ""
             raise InputError(
                 f"the mesh has {count} components (the largest have {sizes[:3].tolist()} vertices); "
-                f"only one is supported: deform them one by one{weld}"
+                "only one is supported: deform them one by one, or weld coincident vertices"
             )
 
 
