@@ -68,17 +68,9 @@ class View:
 
     @classmethod
     def of(cls, shapes: Iterable[np.ndarray], *, towards: ArrayLike = TOWARDS, up: ArrayLike = UP) -> View:
-        """Return a view that contains all shapes (n, 3), with a margin.
-
-        Raises
-        ------
-        InputError
-            When a direction is zero, or the camera looks along the upward direction.
-        """
+        """Return a view of all shapes (n, 3), with a margin. The two directions are not parallel."""
         forward, upright = np.asarray(towards, dtype=np.float64), np.asarray(up, dtype=np.float64)
         right = np.cross(upright, forward)
-        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(upright) * np.linalg.norm(forward):
-            raise InputError("the camera looks along the upward direction; choose other directions")
         forward = forward / np.linalg.norm(forward)
         right = right / np.linalg.norm(right)
         axes = np.stack([right, np.cross(forward, right), forward])
