@@ -112,7 +112,7 @@ def test_normals_turn_with_the_surface(here):
     assert np.allclose(np.linalg.norm(N, axis=1), 1, atol=2e-6)
 
 
-@pytest.mark.parametrize("number", ["nan", "-nan(ind)", "-1.#IND"])
+@pytest.mark.parametrize("number", ["nan", "-nan(ind)", "-1.#IND", "1.#QNAN000"])
 def test_normals_that_are_no_numbers_stay(here, number):
     for name, old, new in (
         ("blender.obj", "vn 0.0000", f"vn {number}"),

@@ -37,13 +37,6 @@ def test_words_that_are_no_numbers_are_refused(word):
         Text(f"7 {word} 8".encode()).numbers(slice(None))
 
 
-@pytest.mark.parametrize("word", ["-nan(ind)", "nan(snan)", "-1.#IND", "1.#QNAN000"])
-def test_no_numbers_as_programs_of_windows_write_them_are_nan_and_stay(word):
-    numbers = Text(f"7 {word} 8".encode()).numbers(slice(None))
-    assert np.array_equal(numbers.value, [7, np.nan, 8], equal_nan=True)
-    assert numbers.edits(np.array([7, np.nan, 9.0])).replacements == ["9.0"]
-
-
 def test_whole_numbers():
     text = Text(b"0 -1 +12 007 123456789012345678 -123456789012345678")
     assert text.integers(text.begin, text.end).tolist() == [int(word) for word in text.data.split()]
