@@ -5,12 +5,11 @@ from collections.abc import Callable
 from typing import get_origin
 
 import pytest
-from compositions import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
 from eval import CONFIGURATION
-from eval.run.config import ABOUT_DATASET
+from eval.run.config import ABOUT_DATASET, composed
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.method.call import deform
 from sshade.problem.options import GROUPS
@@ -33,7 +32,7 @@ def method_of(config):
 @pytest.mark.parametrize("name", METHODS)
 def test_method_composes_and_names_every_parameter_of_its_function(name):
     """A row then records every parameter of its method, and a command line can change every parameter."""
-    config = composed(f"method={name}")
+    config = composed([f"method={name}"])
     assert config.label == name
     plain = method_of(config)
     function = instantiate(plain).func
@@ -49,7 +48,7 @@ def test_method_composes_and_names_every_parameter_of_its_function(name):
 
 @pytest.mark.parametrize("name", names("dataset"))
 def test_dataset_composes_and_names_a_loader(name):
-    plain = OmegaConf.to_container(composed(f"dataset={name}").dataset, resolve=True)
+    plain = OmegaConf.to_container(composed([f"dataset={name}"]).dataset, resolve=True)
     about = {key: plain.pop(key) for key in ABOUT_DATASET if key in plain}
     target = plain.pop("_target_")
     check_parameters(locate(target), plain, target=target)
@@ -60,7 +59,7 @@ def test_dataset_composes_and_names_a_loader(name):
 @pytest.mark.parametrize("name", names("experiment"))
 def test_experiment_composes_with_the_first_and_last_values_that_it_sweeps(name):
     """Cases and seeds are left out, because they are plain values in every configuration."""
-    config = composed(f"experiment={name}")
+    config = composed([f"experiment={name}"])
     assert config.hydra.mode.name == "MULTIRUN"
     assert config.run.experiment == (name if name != "track" else "bodies_25k")
     assert config.hydra.sweep.dir.endswith(f"out/runs/{config.run.experiment}")
@@ -70,4 +69,4 @@ def test_experiment_composes_with_the_first_and_last_values_that_it_sweeps(name)
             override = OverridesParser.create().parse_override(f"{key}={of}")
             swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [of]
     for k in (0, -1):
-        composed(f"experiment={name}", *(f"{key}={of[k]}" for key, of in swept.items()))
+        composed([f"experiment={name}", *(f"{key}={of[k]}" for key, of in swept.items())])

@@ -5,14 +5,12 @@ import os
 import numpy as np
 import pytest
 from eval_cases import bumpy_task, run
-from external_programs import COPYING, TEXTS, ended, program, wait_for
+from external_programs import COPYING, ended, program, wait_for
 from test_eval_interrupt import alive, start_eval
 
 from eval.rows.store import require_vertices
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the programs of these tests are for a shell")
-
-SETTINGS = " ".join(f"method.{name}={value}" for name, value in TEXTS.items())
 
 
 @pytest.fixture

@@ -8,11 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade.files.meshes import write_mesh
 from tests.robustness.case import assert_refused, check_refusal, run
-from tests.robustness.inputs import BODY
 from tests.robustness.working import RUN, cut, dataset, runs
-from tests.shapes import bent
 
 REST = Path("balls/subject_00/rest.ply")
 
@@ -90,31 +87,3 @@ SETTINGS = {
 def test_settings_of_a_run(sound, settings):
     dataset()
     assert_refused("sshade-eval", f"{RUN} {settings}", SETTINGS[settings])
-
-
-BUILD = "build source=sequence source.root=meshes source.landmarks=3 handles_per_landmark=5 neighbourhood=10"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("build out=out source=scape", "no source 'scape'"),
-        ("build out=out subjects=[1", "subjects=[1 is not"),
-        ("build out=données", "in quotes twice"),
-        ("build out=out subjects=[77]", "no subject 77"),
-        (f"{BUILD} out=body.ply", "body.ply is a file; give a folder"),
-        (f"{BUILD} out=body.ply/x", "the folder cannot be created"),
-        (f"{BUILD} out=.", "is not empty and holds no DeFAUST build"),
-        (f"{BUILD} out=out workers=0", "0 workers"),
-        (f"{BUILD} out=out handles_per_landmark=11", "cannot be drawn"),
-        (
-            f"{BUILD} out=out source._target_=builtins.dict",
-            "source._target_=builtins.dict makes a dict, and no source",
-        ),
-    ],
-)
-def test_arguments_of_a_build(sound, arguments, words):
-    Path("meshes").mkdir()
-    for k, name in enumerate("ab"):
-        write_mesh(f"meshes/{name}.ply", bent(BODY.V, 0.1 * k), BODY.F)
-    assert_refused("defaust", arguments, words)
