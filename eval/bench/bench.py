@@ -35,9 +35,9 @@ from eval.rows.store import Row
 from eval.run.config import check_root, one_each, read_choice, resolved, source_of, task_of
 from sshade.core.errors import InputError
 
-#: What is timed, the column ``kind`` of rows.
+#: Kinds of times, the column ``kind`` of rows.
 SPEED, DRAG, SCALING, WHOLE = "speed", "drag", "scaling", "whole"
-#: Columns with the ratio of the time of a method to that of a line, and these methods.
+#: Column with the ratio of a method's time to the time of a line -> the method.
 FACTORS = {"speed_up": "elastic", "speed_up_accelerated": "accelerated_elastic"}
 #: Columns that identify a line.
 LINE = ["task.name", "task.checksum", "method.name"]
@@ -116,7 +116,7 @@ def read_methods(texts: Iterable[str], *, extrapolate: Sequence[str]) -> list[Ti
 
 
 def read_cases(texts: Iterable[str], *, sizes: Sequence[int]) -> list[TimedCase]:
-    """Resolve the choices of datasets; with `sizes`, to their subdivisions with about so many vertices.
+    """Resolve the choices of datasets. `sizes` asks for subdivisions with about these numbers of vertices.
 
     Raises
     ------

@@ -208,7 +208,7 @@ def weighted_percentile(values: np.ndarray, weights: np.ndarray, percent: float)
 def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     """Return a mask (m,) of the faces that intersect another face of the mesh, by libigl's exact predicates.
 
-    Two faces intersect in one of three cases:
+    Two faces intersect in three cases:
 
     * They share no corner and have a common point; touching counts. The decision is exact, by signs of
       determinants (P. Guigue, O. Devillers, "Fast and robust triangle-triangle overlap test using orientation

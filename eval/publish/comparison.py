@@ -40,7 +40,7 @@ class Comparison(NamedTuple):
     values : DataFrame
         Means over seeds, by method and task; NaN if a seed lacks the number. One column per heading.
     resampling : Resampling
-        Of the common cases, for intervals.
+        The resamples of the common cases, for intervals.
     spread : DataFrame
         Standard deviation over seeds of the mean over the cases, by method; NaN without a second seed.
     """

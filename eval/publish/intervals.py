@@ -17,7 +17,7 @@ from scipy import special
 
 #: Probability that an interval covers the true mean.
 LEVEL = 0.95
-#: Smallest numbers of what is drawn for intervals and ranks. Fewer have too narrow intervals.
+#: Smallest numbers of subjects, poses or cases for intervals and ranks. Fewer give too narrow intervals.
 LEAST = {"subjects": 3, "poses": 3, "cases": 5}
 #: Number and seed of the resamples.
 RESAMPLES, SEED = 39_999, 0
@@ -32,7 +32,7 @@ class Resampling:
     Parameters
     ----------
     drawn : dict
-        What is drawn, such as "subjects", and which one each case (n,) belongs to, as a number from 0.
+        Name, such as "subjects" -> the number of the subject of each case (n,), from 0.
     reason : str
         Why cases are drawn; empty otherwise.
     """
@@ -80,8 +80,8 @@ def interval(values: np.ndarray, resampling: Resampling) -> tuple[np.ndarray, np
     """Return the lower and upper ends of the intervals of means.
 
     They are percentiles of the means of the resamples, expanded to the width that small samples need
-    (Hesterberg 2015, section 4.3). With n the smaller number of subjects and of poses, the tails are those of
-    the normal distribution at t sqrt(n / (n - 1)); t is Student's quantile with n - 1 degrees of freedom.
+    (Hesterberg 2015, section 4.3). n is the smaller number of subjects and of poses, and t is Student's
+    quantile with n - 1 degrees of freedom. The tails are the normal distribution's at t sqrt(n / (n - 1)).
 
     Parameters
     ----------

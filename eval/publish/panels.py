@@ -31,7 +31,7 @@ INCHES, WIDEST, TALLEST, PIXELS = 2.1, 12.0, 2.8, 600
 LETTERS = 11
 #: Largest number of characters of the text in an empty panel.
 REASON = 90
-#: What the subjects of a dataset are, by the beginning of the name of its source.
+#: Beginning of the name of a source -> name of a subject.
 SUBJECTS = {
     "animals": "animal",
     "shapes": "shape",

@@ -62,7 +62,7 @@ class Table(NamedTuple):
     reference : str
         Method to which the differences are.
     over : str
-        What the intervals count, such as "5 subjects and 6 poses".
+        Units of the intervals, such as "5 subjects and 6 poses".
     notes : list of str
     parts : sequence of Table
     label : str

@@ -153,7 +153,7 @@ def attempt_fresh(
         with _no_interrupts() if os.name == "posix" else nullcontext():
             process.start()
         theirs.close()
-        # As arguments, these values could block `start` for ever if the process ended before reading them.
+        # Arguments of the process could block `start` for ever if the process ended before reading them.
         ours.send((method, task, seed, time_limit))
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):

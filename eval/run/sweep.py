@@ -46,7 +46,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
         raise InputError(unreadable_override(error.override)) from error
     overrides = [override for override in overrides if override.key_or_group != "hydra.mode"]
     several = {override.key_or_group for override in overrides if override.is_sweep_override()}
-    # Settings of a method in a sweep over methods are for these methods, and not for the default one.
+    # In a sweep over methods, the settings of a method are for the methods of the sweep, not for the default.
     plain = [o for o in overrides if not several & {o.key_or_group, o.key_or_group.split(".")[0]}]
     given = [override.input_line for override in plain if not override.is_add()]
     config = composed(given, folder=known.config_dir)

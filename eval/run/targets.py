@@ -56,7 +56,7 @@ def instantiate(config: Mapping[str, Any]) -> Any:
 
 
 def locate(target: str) -> Callable[..., Any]:
-    """Return the function with a dotted name; modules of the current folder are found, too."""
+    """Return the function with a dotted name; also searches the current folder."""
     module_name, _, name = _dotted(target).rpartition(".")
     search_here()
     try:
