@@ -10,6 +10,7 @@ import pytest
 
 from defaust.build import workers as module
 from defaust.build.dataset import build
+from defaust.build.lock import sole_builder
 from defaust.build.verify import verify
 from defaust.folder.layout import checksum
 from defaust.folder.record import read_dataset
@@ -93,6 +94,15 @@ def test_another_configuration_is_refused(dataset, source, options, message):
     (dataset / "dataset.json").rename(dataset / ".build/recipe.json")
     with pytest.raises(InputError, match=message):
         build(source, dataset, options=options, workers=1)
+
+
+def test_one_process_at_a_time_builds_in_a_folder(tmp_path):
+    with (
+        sole_builder(tmp_path / "out"),
+        pytest.raises(InputError, match="another process builds there; wait"),
+    ):
+        build(Balls(), tmp_path / "out", options=KEPT, workers=1)
+    assert not (tmp_path / "out").exists()  # nothing was built in the new folder
 
 
 class Odd(Balls):
