@@ -6,7 +6,7 @@ from importlib import import_module
 
 from sshade.core.errors import InputError
 
-#: Module that draws. An import by name keeps drawing out of the version of a method.
+#: Module that draws. It lies above this one, and is imported by name.
 FIGURES = "sshade.plotting.figure"
 
 
