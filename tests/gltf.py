@@ -1,8 +1,6 @@
 """glTF files for the tests: put together and taken apart."""
 
-import base64
 import json
-from pathlib import Path
 
 import numpy as np
 
@@ -25,17 +23,6 @@ def glb(tree: dict, buffer: bytes) -> bytes:
 def taken_apart(data: bytes) -> tuple[dict, bytes]:
     length = int.from_bytes(data[12:16], "little")
     return json.loads(data[20 : 20 + length]), data[28 + length :]
-
-
-def buffer_beside(name: str) -> bytes:
-    """Move the buffer of a .gltf file into a .bin file beside it; return its bytes."""
-    path = Path(name)
-    tree = json.loads(path.read_text())
-    data = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
-    path.with_suffix(".bin").write_bytes(data)
-    tree["buffers"][0]["uri"] = path.with_suffix(".bin").name
-    path.write_text(json.dumps(tree))
-    return data
 
 
 def arrays(tree: dict, buffer: bytes) -> list[np.ndarray]:

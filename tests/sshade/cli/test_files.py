@@ -7,7 +7,6 @@ import pytest
 
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
-from tests.gltf import buffer_beside
 from tests.robustness.inputs import BODY
 from tests.shapes import as_obj, torn
 
@@ -45,15 +44,3 @@ def test_a_transfer_with_residual_gives_the_pose_back_to_its_own_shape():
         assert main([*line, "--overwrite", *switch]) == 0
         far.append(np.abs(read_arrays("t.ply")[0] - read_arrays("wavy.ply")[0]).max() / BODY.diagonal)
     assert far[0] > 1e-3 and far[1] < 1e-6
-
-
-def test_buffers_beside_a_gltf_are_never_written():
-    write_mesh("body.gltf", BODY.V, BODY.F)
-    data = buffer_beside("body.gltf")
-    Path("far").mkdir()
-    for output in ("out.gltf", "far/body.gltf", "body.gltf"):
-        line = ["deform", "body.gltf", "pose.json", "-o", output, "--vertices", "60", "--overwrite"]
-        assert main(line) == 0
-        assert Path("body.bin").read_bytes() == data
-    assert np.array_equal(read_arrays("far/body.gltf")[0], read_arrays("out.gltf")[0])
-    assert [path.name for path in Path("far").iterdir()] == ["body.gltf"]
