@@ -120,13 +120,11 @@ class Factorisation:
             each(lambda i: _backward(*bounds[i], *self.factors, X), 2)
 
     def solve(self, B: np.ndarray) -> np.ndarray:
-        """Solve ``Q X = B`` for B (n, c) float64; returns X (n, c)."""
-        X, part = np.empty(B.shape), np.zeros((len(B), 3))
-        for first in range(0, B.shape[1], 3):  # three columns at a time: mostly points or vectors
-            count = min(3, B.shape[1] - first)
-            part[:, :count] = B[self.order, first : first + count]
-            self.solve_ordered(part)
-            X[self.order, first : first + count] = part[:, :count]
+        """Solve ``Q X = B`` for B (n, c) of at most three columns; returns X (n, c) float64."""
+        X, ordered, columns = np.empty(B.shape), np.zeros((len(B), 3)), B.shape[1]
+        ordered[:, :columns] = B[self.order]
+        self.solve_ordered(ordered)
+        X[self.order] = ordered[:, :columns]
         return X
 
 

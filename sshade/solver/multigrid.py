@@ -67,18 +67,11 @@ class Multigrid:
         indices.
     fixed : (n,) bool
         Rows that are left out; vectors are zero there.
-    coarsest : int
-        Largest number of unknowns of the level that is factorised.
     degree : int
         Degree of the smoother on the finest level, 1 to 3; coarser levels have 3. Each degree of the finest
         level takes as much time as all coarser levels. Smaller values make faster but weaker cycles.
     team : ThreadTeam, optional
         Threads that make levels.
-
-    Attributes
-    ----------
-    sizes : list of int
-        Unknowns of each level, the finest first, fixed ones included.
 
     Raises
     ------
@@ -91,14 +84,13 @@ class Multigrid:
         A: csr_array,
         fixed: np.ndarray,
         *,
-        coarsest: int = COARSEST,
         degree: int = len(SMOOTHER),
         team: ThreadTeam | None = None,
     ) -> None:
         team = team or ThreadTeam(1)
         self._levels: list[_Level] = []
         self._finest_smoother = SMOOTHER[:degree]
-        while A.shape[0] > coarsest:
+        while A.shape[0] > COARSEST:
             inverse, P = _prolongation(A, fixed, team)
             if P.shape[1] > LITTLE * A.shape[0]:
                 break
@@ -108,7 +100,6 @@ class Multigrid:
             fixed = np.zeros(A.shape[0], dtype=bool)
         self._movable = np.flatnonzero(~fixed)
         self._coarsest = Factorisation(A[self._movable][:, self._movable])
-        self.sizes = [*(len(level.x) for level in self._levels), A.shape[0]]
 
     def apply(self, B: np.ndarray, X: np.ndarray, *, team: ThreadTeam) -> None:
         """Write M B to X, both (n, 3) and zero in fixed rows; X may be B.

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -88,8 +89,8 @@ def _cycled() -> np.ndarray:
     A[[0, 1], [1, 0]] = -1e-3
     held = np.arange(30) == 20
     B, X, Y = np.where(held[:, None], 0.0, rng.normal(size=(30, 3))), *np.empty((2, 30, 3))
-    multigrid = Multigrid(A, held, coarsest=5)
-    with ThreadTeam(1) as team:
+    with patch("sshade.solver.multigrid.COARSEST", 5), ThreadTeam(1) as team:
+        multigrid = Multigrid(A, held)
         multigrid.apply(B, X, team=team)
         Y[:] = X
         ConjugateGradients(multigrid, np.flatnonzero(held), steps=1).refine(B, Y, 1e-3, team)

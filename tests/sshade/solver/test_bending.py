@@ -8,7 +8,6 @@ from scipy.sparse.linalg import splu
 from baselines.accelerated import local_global
 from sshade import DeformationTask
 from sshade.solver.local_global import LocalGlobal
-from sshade.solver.multigrid import Multigrid
 from sshade.solver.run import Aim
 from tests.shapes import bumpy, held_ends
 from tests.sshade.naive import TASKS, Naive, vertex_areas
@@ -67,7 +66,7 @@ def test_plain_iterations_equal_the_definition(name, energy):
 @pytest.mark.parametrize("stiffness", [1.0, 0.1])
 def test_v_cycles_reach_the_minimum_of_the_factorisation(monkeypatch, stiffness):
     """The coarsest level is small, so that the multigrid has several levels."""
-    monkeypatch.setitem(Multigrid.__init__.__kwdefaults__, "coarsest", 20)
+    monkeypatch.setattr("sshade.solver.multigrid.COARSEST", 20)
     task = held_ends(bumpy(3))
     energy = {"bending": 0.03, "stiffness": stiffness, "tolerance": 1e-9, "max_iterations": 3000}
     expected = local_global(task, factorised=True, **energy)

@@ -20,7 +20,7 @@ def Q(request) -> sp.csr_array:
     return system(bumpy(3) if request.param == "closed" else jittered(strip(30, 12), 0.2))
 
 
-@pytest.mark.parametrize("columns", [1, 2, 3, 4, 6, 9])
+@pytest.mark.parametrize("columns", [1, 2, 3])
 def test_solves_to_rounding_and_each_column_alone(Q, columns):
     B = np.random.default_rng(0).normal(size=(Q.shape[0], columns))
     factorisation = Factorisation(Q)

@@ -27,10 +27,7 @@ EXACT = {"volume": np.inf, "area": np.inf}
 @pytest.fixture(autouse=True)
 def _several_levels(monkeypatch):
     """Make the coarsest level small, because these meshes have only about a thousand vertices."""
-    monkeypatch.setattr(
-        "sshade.solver.system.Multigrid",
-        lambda A, held, **options: Multigrid(A, held, coarsest=50, **options),
-    )
+    monkeypatch.setattr("sshade.solver.multigrid.COARSEST", 50)
 
 
 def flattened(task: DeformationTask, faces: int = 40) -> DeformationTask:
@@ -126,13 +123,13 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
 # --- conjugate gradients
 
 
-def solved(name: str, tolerance: float, *, workers: int = 1, coarsest: int = 100):
+def solved(name: str, tolerance: float):
     A, held = matrix(name)
     free = ~held
     B = np.random.default_rng(0).normal(size=(len(held), 3)) * [1.0, 1e3, 0.0]
     B[held] = 0.0
-    X, multigrid = np.full_like(B, np.nan), Multigrid(A, held, coarsest=coarsest)
-    with ThreadTeam(workers) as team:
+    X, multigrid = np.full_like(B, np.nan), Multigrid(A, held)
+    with ThreadTeam(1) as team:
         VCycle(multigrid, np.flatnonzero(held)).solve(B, X, team)
         ConjugateGradients(multigrid, np.flatnonzero(held), steps=1).refine(B, X, tolerance, team)
     return A[free][:, free], B[free], X[free], X[held]

@@ -5,6 +5,7 @@ from scipy.sparse import csr_array, diags_array
 
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
+from sshade.solver import multigrid as module
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.multigrid import Multigrid
 from tests.shapes import bumpy, jittered, strip
@@ -50,11 +51,12 @@ def cycle(multigrid: Multigrid, held: np.ndarray, x: np.ndarray, *, workers: int
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_cycle_is_linear_and_symmetric_and_leaves_a_fraction_of_an_error(name):
+def test_a_cycle_is_linear_and_symmetric_and_leaves_a_fraction_of_an_error(name, monkeypatch):
     """Power iteration finds the largest eigenvalue of I - M A, which is symmetric in the energy norm."""
+    monkeypatch.setattr(module, "COARSEST", 100)
     A, held = matrix(name)
-    multigrid, A = Multigrid(A, held, coarsest=100), A[~held][:, ~held]
-    assert len(multigrid.sizes) >= 3 and multigrid.sizes[-1] <= 100
+    multigrid, A = Multigrid(A, held), A[~held][:, ~held]
+    assert len(multigrid._levels) >= 2
     x, y = np.random.default_rng(0).normal(size=(2, A.shape[0], 3))
     Mx, My = cycle(multigrid, held, x), cycle(multigrid, held, y)
     assert (x * My).sum() == pytest.approx((Mx * y).sum(), abs=1e-7 * np.linalg.norm(Mx) * np.linalg.norm(y))
@@ -70,30 +72,32 @@ def test_a_cycle_is_linear_and_symmetric_and_leaves_a_fraction_of_an_error(name)
 
 @pytest.mark.parametrize(("degree", "least"), [(3, 0.4), (2, 0.35), (1, 0.2)])
 @pytest.mark.parametrize("coarsest", [20, 200])
-def test_the_eigenvalues_lie_between_0_and_1(coarsest, degree, least):
+def test_the_eigenvalues_lie_between_0_and_1(coarsest, degree, least, monkeypatch):
+    monkeypatch.setattr(module, "COARSEST", coarsest)
     mesh = jittered(strip(24, 18), 0.25)
     A = laplacian_matrix(mesh.n, *edge_weights(mesh, half_cotangents(mesh)))
     held = every(mesh, 100)
-    multigrid, free = Multigrid(A, held, coarsest=coarsest, degree=degree), int((~held).sum())
+    multigrid, free = Multigrid(A, held, degree=degree), int((~held).sum())
     unit = np.eye(free, free + 2)
     M = np.hstack([cycle(multigrid, held, unit[:, c : c + 3]) for c in range(0, free, 3)])[:, :free]
     values = eigh(M, np.linalg.inv(A[~held][:, ~held].toarray()), eigvals_only=True)
     assert values[0] > least and values[-1] <= 1 + 1e-6
 
 
-def test_what_is_small_or_does_not_coarsen_is_factorised():
+def test_what_is_small_or_does_not_coarsen_is_factorised(monkeypatch):
     A, held = matrix("closed, few handles")
     x = np.random.default_rng(0).normal(size=((~held).sum(), 3))
     apart = csr_array(diags_array(np.linspace(1.0, 2.0, len(held))))
     for Q, coarsest in ((A, len(held)), (apart, 10)):
-        multigrid = Multigrid(Q, held, coarsest=coarsest)
-        assert multigrid.sizes == [len(held)]
+        monkeypatch.setattr(module, "COARSEST", coarsest)
+        multigrid = Multigrid(Q, held)
+        assert multigrid.finest is None
         assert np.abs(Q[~held][:, ~held] @ cycle(multigrid, held, x) - x).max() < 1e-11
 
 
 def test_not_positive_definite():
     A, held = matrix("closed, few handles")
     with pytest.raises(FloatingPointError, match="not positive"):
-        Multigrid(csr_array(-A), held, coarsest=len(held))
+        Multigrid(csr_array(-A), held)
     with pytest.raises(FloatingPointError, match="not finite"):
-        Multigrid(csr_array(np.nan * A), held, coarsest=100)
+        Multigrid(csr_array(np.nan * A), held)
