@@ -11,15 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.core.errors import InputError
 from sshade.core.kernels import kernel, subroutine
 from sshade.core.threads import available_cpus, in_ranges, in_threads
 
 #: Least number of faces for a thread that sorts faces by vertex, and largest number of such threads. Each
 #: thread needs a counter for every vertex.
 FACES, SORTERS = 100_000, 4
-#: Largest number of entries in the table of neighbours, whose row starts have 32 bits.
-MOST = 2**31 - 1
 #: Longest row that is sorted by insertion.
 SHORT = 32
 
@@ -81,11 +78,6 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
         Faces that repeat no vertex and use every vertex; otherwise any.
     n : int
         Number of vertices.
-
-    Raises
-    ------
-    InputError
-        On more than ``MOST / 2`` edges.
     """
     # NumPy asks for huge pages for large arrays. Arrays made by numba take six times as long to touch.
     m, workers = len(F), available_cpus()
@@ -100,10 +92,6 @@ def connectivity(F: np.ndarray, n: int) -> Connectivity:
     )
     indptr = np.zeros(n + 1, dtype=np.int32)
     checks = in_ranges(_rows, n, start, around, indptr)
-    if (entries := int(indptr.sum(dtype=np.int64))) > MOST:
-        raise InputError(
-            f"the mesh has {entries // 2:,} edges, and at most {MOST // 2:,} are supported; split it"
-        )
     np.cumsum(indptr, out=indptr)
     indices, boundary = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1], dtype=np.bool_)
     in_ranges(_pack, n, start, around, indptr, indices, boundary)

@@ -20,9 +20,6 @@ LARGEST = 1e60
 #: Largest number of faces; the ids of their sides have 32 bits.
 MOST_FACES = (2**31 - 1) // 3
 
-#: Largest coordinate, as a multiple of half the extent of the mesh.
-FARTHEST = 1e12
-
 
 class Topology(NamedTuple):
     """Euler characteristic, components and boundary loops: a proxy has the same as its mesh."""
@@ -51,8 +48,8 @@ class Mesh(Shown):
     ------
     InputError
         On a wrong shape, no faces or more than :data:`MOST_FACES`, ids out of range, faces that repeat a
-        vertex, vertices in no face, NaN or infinite positions, and a mesh that is too large, too small or
-        too far from the origin for float64.
+        vertex, vertices in no face, NaN or infinite positions, and a mesh that is too large or too small for
+        float64.
     """
 
     V: np.ndarray
@@ -302,7 +299,7 @@ def require_mesh(mesh: object, subject: str) -> None:
 
 
 def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
-    """Raise InputError on positions that are not finite or exceed the range or the precision of float64."""
+    """Raise InputError on positions that are not finite or exceed the range of float64."""
     low, high = bounds(V)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         bad = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
@@ -312,11 +309,6 @@ def _check_numbers(V: np.ndarray, name: str = "mesh") -> None:
         raise InputError(
             f"the {name} has coordinates up to {farthest:.1e} and an extent of {2 * extent:.1e}, with which "
             f"areas cannot be squared; scale it to between {1 / LARGEST:.0e} and {LARGEST:.0e}"
-        )
-    if farthest > FARTHEST * extent > 0:
-        raise InputError(
-            f"the {name} is {2 * extent:.1e} wide and {farthest:.1e} from the origin, which leaves its "
-            "coordinates fewer than four digits; move it towards the origin before they are rounded"
         )
 
 
