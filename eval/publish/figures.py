@@ -25,8 +25,8 @@ from eval.publish.comparison import RUN, means
 from eval.publish.notes import require_one_version
 from eval.publish.panels import Case
 from eval.publish.plotting import FIGURES, new_figure, save, style
-from eval.rows.collect import Experiment, collect, load_rows
-from eval.rows.files import FOLDER_HELP, experiment_folder, has_runs, read_conf
+from eval.rows.collect import Experiment, read_experiments
+from eval.rows.files import ROWS_HELP, has_runs, read_conf
 from eval.rows.frame import distinct, method_names, numbers, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
@@ -84,12 +84,12 @@ def chart_of(rows: pd.DataFrame) -> Figure | None:
     return figure
 
 
-def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) -> list[Case]:
+def read_cases(experiment: Experiment, *, names: Sequence[str], methods: Sequence[str]) -> list[Case]:
     """Read tasks and results from the run folders of an experiment; the latest of several runs counts.
 
     Parameters
     ----------
-    folder : path
+    experiment : Experiment
     names, methods : list of str
         Cases and methods to show. If empty: three cases, and all methods with a result on them.
 
@@ -98,17 +98,16 @@ def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) ->
     InputError
         If there is no such run or result, or a dataset has changed since the run.
     """
-    experiment = Experiment(folder.name, collect(folder), folder)
     every = experiment.rows.assign(found=experiment.rows["status"].isin(VALID))
     # The latest run with a result; without a result, the latest run.
     every = every.sort_values(["found", "date"]).drop_duplicates(["task.name", "method.name"], keep="last")
     rows = every[every["found"]]
     known = sorted(rows["task.name"].unique())
     if not known:
-        raise InputError(f"{folder}: no runs with a result there")
+        raise InputError(f"{experiment.name} has no run with a result")
     missing = [name for name in names if name not in known]
     if missing:
-        raise InputError(f"{folder}: no case {missing[0]!r}; there are {', '.join(known)}")
+        raise InputError(f"{experiment.name} has no case {missing[0]!r}; there are {', '.join(known)}")
     names = names or [known[i] for i in np.unique(np.linspace(0, len(known) - 1, 3).astype(int))]
     with_result = set(rows["method.name"][rows["task.name"].isin(names)])
     methods = methods or [method for method in experiment.methods if method in with_result]
@@ -117,18 +116,20 @@ def read_cases(folder: Path, *, names: Sequence[str], methods: Sequence[str]) ->
 
 def _case(experiment: Experiment, rows: Sequence[Row], methods: Sequence[str]) -> Case:
     runs = {row["method.name"]: row for row in rows}
-    folder, name = experiment.runs, rows[0]["task.name"]
+    case = f"the case {rows[0]['task.name']!r} of {experiment.name}"
     results: dict[str, np.ndarray | str] = {}
     for method in methods:
         if method not in runs:
-            raise InputError(f"{folder}: case {name!r} has no run of {method!r}")
+            raise InputError(f"{case} has no run of {method!r}")
         row = runs[method]
         V = experiment.vertices(row) if row["found"] else None
         if row["found"] and V is None:
-            raise InputError(f"{folder}: the run folders of {name} were renamed; give them their old names")
+            raise InputError(
+                f"{experiment.runs} does not hold the run of {method!r} on {case}; collect the rows again"
+            )
         results[method] = re.sub(r"^\w+Error: ", "", row["reason"] or row["status"]) if V is None else V
     if all(isinstance(result, str) for result in results.values()):
-        raise InputError(f"{folder}: case {name!r} has no result of {', '.join(methods)}")
+        raise InputError(f"{case} has no result of {', '.join(methods)}")
     return Case(load_task(next(row for row in rows if row["found"])), results, runs)
 
 
@@ -145,7 +146,7 @@ def camera_of(name: str) -> dict[str, np.ndarray]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("quick"), help=FOLDER_HELP)
+    parser.add_argument("rows", nargs="?", type=Path, default=Path("quick"), help=ROWS_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
     text = "picture to write (default: out/figures/<experiment>.png)"
@@ -157,13 +158,12 @@ def command(options: argparse.Namespace) -> int:
     import matplotlib  # noqa: F401 - refused before the results are read
     import pyvista  # noqa: F401
 
-    rows = load_rows(options.folder)
-    require_one_version(rows)
-    name = options.folder.resolve().name if options.folder.is_dir() else options.folder.stem
-    if (chart := chart_of(rows)) is not None:
-        save(chart, FIGURES / f"{name}_time.svg")
-    if options.folder.suffix != ".csv" and (options.folder.is_dir() or has_runs(options.folder)):
-        _draw_shapes(experiment_folder(options.folder), options)
+    (experiment,) = read_experiments([options.rows])
+    require_one_version(experiment.rows)
+    if (chart := chart_of(experiment.rows)) is not None:
+        save(chart, FIGURES / f"{experiment.name}_time.svg")
+    if has_runs(experiment.name):
+        _draw_shapes(experiment, options)
     return 0
 
 
@@ -174,16 +174,16 @@ def of_one_error(cases: list[Case]) -> list[Case]:
     return [case._replace(task=replace(case.task, truth=None)) for case in cases]
 
 
-def _draw_shapes(folder: Path, options: argparse.Namespace) -> None:
+def _draw_shapes(experiment: Experiment, options: argparse.Namespace) -> None:
     """Draw the grid of pictures: a row for each case, a panel for each method."""
-    entry = read_picture(folder.name)
+    entry = read_picture(experiment.name)
     names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
-    cases = of_one_error(read_cases(folder, names=names, methods=methods))
-    view = camera_of(folder.name)
-    out = options.out or FIGURES / f"{folder.name}.png"
+    cases = of_one_error(read_cases(experiment, names=names, methods=methods))
+    view = camera_of(experiment.name)
+    out = options.out or FIGURES / f"{experiment.name}.png"
     rows = [panels.row_of(case, **view) for case in cases]
     legend = f"{panels.what_to_see(cases[0].task)} Percentages are means. Seconds are of these runs."
     if any(panel.handles for row in rows for panel in row.panels):
         legend += " Handles: blue fixed, yellow moved."
-    title = f"{entry.get('title', folder.name)}\n{legend}"
+    title = f"{entry.get('title', experiment.name)}\n{legend}"
     save(panels.draw(rows, title=title, label=panels.error_label(cases[0].task)), out)

@@ -133,11 +133,3 @@ def read_experiments(names: Sequence[str | os.PathLike[str]]) -> list[Experiment
     if repeated:
         raise InputError(f"two experiments are named {repeated[0]!r}; give them one CSV, or other names")
     return [Experiment(path.stem, read_csv(path), RUNS / path.stem) for path in paths]
-
-
-def load_rows(name: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read the rows of a CSV, a folder of runs, or an experiment by its name."""
-    path = rows_file(name)
-    if Path(name).suffix == ".csv" or (path.is_file() and not Path(name).is_dir()):
-        return read_csv(path)
-    return collect(experiment_folder(Path(name)))

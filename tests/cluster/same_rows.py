@@ -1,10 +1,11 @@
 """Rows of one sweep by two launchers: ``python same_rows.py FOLDER FOLDER`` fails if they differ."""
 
 import sys
+from pathlib import Path
 
 import pandas as pd
 
-from eval.rows.collect import load_rows
+from eval.rows.collect import collect
 
 #: Beginnings of columns that may differ: date, machine, memory and times.
 DIFFER = ("date", "env.", "peak_mib", "seconds.", "task.source")
@@ -19,4 +20,4 @@ def comparable(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 if __name__ == "__main__":
-    pd.testing.assert_frame_equal(*(comparable(load_rows(folder)) for folder in sys.argv[1:]))
+    pd.testing.assert_frame_equal(*(comparable(collect(Path(folder))) for folder in sys.argv[1:]))

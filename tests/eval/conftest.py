@@ -38,12 +38,6 @@ def tiny(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def tiny_runs(tiny) -> Path:
-    """Return the folder with the run folders of the small experiment."""
-    return tiny.parents[1] / "runs" / "tiny"
-
-
-@pytest.fixture(scope="session")
 def tiny_report(tiny) -> Path:
     """Make the report of the small experiment while its methods cannot run."""
     look = {"towards": [1.0, 0.0, 0.2], "up": [0.0, 0.0, 1.0]}

@@ -1,6 +1,5 @@
 """Damaged datasets and runs are refused, and nothing is written."""
 
-import json
 import pickle
 import shutil
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eval.rows.frame import read_csv, write_csv
 from tests.robustness.case import assert_refused, check_refusal, run
 from tests.robustness.working import RUN, cut, dataset, runs
 
@@ -33,8 +33,10 @@ def in_run(name: str) -> Path:
 
 
 def of_another_function() -> None:
-    row = json.loads(in_run("row.json").read_text())
-    in_run("row.json").write_text(json.dumps(row | {"task.source": '{"_target_": "os.getcwd"}'}))
+    write_csv(
+        "out/rows/tiny.csv",
+        read_csv("out/rows/tiny.csv").assign(**{"task.source": '{"_target_": "os.getcwd"}'}),
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,22 +11,29 @@ from eval.main import call
 from eval.publish import figures, panels
 from eval.publish.figures import chart_of, of_one_error, read_cases, time_and_truth
 from eval.publish.panels import Case
+from eval.rows.collect import Experiment
+from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
 from sshade.core.errors import InputError
 
 
-def test_cases_come_from_the_run_folders(tiny_runs):
+@pytest.fixture
+def experiment(tiny) -> Experiment:
+    return Experiment("tiny", read_csv(tiny), tiny.parents[1] / "runs/tiny")
+
+
+def test_cases_come_from_the_run_folders(experiment):
     every = ["arap", "learned", "stretching"]
-    cases = read_cases(tiny_runs, names=[], methods=[])
+    cases = read_cases(experiment, names=[], methods=[])
     assert {case.task.name: list(case.results) for case in cases} == {"bumpy_10": every, "bumpy_40": every}
-    only = read_cases(tiny_runs, names=["bumpy_40"], methods=["stretching"])
+    only = read_cases(experiment, names=["bumpy_40"], methods=["stretching"])
     assert only[0].results["stretching"] == pytest.approx(1.5 * only[0].task.mesh.V, rel=1e-6)
 
 
-def test_a_method_without_a_result_has_its_reason_in_its_place(tiny_runs):
+def test_a_method_without_a_result_has_its_reason_in_its_place(experiment):
     methods = ["stretching", "failing", "arap"]
-    (case,) = read_cases(tiny_runs, names=["bumpy_10"], methods=methods)
-    (reason,) = {row["reason"] for row in map(read_row, run_folders(tiny_runs / "failing"))}
+    (case,) = read_cases(experiment, names=["bumpy_10"], methods=methods)
+    (reason,) = {row["reason"] for row in map(read_row, run_folders(experiment.runs / "failing"))}
     assert reason.endswith(case.results["failing"]) and not re.match(r"\w+Error: ", case.results["failing"])
 
 
@@ -38,13 +45,14 @@ def test_colours_mean_the_same_in_all_rows_of_a_picture():
     assert [case.task.truth for case in of_one_error(mixed)] == [None, None]
 
 
-def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tmp_path, monkeypatch):
+def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny, tmp_path, monkeypatch):
     told = {"tasks": ["bumpy_40"], "methods": ["failing", "stretching"], "up": [0.0, 0.0, 1.0], "title": "T"}
-    monkeypatch.setattr(figures, "read_picture", lambda name: told if name == tiny_runs.name else {})
+    monkeypatch.setattr(figures, "read_picture", {"tiny": told}.get)
     drawn = {}
     monkeypatch.setattr(panels, "draw", lambda rows, **options: drawn.update(rows=rows, **options))
     monkeypatch.setattr(figures, "save", lambda *args, **options: None)
-    assert call("figures", [str(tiny_runs), "-o", str(tmp_path / "a.png")]) == 0
+    monkeypatch.chdir(tiny.parents[2])
+    assert call("figures", ["tiny", "-o", str(tmp_path / "a.png")]) == 0
     (shown_row,) = drawn["rows"]
     assert [panel.name for panel in shown_row.panels] == ["rest", "failing", "stretching"]
     assert drawn["title"].startswith("T\nThe lighter, the less edges") and "change of edge" in drawn["label"]
@@ -58,9 +66,9 @@ def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny_runs, tm
         ({"methods": ["arap", "nobody"]}, "no run of 'nobody'"),
     ],
 )
-def test_what_was_not_run_is_a_clear_error(tiny_runs, options, message):
+def test_what_was_not_run_is_a_clear_error(experiment, options, message):
     with pytest.raises(InputError, match=message):
-        read_cases(tiny_runs, **{"names": [], "methods": [], **options})
+        read_cases(experiment, **{"names": [], "methods": [], **options})
 
 
 def timed(method, task, seconds, truth, **changes):
