@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
-from sshade.files.mesh_file import MeshFile, listed
+from sshade.files.mesh_file import listed
 from sshade.files.meshes import read_file, write_file, write_mesh
 from sshade.files.objects import mesh_in
 
@@ -66,7 +66,7 @@ def write(
     mesh: Any,
     F: np.ndarray | None = None,
     *,
-    like: str | os.PathLike[str] | MeshFile | None = None,
+    like: str | os.PathLike[str] | None = None,
 ) -> None:
     """Write a mesh file: ``sshade.write("posed.ply", V, F)``.
 
@@ -83,7 +83,7 @@ def write(
         Positions, or a mesh as :func:`sshade.deform` takes it: of this package, of trimesh or of pyvista.
     F : (m, 3) int, optional
         Faces. Needed with positions, unless `like` is given.
-    like : path or MeshFile, optional
+    like : path, optional
         Existing file with the same vertices in the same order. `path` needs a format that holds all its
         contents, which its own format always does.
 
@@ -113,7 +113,7 @@ def write(
             raise InputError(f"a face refers to vertex {F.max()} or {F.min()} of {len(V)}")
         write_mesh(path, V, F)
         return
-    file = like if isinstance(like, MeshFile) else read_file(like)
+    file = read_file(like)
     if F is not None and not np.array_equal(F, file.F):
         raise InputError("the file of `like` has other faces; they must correspond, so leave F out")
     if V.shape != file.V.shape:
