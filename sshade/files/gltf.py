@@ -118,6 +118,9 @@ def shown_primitives(
     if not gltf.tree.get("meshes"):
         raise InputError(f"{path}: it has no mesh")
     require_plain(gltf.tree, path)
+    for number, accessor in enumerate(gltf.tree["accessors"]):
+        if "bufferView" in accessor:
+            gltf.array(number)  # raises ValueError; normals are used first where the file is written
     gltf, notes = with_own_numbers(gltf)
     shown = []
     for number, M in sorted(mesh_matrices(gltf.tree).items()):

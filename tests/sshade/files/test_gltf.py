@@ -284,6 +284,7 @@ def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers
         ({"buffers.0.byteLength": 10**9}, "bytes of the"),
         ({"buffers.0.uri": "gone.bin"}, "its buffer gone.bin is missing"),
         ({"bufferViews.0.byteLength": 8}, "reaches out of its view"),
+        ({"accessors.1.byteOffset": 9999}, "its accessor 1 reaches out of its view"),
         ({"bufferViews.0.byteStride": 8, f"{PRIMITIVE}.attributes": {"POSITION": 0}}, "overlap each other"),
         ({f"{PRIMITIVE}.attributes.POSITION": ...}, "no positions"),
         ({f"{PRIMITIVE}.attributes.POSITION": 3}, "POSITION is no VEC3"),
