@@ -154,14 +154,12 @@ class ComponentSet:
         """Return the vertices (k,) of the uncut mesh of a component's vertices."""
         return self._cut.origin[self._members[component]]
 
-    def part(self, component: int, stage: str, vertices: int) -> tuple[DeformationTask, dict[str, Any]]:
+    def part(self, component: int, vertices: int) -> tuple[DeformationTask, dict[str, Any]]:
         """Return the task of a component, and options that differ from the options of the whole.
 
         Parameters
         ----------
         component : int
-        stage : str
-            Name of the task.
         vertices : int
             Its share of the proxy vertices.
         """
@@ -183,8 +181,7 @@ class ComponentSet:
         if not isinstance(function := self._options.frame_function, str):
             changes["frame_function"] = vertex_values(function, len(self._number))[origin]
         guess = None if guess is None else guess[origin]
-        task = DeformationTask(f"{self._task.name} {stage}", shape, handles, guess=guess)
-        return task, changes
+        return DeformationTask("component", shape, handles, guess=guess), changes
 
     def put(self, component: int, V: np.ndarray) -> None:
         """Store the deformed positions (k, 3) of a component's vertices."""

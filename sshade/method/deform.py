@@ -157,7 +157,7 @@ def through_proxies(
     task: DeformationTask, options: Options, make_proxies: Callable[..., Proxies], progress: Progress
 ) -> DeformationResult:
     """Sample, bind, solve, carry and average; the memory of the proxies is freed before the polish."""
-    proxies = make_proxies(task.mesh, task.handles, options, name=task.name)
+    proxies = make_proxies(task.mesh, task.handles, options)
     return proxies.deform(task.handles, guess=task.guess, progress=progress)
 
 

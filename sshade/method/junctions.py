@@ -83,8 +83,7 @@ def deform_joined(
     on_proxy = handles.sampled(handle[samples[on]], number[on], parts.V)
     free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, coarse=None)
     start = None if guess is None else guess[samples[one]]
-    solver = OnceSolver(proxy, free, name="junctions", guess=start, progress=renamed(progress, "junctions"))
-    solved = solver(on_proxy)
+    solved = OnceSolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))(on_proxy)
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
     return binding.carry(solved.vertices[number], rotations=solved.extra["rotations"][number])[0]
 

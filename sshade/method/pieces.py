@@ -158,7 +158,7 @@ class Pieces:
         vertices = parts.proxy_vertices(self._order)
         for number, component in enumerate(self._order):
             stage = f"component {number + 1}/{len(self._order)}"
-            task, changes = parts.part(component, stage, int(vertices[number]))
+            task, changes = parts.part(component, int(vertices[number]))
             report = renamed(self._progress, stage, within=True)
             where = f"the component of {task.mesh.n} vertices around vertex {parts.origin(component)[0]}"
             yield Piece(task, changes, report, component, where)

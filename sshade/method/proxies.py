@@ -35,8 +35,6 @@ class Proxies:
     keep : bool
         Bind M to its proxies now and keep them: each deformation then starts from the last one. Otherwise
         each deformation makes new proxies.
-    name : str
-        Of the task.
     progress : Progress
         Of the bindings, if the proxies are kept.
     **hooks
@@ -55,11 +53,10 @@ class Proxies:
         options: Options,
         *,
         keep: bool = False,
-        name: str = "mesh",
         progress: Progress = silent,
         **hooks: Any,
     ) -> None:
-        self.mesh, self._options, self._name = mesh, options, name
+        self.mesh, self._options = mesh, options
         self._shared = Shared(mesh, handles, options, **hooks)
         #: Kept proxies; none if every vertex is a hard handle.
         self.kept: list[Proxy] = []
@@ -135,7 +132,7 @@ class Proxies:
         """Return a kept proxy, or a new one for one deformation."""
         if self.kept:
             return self.kept[number]
-        return Proxy(self._shared, self._options, number, guess=guess, name=self._name, progress=progress)
+        return Proxy(self._shared, self._options, number, guess=guess, progress=progress)
 
     def _deformed(
         self,

@@ -122,8 +122,6 @@ class Proxy:
         deformation, beside whose solve M is bound.
     guess : (n, 3) float64, optional
         Shape of M in which the one deformation starts; a kept proxy gets it by :meth:`reset`.
-    name : str
-        Of the task.
     progress : Progress
 
     Attributes
@@ -142,7 +140,6 @@ class Proxy:
         *,
         keep_for: Handles | None = None,
         guess: np.ndarray | None = None,
-        name: str = "mesh",
         progress: Progress = silent,
     ) -> None:
         self._shared, self._options = shared, options
@@ -162,7 +159,6 @@ class Proxy:
             self._solver = OnceSolver(
                 self.mesh,
                 options,
-                name=f"{name} proxy {number}",
                 guess=None if guess is None else guess[self.sampling.samples],
                 progress=renamed(progress, stage),
                 coarser_progress=renamed(progress, f"coarser {stage}"),

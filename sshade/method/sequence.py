@@ -179,9 +179,9 @@ class _Kept:
     known: Mapping[bytes, Proxies]
     used: dict[bytes, Proxies] = field(default_factory=dict)
 
-    def __call__(self, mesh: Mesh, handles: Handles, options: Options, *, name: str) -> Proxies:
+    def __call__(self, mesh: Mesh, handles: Handles, options: Options) -> Proxies:
         if options.coarse is not None or not options.accelerate:
-            return Proxies(mesh, handles, options, name=name)
+            return Proxies(mesh, handles, options)
         kinds = handles.index, handles.group, handles.weight, handles.has_rotation
         key = blake2b(repr(options).encode())
         for array in (mesh.V, mesh.F, *kinds):

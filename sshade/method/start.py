@@ -81,8 +81,6 @@ class OnceSolver:
     proxy : Mesh
         N.
     options : Options
-    name : str
-        Of the task.
     guess : (k, 3) float64, optional
         Shape in which the first solve starts; by default as the options say.
     progress, coarser_progress : Progress
@@ -93,16 +91,15 @@ class OnceSolver:
         proxy: Mesh,
         options: Options,
         *,
-        name: str = "proxy",
         guess: np.ndarray | None = None,
         progress: Progress = silent,
         coarser_progress: Progress = silent,
     ) -> None:
-        self._proxy, self._options, self._name, self._guess = proxy, options, name, guess
+        self._proxy, self._options, self._guess = proxy, options, guess
         self._progress, self._coarser_progress = progress, coarser_progress
 
     def __call__(self, handles: Handles, *, volume_goal: float = 1.0, **stop: Any) -> DeformationResult:
-        task = DeformationTask(self._name, self._proxy, handles, guess=self._guess)
+        task = DeformationTask("proxy", self._proxy, handles, guess=self._guess)
         if (method := self._options.coarse) is not None:
             return method(task, seed=self._options.seed, progress=self._progress)
         options = replace(self._options, **stop)
@@ -176,7 +173,7 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
         vertices = proxy_vertices(size, mesh.n, len(handles), coarser=ROOM)
         regions = HandleRegions(mesh, handles, vertices=vertices, graph=vertex_graph(mesh))
         sampling, place = sample_with_handles(mesh, regions, (options.seed, 0))
-        coarser = DeformationTask(task.name, proxy_mesh(mesh, sampling), place(handles))
+        coarser = DeformationTask("coarser", proxy_mesh(mesh, sampling), place(handles))
         frames, tolerance = frame_maker("blended", mesh), ROUGH * options.tolerance
         with (
             beside(partial(bind_proxy, mesh, sampling, frames=frames), size=mesh.n) as binding,
@@ -189,7 +186,7 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
             V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
         V = regions.on_targets(V, handles)
     except InputError as error:
-        log.info("%s: solved without a coarser proxy of %d vertices: %s", task.name, size, error)
+        log.info("solved without a coarser proxy of %d vertices: %s", size, error)
         return None
     return replace(rough, vertices=V)
 
