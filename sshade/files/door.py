@@ -7,7 +7,7 @@ command, Python, the editor and Blender open shapes here, make their tasks here,
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,17 +75,9 @@ class OpenShape:
         """
         return replace(handles, index=self.surface.places(handles.index), extent=self.extent)
 
-    def task(
-        self,
-        name: str,
-        handles: Handles,
-        *,
-        refuse_unconstrained: bool = False,
-        meta: Mapping[str, Any] | None = None,
-    ) -> DeformationTask:
+    def task(self, name: str, handles: Handles, *, refuse_unconstrained: bool = False) -> DeformationTask:
         """Return the task for handles at vertices of the surface; see :class:`sshade.DeformationTask`."""
-        refuse, meta = refuse_unconstrained, meta or {}
-        return DeformationTask(name, self.mesh, handles, meta=meta, refuse_unconstrained=refuse)
+        return DeformationTask(name, self.mesh, handles, refuse_unconstrained=refuse_unconstrained)
 
     def placed(self, vertices: np.ndarray) -> np.ndarray:
         """Return all positions (n, 3) of the shape, given positions (k, 3) of the surface's vertices.

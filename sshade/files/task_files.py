@@ -59,8 +59,6 @@ def read_task(
     mesh: str,
     *,
     handles: str,
-    raw: bool = False,
-    refuse_unconstrained: bool = False,
     weld: float | None = None,
     repair: bool = False,
 ) -> DeformationTask:
@@ -72,10 +70,6 @@ def read_task(
     Parameters
     ----------
     mesh, handles : path
-    raw : bool
-        Keep the targets of the file as they are; see :meth:`sshade.Handles.from_positions`.
-    refuse_unconstrained : bool
-        See :class:`sshade.DeformationTask`.
     weld, repair
         See :func:`sshade.mesh.surface.surface`.
 
@@ -88,11 +82,10 @@ def read_task(
     file = read_file(mesh)
     with naming(mesh):
         shape = open_shape(file, weld=weld, repair=repair)
-    given = read_handle_file(handles, raw=raw)
+    given = read_handle_file(handles)
     with naming(handles):
         own = on_shape(given, shape)
-    name = f"{Path(mesh).stem}/{Path(handles).stem}"
-    return shape.task(name, own, refuse_unconstrained=refuse_unconstrained, meta={"raw": raw})
+    return shape.task(f"{Path(mesh).stem}/{Path(handles).stem}", own)
 
 
 def write_handles(
