@@ -8,7 +8,8 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from hydra._internal.utils import get_args_parser
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.utils import create_config_search_path, get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
@@ -40,8 +41,9 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     flags = [text for text in arguments if text not in known.overrides]
     if known.help or known.hydra_help or known.info is not None or known.shell_completion:
         return [*flags, *known.overrides]
+    parser = _parser(known.config_dir)
     try:
-        overrides = OverridesParser.create().parse_overrides(known.overrides)
+        overrides = parser.parse_overrides(known.overrides)
     except OverrideParseException as error:
         raise InputError(unreadable_override(error.override)) from error
     overrides = [override for override in overrides if override.key_or_group != "hydra.mode"]
@@ -57,7 +59,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
         if everything := [name for name in CASE if config[name] == ALL]:
             raise InputError(f"{everything[0]}={ALL} takes several runs; add -m")
         return [*flags, *known.overrides]
-    swept = _swept(config, overrides)
+    swept = _swept(config, overrides, parser)
     settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
     cases = {name: values for name, values in swept.items() if name in CASE}
     if config.hydra.runtime.choices["hydra/launcher"] == "basic":
@@ -85,10 +87,19 @@ def _as_sweep(override: Override) -> str:
     return f"{override.get_key_element()}=choice({text})"
 
 
-def _swept(config: DictConfig, overrides: Iterable[Override]) -> dict[str, list[str]]:
+def _parser(folder: str | None) -> OverridesParser:
+    """Return Hydra's parser of settings, which finds the names of a glob in conf and in a user's folder."""
+    places = create_config_search_path(str(CONFIGURATION))
+    if folder is not None:
+        places.append("command-line", f"file://{Path(folder).absolute()}")
+    return OverridesParser.create(config_loader=ConfigLoaderImpl(places))
+
+
+def _swept(
+    config: DictConfig, overrides: Iterable[Override], parser: OverridesParser
+) -> dict[str, list[str]]:
     """Return the values of each setting of a sweep, from the experiment's file and the command line."""
     params: Mapping[str, Any] = config.hydra.sweeper.params or {}
-    parser = OverridesParser.create()
     given = [*parser.parse_overrides([f"{name}={value}" for name, value in params.items()]), *overrides]
     swept = {
         override.get_key_element(): list(override.sweep_string_iterator())

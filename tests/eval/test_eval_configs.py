@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 
 from eval import CONFIGURATION
 from eval.run.config import ABOUT_DATASET, composed
+from eval.run.sweep import prepared
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
 from sshade.method.call import deform
 from sshade.problem.options import GROUPS
@@ -70,3 +71,11 @@ def test_experiment_composes_with_the_first_and_last_values_that_it_sweeps(name)
             swept[key] = [*override.sweep_string_iterator()] if override.is_sweep_override() else [of]
     for k in (0, -1):
         composed([f"experiment={name}", *(f"{key}={of[k]}" for key, of in swept.items())])
+
+
+def test_a_glob_finds_the_methods_of_conf_and_of_a_users_folder(tmp_path):
+    (tmp_path / "method").mkdir()
+    (tmp_path / "method/mine.yaml").write_text("defaults: [arap]\n")
+    known = [path.stem for path in (CONFIGURATION / "method").glob("*.yaml")]
+    sweep = ["experiment=quick", "subject=0", "pose=1,2", "method=glob(*,exclude=[arap])"]
+    assert prepared(["-m", "--config-dir", str(tmp_path), *sweep])[-1] == f"run.of={2 * len(known)}"
