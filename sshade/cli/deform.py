@@ -75,7 +75,7 @@ from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
-from sshade.problem.options import GROUPS, Options, require_method, resolve
+from sshade.problem.options import GROUPS, Options, resolve
 
 #: Arguments that --help tells; --help-all tells all.
 USUAL = (
@@ -175,8 +175,6 @@ def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options
         When an option does not apply to the method, or a value is out of its range.
     """
     values = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
-    if require_method(options.method) == "paper":
-        values.setdefault("start", "rigid")  # from rest, handles that turn far may end in folds
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")

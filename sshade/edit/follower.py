@@ -40,12 +40,7 @@ def converged(task: DeformationTask, method: str, *, progress: Progress = silent
     InputError
         When the method refuses the task.
     """
-    return deform(task, method=method, progress=progress, **_options(method))
-
-
-def _options(method: str) -> dict[str, Any]:
-    """Return the options of ``sshade deform`` that differ from the defaults of the method."""
-    return {"start": "rigid"} if method == "paper" else {}
+    return deform(task, method=method, progress=progress)
 
 
 class _FollowedPart(NamedTuple):
@@ -196,7 +191,7 @@ class Follower:
             if bound.handles == key:
                 self._bound = bound
                 return bound
-        options = _options(method)
+        options: dict[str, Any] = {}
         if method != "paper":
             is_region = len(part.reduced) < len(part.members)
             regional = {name: REGIONS["fast"][name] for name in ("area", "bending") if is_region}

@@ -96,7 +96,8 @@ class Options:
         Largest number of iterations on each proxy. Lower it to bound the time.
     start : str
         Shape in which the iteration begins: the rest shape as in the paper, or its best rigid motion to the
-        handles. `rigid` is faster, and safer where handles turn far.
+        handles. `rigid` is faster, and safer where handles turn far. Without `accelerate`, the default is
+        `rest`.
     guide_attachment : float
         Weight of the attachment in the guide energy, which is minimised first to choose a local minimum; 0
         turns the guide off. It is off by default where the proxy has no attachment.
@@ -232,7 +233,7 @@ _FINE = replace(
 )
 #: The methods.
 PRESETS: Mapping[str, Options] = {
-    "paper": Options(),
+    "paper": Options(start="rigid"),
     "fast": _FAST,
     "fine": _FINE,
     "interpolate": Options(),  # takes no option
@@ -395,6 +396,8 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
     if "detail" in values:
         values = {**_at_detail(values["detail"]), **values}
     options = replace(PRESETS[method], **values)
+    if not options.accelerate and "start" not in values:
+        options = replace(options, start="rest")  # as published
     if options.volume_goal is not None and options.volume == 0:
         raise InputError("volume_goal needs a weight of the volume, which is 0 here; give volume=inf")
     if options.volume_goal is not None and options.coarse is not None:

@@ -42,8 +42,8 @@ def test_all_options_reach_the_method(sound):
 @pytest.mark.parametrize(
     ("made", "switches", "options"),
     [
-        ({"method": "paper"}, "", {"method": "paper", "start": "rigid"}),
-        ({"method": "paper"}, "--no-accelerate", {"method": "paper", "start": "rigid", "accelerate": False}),
+        ({"method": "paper"}, "", {"method": "paper"}),
+        ({"method": "paper"}, "--no-accelerate", {"method": "paper", "accelerate": False}),
         ({"method": "paper"}, "--method fast", {}),
     ],
 )

@@ -41,7 +41,7 @@ def test_the_result_is_the_mean_of_the_single_samplings(body_task, frames):
         binding = bind(body_task.mesh, 70, first=body_task.handles.index, seed=(9, i), frames=frames)
         own = body_task.handles
         handles = Handles(np.arange(len(own)), own.target, dynamic=own.dynamic, group=own.group)
-        solved = local_global(DeformationTask("one", binding.proxy, handles))
+        solved = local_global(DeformationTask("one", binding.proxy, handles), start="rigid")
         V, _ = binding.carry(solved.vertices, rotations=solved.extra["rotations"])
         single.append((V, solved, binding))
     result = paper(body_task, vertices=70, samplings=3, frames=frames, seed=9)
