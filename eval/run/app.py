@@ -9,12 +9,14 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Sequence
 from datetime import timedelta
 from time import perf_counter
 from traceback import walk_tb
 
-import hydra
 import yaml
+from hydra import version
+from hydra._internal.utils import _run_hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
@@ -25,7 +27,7 @@ from eval import CONFIGURATION, PACKAGES
 from eval.metrics import METRICS
 from eval.run.config import RunConfig, one_sentence, read_config, unreadable_override
 from eval.run.run import Outcome, run
-from eval.run.sweep import lacks_case, prepared
+from eval.run.sweep import FLAGS, lacks_case, prepared
 from sshade.core.console import Ended, how_to_install, progress_bar
 from sshade.core.errors import InputError
 from sshade.core.threads import available_cpus
@@ -47,8 +49,8 @@ _took: list[float] = []
 _without_case: list[str] = []
 
 
-def main() -> int:
-    """Run the program with the arguments in ``sys.argv``; return the exit code.
+def main(arguments: Sequence[str]) -> int:
+    """Run the program; return the exit code.
 
     Raises
     ------
@@ -63,9 +65,11 @@ def main() -> int:
     if sys.path[0] != str(PACKAGES):  # `python -m eval` in a clone, which may not be installed
         # Workers of launchers must not search the current folder first for the project's packages.
         os.environ["PYTHONSAFEPATH"] = "1"
+    version.setbase("1.3")
     try:
-        sys.argv[1:] = prepared(sys.argv[1:])
-        _app()
+        # `hydra.main` would make Hydra's own parser, which Python 3.14 refuses to build.
+        flags = prepared(arguments)
+        _run_hydra(flags, FLAGS, _job, config_path=str(CONFIGURATION), config_name="config")
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise InputError(_one_line(error)) from error
     except RunFailed as error:
@@ -86,12 +90,6 @@ def main() -> int:
     if mistakes := [error for error in _errors if isinstance(error, InputError)]:
         raise mistakes[0]
     return 1 if _errors else 0
-
-
-@hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name="config")
-def _app(config: DictConfig) -> None:
-    # Launchers pickle this function with copies of the globals that it uses; `_job` is the only one.
-    _job(config)
 
 
 def _job(config: DictConfig) -> None:

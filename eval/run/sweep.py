@@ -1,7 +1,8 @@
-"""What `sshade-eval run` reads of its arguments before Hydra does: unknown keys, and the runs of a sweep."""
+"""Read the arguments of `sshade-eval run` before Hydra does: flags, unknown keys, the runs of a sweep."""
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from math import prod
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra._internal.utils import create_config_search_path, get_args_parser
+from hydra._internal.utils import create_config_search_path
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
@@ -18,6 +19,7 @@ from omegaconf import DictConfig
 from eval import CONFIGURATION
 from eval.run.config import CASE, check_root, composed, keys_of, nearest, unreadable_override
 from eval.run.targets import locate
+from sshade.core.console import CommandParser
 from sshade.core.errors import InputError
 
 #: Value that stands for all subjects or poses of a dataset.
@@ -26,21 +28,45 @@ ALL = "all"
 OF_PLUGINS = ("hydra.launcher.", "hydra.sweeper.", "hydra.job.env_set.", "hydra.job_logging.")
 
 
-def prepared(arguments: Sequence[str]) -> list[str]:
-    """Check a command line, and list the cases of a sweep in it; return the arguments that Hydra reads.
+def _flags() -> CommandParser:
+    """Return the parser of a command line, with the flags of Hydra that users of the evaluator need."""
+    parser = CommandParser("sshade-eval run", add_help=False)
+    parser.add_argument("overrides", nargs="*", help="settings KEY=VALUE and choices GROUP=NAME")
+    parser.add_argument("-h", "--help", action="store_true", help="print this text")
+    parser.add_argument("--hydra-help", action="store_true", help="print the help text of Hydra")
+    text = "do one run for each combination of values, such as seed=0,1"
+    parser.add_argument("-m", "--multirun", action="store_true", help=text)
+    text = "folder with further files, such as method/mine.yaml"
+    parser.add_argument("-cd", "--config-dir", metavar="DIR", help=text)
+    text = "print settings instead of running: job, hydra or all"
+    parser.add_argument("-c", "--cfg", choices=("job", "hydra", "all"), help=text)
+    parser.add_argument("--resolve", action="store_true", help="with --cfg, replace references by values")
+    parser.add_argument("-p", "--package", help="with --cfg, print this part of the settings")
+    text = "print facts about the composition of the settings, for example --info searchpath"
+    parser.add_argument("-i", "--info", const="all", nargs="?", help=text)
+    # Hydra reads further flags, which have no use here.
+    parser.set_defaults(run=False, shell_completion=False, config_path=None, config_name=None)
+    return parser
+
+
+#: Parser of the command line of `sshade-eval run`.
+FLAGS = _flags()
+
+
+def prepared(arguments: Sequence[str]) -> Namespace:
+    """Check a command line, and list the cases of a sweep in it; return the arguments for Hydra.
 
     A sweep over all subjects or poses becomes a sweep over the dataset's own. `run.of` is the number of runs.
-    Flags come first, because Hydra takes no flag after a setting.
 
     Raises
     ------
     InputError
-        On a key that nothing reads, a deleted setting that every run needs, or a dataset that is missing.
+        On an unknown flag, a key that nothing reads, a deleted setting that every run needs, or a dataset
+        that is missing.
     """
-    known, _ = get_args_parser().parse_known_intermixed_args(list(arguments))
-    flags = [text for text in arguments if text not in known.overrides]
-    if known.help or known.hydra_help or known.info is not None or known.shell_completion:
-        return [*flags, *known.overrides]
+    known = FLAGS.parse_intermixed_args(list(arguments))
+    if known.help or known.hydra_help or known.info is not None:
+        return known
     parser = _parser(known.config_dir)
     try:
         overrides = parser.parse_overrides(known.overrides)
@@ -58,7 +84,7 @@ def prepared(arguments: Sequence[str]) -> list[str]:
     if not known.multirun and str(config.hydra.mode) != "RunMode.MULTIRUN":
         if everything := [name for name in CASE if config[name] == ALL]:
             raise InputError(f"{everything[0]}={ALL} takes several runs; add -m")
-        return [*flags, *known.overrides]
+        return known
     swept = _swept(config, overrides, parser)
     settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
     cases = {name: values for name, values in swept.items() if name in CASE}
@@ -66,12 +92,9 @@ def prepared(arguments: Sequence[str]) -> list[str]:
         # Hydra composes all runs of a batch before it begins the first: minutes for hundreds of runs.
         settings.append("hydra.sweeper.max_batch_size=1")
     runs = prod(len(values) for values in swept.values())
-    return [
-        *flags,
-        *settings,
-        *(f"{name}={','.join(values)}" for name, values in cases.items()),
-        f"run.of={runs}",
-    ]
+    settings += [f"{name}={','.join(values)}" for name, values in cases.items()]
+    known.overrides = [*settings, f"run.of={runs}"]
+    return known
 
 
 def _as_sweep(override: Override) -> str:

@@ -276,9 +276,8 @@ class Program(NamedTuple):
             known = f"; use {self.name} {'|'.join(self.commands)}; see `{self.name} --help`"
             raise InputError(f"{name!r} is no command{meant(name, self.commands) or known}")
         module = import_module(self.commands[name][0])
-        if not hasattr(module, "add_arguments"):  # a Hydra program, which reads sys.argv
-            sys.argv[:] = [f"{self.name} {name}", *arguments]
-            return module.main()
+        if not hasattr(module, "add_arguments"):  # a Hydra program
+            return module.main(arguments)
         return module.command(self.parser(name).parse_args(arguments))
 
     def parser(self, name: str) -> argparse.ArgumentParser:

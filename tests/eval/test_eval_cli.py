@@ -116,6 +116,7 @@ REFUSED = {
     "label=": "label is empty",
     "label=mine/a": "label=mine/a has a '/'",
     "method._target_=baselines.arap.magic": "no function 'magic'",
+    "method=arap --multirn": "unrecognized arguments: --multirn; did you mean '--multirun'?",
     "arap": "arap is not understood; write settings as key=value",
     "method._target_=magic": "_target_ 'magic' is no function; write package.module.function",
     "method=external method.command=sh": "command='sh' does not fit; it takes list[str]",

@@ -78,4 +78,4 @@ def test_a_glob_finds_the_methods_of_conf_and_of_a_users_folder(tmp_path):
     (tmp_path / "method/mine.yaml").write_text("defaults: [arap]\n")
     known = [path.stem for path in (CONFIGURATION / "method").glob("*.yaml")]
     sweep = ["experiment=quick", "subject=0", "pose=1,2", "method=glob(*,exclude=[arap])"]
-    assert prepared(["-m", "--config-dir", str(tmp_path), *sweep])[-1] == f"run.of={2 * len(known)}"
+    assert prepared(["-m", "--config-dir", str(tmp_path), *sweep]).overrides[-1] == f"run.of={2 * len(known)}"

@@ -7,7 +7,6 @@ import os
 import resource
 import shlex
 import signal
-import sys
 from collections.abc import Iterable, Iterator
 from unittest import mock
 
@@ -60,7 +59,7 @@ def _main(program: str, arguments: list[str]) -> int:
         for kept in (config._loaded, sweep._cases):  # the folders of several cases have the same name
             kept.cache_clear()
         # The command sets environment variables for its child processes, such as PYTHONSAFEPATH.
-        with mock.patch.object(sys, "argv", list(sys.argv)), mock.patch.dict(os.environ):
+        with mock.patch.dict(os.environ):
             return main(arguments)
     name = {"sshade": "sshade.cli.main", "defaust": "defaust.cli"}[program]
     return importlib.import_module(name).main(arguments)
