@@ -15,6 +15,7 @@ import numpy as np
 
 from defaust.sources.choices import shortened
 from sshade import InputError
+from sshade.core.natural import natural
 from sshade.files.meshes import read_arrays
 
 #: Mesh formats that keep shared vertices, in order of preference.
@@ -104,7 +105,7 @@ def find_shapes(root: Path, *, layout: str) -> tuple[Classes, dict[str, str]]:
         deeper = sorted(path.name for path in root.iterdir() if path.is_dir() and mesh_files(path))
         where = f"one of its folders ({', '.join(deeper)})" if deeper else "their folder"
         raise InputError(f"{root} holds no meshes ({', '.join(SUFFIXES)}); set source.root to {where}")
-    names = sorted(files, key=lambda name: (name.lower() != "rest", _natural(name)))
+    names = sorted(files, key=lambda name: (name.lower() != "rest", natural(name)))
     match = {name: re.fullmatch(r"([A-Za-z]+)\d+", name) for name in names}
     if layout == "sequence" or (layout == "auto" and not all(match.values())):
         return {SEQUENCE: tuple(SourceShape(name, files[name]) for name in names)}, {}
@@ -129,11 +130,6 @@ def existing(root: Any, *, option: str) -> Path:
     if not path.is_dir():
         raise InputError(f"{path}: no such folder; set {option}")
     return path
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Sorting key that puts frame9 before frame10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _read_vert_tri(path: Path) -> tuple[np.ndarray, np.ndarray]:

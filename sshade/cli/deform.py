@@ -20,9 +20,9 @@ weight 1 about as strongly as the surface resists. Beside targets, a rotation pr
 surface at the handles. Rotations are matrices, or quaternions [x, y, z, w] as in glTF. Keys of your own begin
 with _; other unknown keys are refused.
 
-Several handle files are a sequence of poses. The mesh is bound once, and each pose starts from the pose
-before. OUT is a name with a number, as in out_%04d.ply, or a .glb with a morph target for each pose and an
-animation. All poses have the same handles.
+Several handle files are a sequence of poses, in the order of the numbers in their names. The mesh is bound
+once, and each pose starts from the pose before. OUT is a name with a number, as in out_%04d.ply, or a .glb
+with a morph target for each pose and an animation. All poses have the same handles.
 
 Meshes after --with go along with MESH, such as clothes and hair. They must lie on, inside or near it. Each is
 written beside OUT, under a name that begins with OUT, with all its contents.
@@ -73,6 +73,7 @@ from sshade.cli.saved_options import take_saved_options
 from sshade.cli.sequence import FPS, check_sequence, deform_poses
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import InputError
+from sshade.core.natural import in_natural_order
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
 from sshade.problem.options import GROUPS, Options, resolve
@@ -113,6 +114,9 @@ def command(options: argparse.Namespace) -> int:
     """Write the output; return the exit code."""
     require_mesh_first(options.mesh, options.handles)
     poses = pose_files(options.handles)
+    if len(poses) > 1 and (ordered := in_natural_order(options.handles)) != options.handles:
+        options.handles, poses = ordered, pose_files(ordered)
+        say(f"note: the poses go in the order of the numbers in their names, {ordered[0]} to {ordered[-1]}")
     sequence = len(poses) > 1 or has_number(options.output)
     if sequence and options.along:
         raise InputError("--with takes one pose; deform each pose of a sequence by a command of its own")

@@ -97,7 +97,8 @@ def deform_poses(
                 measure(V, stored_positions(path, file, V))
             written = f"{paths[0]} to {paths[-1]}"
         else:
-            write_morphs(output, file, measured(), np.arange(count) / options.fps)
+            names = [handles.stem for handles in options.handles]
+            write_morphs(output, file, measured(), np.arange(count) / options.fps, names)
             written = str(output)
     seconds = perf_counter() - begin
     each = f", {seconds / count:.2f} s each"

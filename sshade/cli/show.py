@@ -28,6 +28,7 @@ from sshade.cli.correspondence import corresponding
 from sshade.core.atomic import naming, replacing
 from sshade.core.console import say
 from sshade.core.errors import InputError
+from sshade.core.natural import in_natural_order
 from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import pose_files, read_handle_file
 from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, draw
@@ -91,6 +92,7 @@ def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:
     others = [path for path in files if path.suffix.lower() not in READABLE]
     if not meshes:
         raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
+    meshes[1:] = in_natural_order(meshes[1:])
     poses = pose_files(others)
     if len(poses) > 1:
         raise InputError(f"{others[0]} and {others[1]} are no meshes; show takes one handle file")

@@ -7,7 +7,7 @@ two poses. All other contents of a glTF input stay.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,9 @@ from sshade.files.mesh_file import MeshFile, as_floats
 LARGEST = 2**32 - 2**26
 
 
-def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times: np.ndarray) -> None:
+def write_morphs(
+    path: Path, file: MeshFile, poses: Iterable[np.ndarray], times: np.ndarray, names: Sequence[str]
+) -> None:
     """Write poses of a mesh file as a .glb or .gltf with morph targets; it appears whole or not at all.
 
     Parameters
@@ -35,6 +37,8 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
         Positions in the order of ``file.V``, one array for each time.
     times : (k,) float64
         In seconds, increasing; the first is not negative.
+    names : sequence of str
+        Name of each pose, which its target gets.
 
     Raises
     ------
@@ -65,10 +69,12 @@ def write_morphs(path: Path, file: MeshFile, poses: Iterable[np.ndarray], times:
                 target[number] = added.add(moves, bounds(moves))
             targets.append(target)
         for primitive in primitives:
-            names = _changed(primitive).items()
-            primitive["targets"] = [{name: target[number] for name, number in names} for target in targets]
+            changed = _changed(primitive).items()
+            primitive["targets"] = [{name: target[number] for name, number in changed} for target in targets]
         for number in shown:
-            tree["meshes"][number]["weights"] = [0.0] * len(targets)
+            mesh = tree["meshes"][number]
+            mesh["weights"] = [0.0] * len(targets)
+            mesh["extras"] = {**mesh.get("extras", {}), "targetNames": list(names)}
         nodes = [number for number, node in enumerate(tree["nodes"]) if node.get("mesh") in shown]
         tree.setdefault("animations", []).append(_animation(added, nodes, times))
         added.close()

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade.cli.main import main
+from sshade.core.natural import in_natural_order
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
@@ -56,6 +57,21 @@ def test_numbered_files_hold_the_poses_in_order(folder, capsys):
     assert main(["deform", "body.ply", "pose_0.json", "-o", "50%.ply", *FAST]) == 0
     assert Path("50%.ply").read_bytes() == Path("out_001.ply").read_bytes()
     assert "out_001.ply to out_004.ply: 4 poses" in capsys.readouterr().err
+
+
+def test_poses_go_in_the_order_of_the_numbers_in_their_names(folder, capsys):
+    """Shells put walk_10 before walk_9. The targets of a GLB have the names of the poses."""
+    names = [f"walk_{number}.json" for number in (10, 8, 9)]
+    for name, step in zip(names, (STEPS[2], *STEPS[:2]), strict=True):
+        Path(f"pose_{STEPS.index(step)}.json").rename(name)
+    assert main(["deform", "body.ply", *names, "-o", "out_%d.ply", *FAST]) == 0
+    assert "in their names, walk_8.json to walk_10.json" in capsys.readouterr().err
+    for V, step in zip(vertices("out_*.ply"), STEPS, strict=False):
+        np.testing.assert_allclose(V[ENDS.index], targets(step), atol=1e-12)
+    assert main(["deform", "body.ply", *names, "-o", "out.glb", *FAST]) == 0
+    assert read_gltf("out.glb")[0]["meshes"][0]["extras"]["targetNames"] == ["walk_8", "walk_9", "walk_10"]
+    given = [Path(f"{folder}/pose.ply") for folder in ("b", "a12", "a3", "a-3", "c1", "c1")]
+    assert in_natural_order(given) == [given[i] for i in (0, 2, 1, 3, 4, 5)]
 
 
 def test_poses_that_did_not_converge_are_counted(folder, capsys):
