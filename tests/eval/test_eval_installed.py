@@ -1,10 +1,12 @@
-"""Installed commands work in a folder that has names of our packages, and after installation from a wheel."""
+"""Editable installations and wheels work where the user's folders have names of our packages."""
 
 import os
 import subprocess
 import sys
+from configparser import ConfigParser
 from pathlib import Path
-from shutil import copytree, ignore_patterns
+from shutil import copy, copytree, ignore_patterns
+from sysconfig import get_path
 from zipfile import ZipFile
 
 import pytest
@@ -31,11 +33,11 @@ def run(folder, *command, **variables):
 @pytest.fixture
 def own_folder(tmp_path):
     """Make a user's project with folders `conf`, `eval` and `tests`, and a method in a module."""
-    for name in ("conf/method", "eval", "tests", "results"):
+    for name in ("conf/method", "eval", "tests", "results", "sshade"):
         (tmp_path / name).mkdir(parents=True)
     for name in ("eval", "tests"):
         (tmp_path / name / "mine.py").write_text("raise AssertionError('not ours')\n")
-    (tmp_path / "eval" / "__init__.py").write_text("raise AssertionError('not ours')\n")
+        (tmp_path / name / "__init__.py").write_text("raise AssertionError('not ours')\n")
     (tmp_path / "conf" / "method" / "mine.yaml").write_text("_target_: mymethod.mine\n_partial_: true\n")
     (tmp_path / "mymethod.py").write_text(MODULE)
     return tmp_path
@@ -44,9 +46,59 @@ def own_folder(tmp_path):
 MINE = ["--config-dir", "conf", "method=mine"]
 
 
-def test_workers_of_a_launcher_find_our_packages_in_a_folder_with_folders_of_the_same_names(own_folder):
-    command = [Path(sys.executable).with_name("sshade-eval"), "run", "-m", *MINE, "dataset=hairpin"]
-    done = run(own_folder, *command, "run.fresh=true", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+class Editable:
+    """A clone called `sshade`, installed as by `pip install -e .`. Its packages are links to our own.
+
+    The installation that this Python has itself is left out.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        clone = folder / "sshade"
+        clone.mkdir()
+        for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "NOTICE", "sshade_eval.py"):
+            copy(ROOT / name, clone)
+        for name in (*PACKAGES, "conf"):
+            (clone / name).symlink_to(ROOT / name)
+        build = "from setuptools.build_meta import build_editable; build_editable('..')"
+        made = run(clone, sys.executable, "-c", build)
+        assert made.returncode == 0, made.stderr
+        (wheel,) = folder.glob("*.whl")
+        ZipFile(wheel).extractall(folder / "site")
+        path = f"sys.path.append({get_path('purelib')!r}); site.addsitedir({str(folder / 'site')!r})"
+        self.start = f"import site, sys; {path}\n"
+        self.parent = folder
+
+    def python(self, folder: Path, code: str) -> subprocess.CompletedProcess:
+        """Run code in a folder that is also on PYTHONPATH."""
+        return run(folder, sys.executable, "-S", "-c", self.start + code, PYTHONPATH=".")
+
+    def script(self, folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
+        """Run a command of the installation in a folder that is also on PYTHONPATH."""
+        scripts = ConfigParser()
+        scripts.read(next(self.parent.glob("site/*.dist-info/entry_points.txt")))
+        module, function = scripts["console_scripts"][name].split(":")
+        path = self.parent / name
+        main = f"if __name__ == '__main__': sys.exit({function}())"
+        path.write_text(f"{self.start}from {module} import {function}\n{main}\n")
+        return run(folder, sys.executable, "-S", path, *arguments, PYTHONPATH=".")
+
+
+@pytest.fixture(scope="module")
+def editable(tmp_path_factory) -> Editable:
+    return Editable(tmp_path_factory.mktemp("editable"))
+
+
+def test_python_finds_an_editable_installation_beside_the_clone_and_folders_of_our_names(editable):
+    for name in ("eval", "tests", "defaust", "baselines"):
+        (editable.parent / name).mkdir()
+    code = "import sshade, eval.main, defaust.cli, baselines.identity; print(sshade.read, sshade.__file__)"
+    done = editable.python(editable.parent, code)
+    assert str(editable.parent / "sshade" / "sshade") in done.stdout, done.stderr
+
+
+def test_commands_and_workers_find_our_packages_before_packages_of_the_same_names(editable, own_folder):
+    sweep = ["run", "-m", *MINE, "dataset=hairpin", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    done = editable.script(own_folder, "sshade-eval", *sweep, "run.fresh=true")
     assert done.returncode == 0, done.stderr
     (row,) = records(collect(own_folder / "out/runs/single"))
     assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] > 10
