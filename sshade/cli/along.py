@@ -14,9 +14,10 @@ from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh
-from sshade.files.mesh_file import MeshFile
+from sshade.files.mesh_file import MeshFile, between
 
 if TYPE_CHECKING:
+    from sshade.files.door import OpenShape
     from sshade.mesh.mesh import Mesh
 
 
@@ -26,6 +27,7 @@ class Companion(NamedTuple):
     source: Path
     file: MeshFile
     output: Path
+    axes: np.ndarray  # (3,) factors that convert its positions to the coordinate system of the mesh
 
 
 def outputs(options: argparse.Namespace) -> list[Path]:
@@ -49,7 +51,7 @@ def outputs(options: argparse.Namespace) -> list[Path]:
     return names
 
 
-def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> list[Companion]:
+def read_files(sources: Sequence[Path], names: Sequence[Path], shape: OpenShape) -> list[Companion]:
     """Read the files that go along with a mesh at rest.
 
     Raises
@@ -70,9 +72,10 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], mesh: Mesh) -> li
                 f"{source}: cannot be written again with all its contents; save it as a .ply file with "
                 "floating-point numbers"
             )
+        axes = between(file.space, shape.space)
         with naming(source):
-            require_near(mesh, file.V)
-        found.append(Companion(source, file, path))
+            require_near(shape.mesh, file.V * axes)
+        found.append(Companion(source, file, path, axes))
     return found
 
 
@@ -81,8 +84,8 @@ def write_files(companions: Sequence[Companion], mesh: Mesh, V: np.ndarray) -> N
     from sshade.files.meshes import write_file
     from sshade.proxy.along import move_along
 
-    moved = move_along(mesh, V, np.concatenate([one.file.V for one in companions]))
+    moved = move_along(mesh, V, np.concatenate([one.file.V * one.axes for one in companions]))
     ends = np.cumsum([len(one.file.V) for one in companions])
-    for (source, file, path), positions in zip(companions, np.split(moved, ends[:-1]), strict=True):
-        write_file(path, file, positions)
+    for (source, file, path, axes), positions in zip(companions, np.split(moved, ends[:-1]), strict=True):
+        write_file(path, file, positions * axes)
         say(f"{path}: {len(positions)} vertices of {source} moved along with the mesh")

@@ -184,6 +184,9 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
     poses: list[Handles] = []
     # Landmarks of the target, behind those at rest, belong to the same pose.
     for path, one in zip(options.handles[: len(given)], given, strict=True):
+        if shape.space and (others := {*one.spaces} - {"", shape.space}):
+            spaces = f"in {others.pop()}, and {options.mesh} is in {shape.space}"
+            say(f"note: {path} has landmarks {spaces}: x and y of the landmarks change their signs")
         with naming(path):
             poses.append(on_shape(one, shape))
             poses[-1].require_same(poses[0])

@@ -52,6 +52,8 @@ def corresponding(other: MeshFile, path: Path, shape: OpenShape, mesh: Path) -> 
         raise InputError(
             f"{path} has {len(other.V)} vertices and {mesh} has {len(shape.V)}; they must correspond"
         )
+    if {other.space, shape.space} == {"LPS", "RAS"}:
+        raise InputError(f"{path} is in {other.space}, and {mesh} in {shape.space}; save both in one of them")
     require_same_order(other, path, shape.F, str(mesh))
     V = shape.surface.picked(other.V)
     require_finite(V, path, shape.surface.original)

@@ -142,7 +142,7 @@ def command(options: argparse.Namespace) -> int:
             deform_poses(options, opened, values, resolved)
             return 0
         file, shape, _, (handles,), task = opened
-        others = along.read_files(options.along, names, shape.mesh) if names else []
+        others = along.read_files(options.along, names, shape) if names else []
         begin = perf_counter()
         with progress_bar() as progress, announced_warnings():
             result = deform_task(task, method=options.method, progress=progress, **values)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sshade.core.console import how_to_install
 from sshade.core.errors import InputError
-from sshade.files.mesh_file import SUFFIXES, MeshFile, check_input, present
+from sshade.files.mesh_file import DECLARED, SUFFIXES, MeshFile, check_input, present
 
 #: Modules that a format needs, by its suffix. An extra has a name and brings them all.
 FORMATS = {".3mf": ("trimesh", "networkx", "lxml"), ".dae": ("trimesh", "collada"), ".xyz": ("trimesh",)}
@@ -129,7 +129,12 @@ def _with_pyvista(path: Path) -> MeshFile:
     F = outer.triangulate().faces.reshape(-1, 4)[:, 1:].astype(np.int64)
     if not is_surface and len(F):
         F = np.asarray(outer.point_data["vtkOriginalPointIds"], dtype=np.int64)[F]
-    of_points, of_cells = data.point_data, data.cell_data
+    of_points, of_cells, space = data.point_data, data.cell_data, ""
+    title = reader.GetHeader() if path.suffix.lower() == ".vtk" else ""
+    if declared := DECLARED.search(title.encode()):
+        space = declared[1].decode()
+    elif "SPACE" in data.field_data:
+        space = str(data.field_data["SPACE"][0])
     other_cells = not outer.is_all_triangles or outer.n_cells != data.n_cells
     holds = present(
         point_data=len(of_points), cell_data=len(of_cells), other_cells_than_triangles=other_cells
@@ -139,11 +144,17 @@ def _with_pyvista(path: Path) -> MeshFile:
         notes = ("outputs lack its normals",) if normals else ()
 
         def content(posed: np.ndarray, output: Path) -> bytes:
-            return _bytes(output, found.moved(posed).save)
+            moved = found.moved(posed)
+            if output.suffix.lower() == ".vtk":
+                version, _, rest = _bytes(output, moved.save).split(b"\n", 2)
+                return b"\n".join([version, (title or f"SPACE={space}").encode(), rest])
+            if space:
+                moved.field_data["SPACE"] = [space]
+            return _bytes(output, moved.save)
 
-        return MeshFile(V, F, holds, (".vtp", ".vtk"), content, notes, rounding)
-    suffixes = () if holds else (path.suffix.lower(),)
-    return MeshFile(V, F, holds, suffixes, _anew(F), rounding=rounding, stored=None)
+        return MeshFile(V, F, holds, (".vtp", ".vtk"), content, notes, rounding, space=space)
+    suffixes = () if holds or space else (path.suffix.lower(),)
+    return MeshFile(V, F, holds, suffixes, _anew(F), rounding=rounding, stored=None, space=space)
 
 
 def _anew(F: np.ndarray) -> Callable[[np.ndarray, Path], bytes]:

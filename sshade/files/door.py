@@ -47,12 +47,15 @@ class OpenShape:
     made : callable
         ``made(V)`` returns an object of the shape's kind with positions V (n, 3): of arrays and of a file the
         positions themselves.
+    space : str
+        Coordinate system that the file of the shape declares, LPS or RAS; empty if it declares none.
     """
 
     V: np.ndarray
     F: np.ndarray
     surface: Surface
     made: Callable[[np.ndarray], Any]
+    space: str = ""
 
     @property
     def mesh(self) -> Mesh:
@@ -114,6 +117,7 @@ def open_shape(
     """
     rounding: np.ndarray | None = None
     made: Callable[[np.ndarray], Any] = unchanged
+    space = shape.space if isinstance(shape, MeshFile) else ""
     if F is not None:
         V, rounding = np.asarray(shape, dtype=np.float64), rounding_steps(shape)
     elif isinstance(shape, MeshFile):
@@ -124,7 +128,7 @@ def open_shape(
         if found is None:
             raise InputError(f"there is no mesh in an object of type {type(shape).__name__}")
         V, F, made, rounding = found.V, found.F, found.moved, found.rounding
-    return OpenShape(V, F, surface(V, F, weld=weld, rounding=rounding, repair=repair), made)
+    return OpenShape(V, F, surface(V, F, weld=weld, rounding=rounding, repair=repair), made, space)
 
 
 def open_arguments(
@@ -171,7 +175,8 @@ def open_arguments(
 
 def on_shape(file: HandleFile, shape: OpenShape) -> Handles:
     """Place the handles of a file on the surface of a shape; see :func:`on_mesh`."""
-    return on_mesh(file, shape.mesh, vertex=shape.surface.vertex, extent=shape.extent)
+    own = file.in_space(shape.space)
+    return on_mesh(own, shape.mesh, vertex=shape.surface.vertex, extent=shape.extent)
 
 
 def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) -> Handles:

@@ -57,7 +57,7 @@ from sshade.files.handwritten import (
 )
 from sshade.files.implicit_arap import read_implicit_arap
 from sshade.files.landmarks import ENDINGS, read_landmarks
-from sshade.files.mesh_file import check_input
+from sshade.files.mesh_file import between, check_input
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
 from sshade.problem.similarity import Similarity
 
@@ -142,6 +142,8 @@ class HandleFile:
         Options that the editor recorded.
     amount : float
         Fraction of the way that the handles move.
+    spaces : (str, str)
+        Coordinate systems, LPS or RAS, that landmark files of the rest shape and of the target declare.
     """
 
     groups: tuple[HandleGroup, ...]
@@ -149,6 +151,18 @@ class HandleFile:
     implicit_arap: bool = False
     made: Mapping[str, Any] = field(default_factory=dict)
     amount: float = 1.0
+    spaces: tuple[str, str] = ("", "")
+
+    def in_space(self, space: str) -> HandleFile:
+        """Convert landmarks to the coordinate system of a mesh. Where one of both is unknown, they stay."""
+        groups = list(self.groups)
+        if any(self.spaces):
+            of_rest, of_target = (between(own, space) for own in self.spaces)
+            for i, group in enumerate(groups):
+                source, target = group.source * of_rest, group.target * of_target
+                moves = bool((source != target).any())
+                groups[i] = replace(group, source=source, target=target, moves=moves)
+        return replace(self, groups=tuple(groups))
 
 
 def pose_files(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
@@ -183,11 +197,12 @@ def read_handle_file(*paths: str | os.PathLike[str], raw: bool = False, amount: 
 
 def _landmarks(rest: Path, target: Path, *, raw: bool) -> HandleFile:
     """Read landmarks, each of which is a group."""
+    *found, spaces = read_landmarks(rest, target)
     groups = [
         HandleGroup(number, name, bool((source != goal).any()), source=source[None], target=goal[None])
-        for number, (name, source, goal) in enumerate(zip(*read_landmarks(rest, target), strict=True))
+        for number, (name, source, goal) in enumerate(zip(*found, strict=True))
     ]
-    return HandleFile(tuple(groups), raw)
+    return HandleFile(tuple(groups), raw, spaces=spaces)
 
 
 def _handles(path: Path, *, raw: bool) -> HandleFile:

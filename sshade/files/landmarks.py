@@ -23,7 +23,7 @@ import numpy as np
 from sshade.core.atomic import expecting, naming
 from sshade.core.errors import InputError, counted
 from sshade.files.handwritten import decoded, parsed_list
-from sshade.files.mesh_file import check_input
+from sshade.files.mesh_file import between, check_input
 
 #: Endings of landmark files.
 ENDINGS = (".csv", ".txt", ".mrk.json", ".fcsv", ".pp", ".particles")
@@ -38,32 +38,42 @@ class Landmark(NamedTuple):
 
     name: str
     position: Any
-    system: str | None = None
+    system: str = ""
 
 
-def read_landmarks(rest: Path, target: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Read the landmarks of the rest shape and of the target.
+class Landmarks(NamedTuple):
+    """Landmarks of the rest shape and of the target.
 
-    They correspond by their names if both files have names, and otherwise by their order.
-
-    Returns
-    -------
+    Attributes
+    ----------
     names : list of str
         Empty where a landmark has no name.
     source, target : (k, 3) float64
-        In the coordinate system of the rest shape.
+        In one coordinate system, if both files declare theirs.
+    spaces : (str, str)
+        Their coordinate systems, LPS or RAS; empty where a file declares none.
+    """
+
+    names: list[str]
+    source: np.ndarray
+    target: np.ndarray
+    spaces: tuple[str, str]
+
+
+def read_landmarks(rest: Path, target: Path) -> Landmarks:
+    """Read the landmarks of the rest shape and of the target.
+
+    They correspond by their names if both files have names, and otherwise by their order.
 
     Raises
     ------
     InputError
         When a file is missing or unreadable, or the landmarks do not correspond.
     """
-    (names, source, system), (others, goal, its_system) = _read(rest), _read(target)
+    (names, source, space), (others, goal, its_space) = _read(rest), _read(target)
     k = counted(len(source), "landmark", "landmarks")
     if len(source) != len(goal):
         raise InputError(f"{rest} has {k}, and {target} has {len(goal)}; each needs a position in both files")
-    if {system, its_system} == {"LPS", "RAS"}:
-        goal = goal * (-1.0, -1.0, 1.0)
     if all(names) and all(others):
         row = {name: number for number, name in enumerate(others)}
         for name in names:
@@ -73,11 +83,14 @@ def read_landmarks(rest: Path, target: Path) -> tuple[list[str], np.ndarray, np.
                     "names, or one of them none"
                 )
         goal = goal[[row[name] for name in names]]
-    return names if any(names) else others, source, goal
+    names = names if any(names) else others
+    if space and its_space:
+        return Landmarks(names, source, goal * between(its_space, space), (space, space))
+    return Landmarks(names, source, goal, (space, its_space))
 
 
-def _read(path: Path) -> tuple[list[str], np.ndarray, str | None]:
-    """Return the names (k) and positions (k, 3) of landmarks, and their coordinate system, if it is known."""
+def _read(path: Path) -> tuple[list[str], np.ndarray, str]:
+    """Return the names (k) and positions (k, 3) of landmarks, and their coordinate system."""
     check_input(path, (path.suffix.lower(),))
     reader = {".json": _markups, ".fcsv": _fiducials, ".pp": _picked}.get(path.suffix.lower(), _table)
     with expecting("a readable landmark file", path), naming(path):

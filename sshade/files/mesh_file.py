@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import filecmp
 import os
+import re
 import shutil
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -18,9 +19,12 @@ import numpy as np
 
 from sshade.core.atomic import check_suffix, replacing
 from sshade.core.errors import InputError
+from sshade.problem.similarity import LPS_RAS
 
 #: Suffixes of the formats of meshes that are read and written.
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
+#: Declaration of a coordinate system, as 3D Slicer writes it into comments and headers.
+DECLARED = re.compile(rb"SPACE=(LPS|RAS)")
 #: Suffixes of files that hold several poses, as morph targets.
 MORPHS = (".glb", ".gltf")
 
@@ -42,6 +46,11 @@ def as_floats(V: np.ndarray, path: Path) -> np.ndarray:
     if (np.isinf(floats) & np.isfinite(V)).any():
         raise InputError(f"{path}: a position is too large for the single precision of this format")
     return floats
+
+
+def between(space: str, other: str) -> np.ndarray:
+    """Return the factors (3,) that convert positions between LPS and RAS; 1 if either system is unknown."""
+    return LPS_RAS if {space, other} == {"LPS", "RAS"} else np.ones(3)
 
 
 def unchanged(V: np.ndarray) -> np.ndarray:
@@ -78,6 +87,8 @@ class MeshFile:
     source, named : Path and tuple of str
         The file, and the names of the files that it refers to. Files in its folder are copied beside an
         output elsewhere.
+    space : str
+        Coordinate system that the file declares, LPS or RAS; empty if it declares none.
     """
 
     V: np.ndarray
@@ -90,6 +101,7 @@ class MeshFile:
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
     source: Path = Path()
     named: tuple[str, ...] = ()
+    space: str = ""
 
     def __post_init__(self) -> None:
         for array in (self.V, self.F):  # so that Mesh need not copy them
@@ -97,7 +109,9 @@ class MeshFile:
 
     def lost(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Return the names of contents that the format of `path` cannot hold."""
-        return () if Path(path).suffix.lower() in self.suffixes else self.holds
+        if Path(path).suffix.lower() in self.suffixes:
+            return ()
+        return self.holds + ((f"declaration SPACE={self.space}",) if self.space else ())
 
     def require_triangles(self) -> None:
         """Raise InputError if the file holds points alone."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from sshade.core.atomic import check_output, expecting, naming, replacing
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh, read_by_library, write_by_library
 from sshade.files.gltf import plain_gltf, read_gltf
-from sshade.files.mesh_file import SUFFIXES, MeshFile, as_floats, copy_along
+from sshade.files.mesh_file import DECLARED, SUFFIXES, MeshFile, as_floats, copy_along
 from sshade.files.obj import read_obj
 from sshade.files.off import read_off
 from sshade.files.ply import read_ply, write_ply
@@ -21,6 +22,8 @@ from sshade.mesh.mesh import Mesh
 
 #: Suffixes of the formats in which :func:`write_mesh` stores positions as float32.
 SINGLE = (".stl", ".glb", ".gltf")
+#: Number of bytes at the beginning of a file that may declare its coordinate system.
+HEAD = 4096
 #: Suffixes of files that may hold points alone.
 POINTS = (".ply", ".xyz")
 _READERS = dict(zip(SUFFIXES, (read_ply, read_obj, read_off, read_stl, read_gltf, read_gltf), strict=True))
@@ -67,6 +70,10 @@ def read_file(path: str | os.PathLike[str]) -> MeshFile:
     suffix = path.suffix.lower()
     with expecting(f"a readable {suffix[1:].upper()} file", path):
         file = _READERS.get(suffix, read_by_library)(path)
+    with path.open("rb") as opened:
+        declared = DECLARED.search(opened.read(HEAD))
+    if declared and not file.space:
+        file = replace(file, space=declared[1].decode())
     if suffix not in POINTS and not (len(file.V) and len(file.F)):
         raise InputError(f"{path}: the file holds no triangles; give a mesh with faces")
     return file

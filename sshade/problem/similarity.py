@@ -11,6 +11,8 @@ from sshade.mesh.rigid import rigidly_moved
 
 #: Greatest difference of a matrix from the identity that counts as no rotation.
 IDENTITY = 1e-12
+#: Factors that convert positions between the coordinate systems LPS and RAS of medicine.
+LPS_RAS = np.array([-1.0, -1.0, 1.0])
 
 
 class Similarity(NamedTuple):

@@ -11,6 +11,7 @@ from sshade.core.errors import InputError, counted
 from sshade.core.threads import in_ranges
 from sshade.mesh.mesh import Mesh, bounds
 from sshade.mesh.rigid import rigid_motion
+from sshade.problem.similarity import LPS_RAS
 
 #: Largest distance of a position from its vertex, as a fraction of the bounding-box diagonal. Positions
 #: farther away belong to another mesh, unless they are within a mean edge length.
@@ -196,10 +197,13 @@ def _refuse_far(source: np.ndarray, distance: np.ndarray, group: np.ndarray, mes
     far, extent = int((distance > limit).sum()), float(np.linalg.norm(np.ptp(source, axis=0)))
     # Positions shrunk to a point would fit every mesh that passes by the origin.
     factors = [factor for unit in UNITS for factor in (unit, 1.0 / unit) if extent * factor > limit]
+    changes = [("with x and y negated", LPS_RAS, "coordinate system (LPS, RAS)")]
+    changes += [(f"times {factor:.6g}", np.full(3, factor), "unit of length") for factor in factors]
     tree = cKDTree(mesh.V)
-    off = [float(tree.query(source * factor)[0].max()) for factor in factors]
-    if factors and min(off) <= limit:
-        cause = f"times {factors[int(np.argmin(off))]:.6g} they would be on it, in another unit of length"
+    off = [float(tree.query(source * axes)[0].max()) for _, axes, _ in changes]
+    if min(off) <= limit:
+        change, _, other = changes[int(np.argmin(off))]
+        cause = f"{change} they would be on it, in another {other}"
     elif 2 * far > len(source):
         boxes = f"their box has a diagonal of {extent:.3g}, that of the mesh {mesh.diagonal:.3g}"
         cause = f"{boxes}; give positions with the axes and the origin of the mesh"

@@ -74,7 +74,7 @@ def test_each_kind_is_read_with_names_and_numbers_as_they_are(here, name):
     content, named, _ = FILES[name]
     Path(name).write_text(content, encoding="utf-8")
     Path("b.particles").write_text(lines(POINTS + 1))
-    names, source, target = read_landmarks(Path(name), Path("b.particles"))
+    names, source, target, _ = read_landmarks(Path(name), Path("b.particles"))
     assert [own.replace("_", " ") for own in names] == (NAMES if named else [""] * 4)
     assert np.array_equal(source, in_file(name)) and np.array_equal(target, POINTS + 1)
 
@@ -87,7 +87,7 @@ SYSTEMS = ["a.mrk.json", "RAS.MRK.JSON", "old.fcsv", "a.csv"]
 def test_a_target_is_converted_if_both_files_have_systems_and_they_differ(here, rest, target):
     for name in (rest, target):
         Path(name).write_text(FILES[name][0])
-    _, source, found = read_landmarks(Path(rest), Path(target))
+    _, source, found, _ = read_landmarks(Path(rest), Path(target))
     known = FILES[rest][2] and FILES[target][2]
     assert np.array_equal(source, in_file(rest))
     assert np.array_equal(found, source if known else in_file(target))
