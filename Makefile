@@ -33,21 +33,17 @@ BOUND  := "paper-1=paper samplings=1 solver.start=rest" fast "fast-6000=fast ver
 
 # The ablations, and the settings of each.
 ABLATIONS := $(addprefix ablation_,samplings vertices projection touching handles function frames coarse)
-ablation_samplings  := experiment=ablation method.samplings='range(1,11)' label='paper-$${method.samplings}'
-ablation_vertices   := experiment=ablation proxy.vertices=1000,1500,3000,5000 label='paper-$${proxy.vertices}'
-ablation_projection := experiment=ablation method=ablation/paper method.projection=fan,surface \
-  label='paper-$${method.projection}'
+ablation_samplings  := experiment=ablation method.samplings='range(1,11)'
+ablation_vertices   := experiment=ablation proxy.vertices=1000,1500,3000,5000
+ablation_projection := experiment=ablation method=ablation/paper method.projection=fan,surface
 ablation_touching   := dataset=hairpin dataset.gap=0.01,0.02,0.05,0.1 method=ablation/paper \
-  method.projection=fan,surface label='paper-$${method.projection}' proxy.vertices=500
-ablation_handles    := experiment=ablation method=ablation/paper method.handle_mode=samples,nearest \
-  label='paper-$${method.handle_mode}'
-ablation_function   := experiment=ablation method.frame_function=extent,best,x,y,z \
-  label='paper-$${method.frame_function}'
+  method.projection=fan,surface proxy.vertices=500
+ablation_handles    := experiment=ablation method=ablation/paper method.handle_mode=samples,nearest
+ablation_function   := experiment=ablation method.frame_function=extent,best,x,y,z
 ablation_frames     := experiment=ablation method.frames=triangle,affine,blended,blended_affine \
   method.samplings=1,5 label='paper-$${method.frames}-$${method.samplings}'
 ablation_coarse     := experiment=ablation \
-  method@method.coarse=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr \
-  "label='paper-\$${hydra:\"runtime.choices[method@method.coarse]\"}'"
+  method@method.coarse=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr
 TRANSFERS := isometric pose_transfer
 
 # Runs of small experiments, one on each CPU. Their tables print no times.

@@ -274,7 +274,7 @@ def _check_one_experiment(rows: pd.DataFrame) -> None:
     hashes = started.groupby("method.name")["method.hash"].nunique()
     if hashes.max() > 1:
         own = started[started["method.name"] == hashes.idxmax()].filter(regex=r"^method\.(?!hash|note)")
-        values = {name.removeprefix("method."): found.astype(str).unique() for name, found in own.items()}
+        values = {name.removeprefix("method."): found.map(str).unique() for name, found in own.items()}
         differ = [f"{name} {' and '.join(found)}" for name, found in values.items() if len(found) > 1]
         raise InputError(
             f"method {hashes.idxmax()!r} has rows of different parameters ({'; '.join(differ[:3])}): give "

@@ -97,15 +97,26 @@ def read_config(config: DictConfig) -> RunConfig:
     experiment = Path(str(run.experiment))
     if experiment.is_absolute() or ".." in experiment.parts or not experiment.parts:
         raise InputError(f"run.experiment={experiment} is no name of a folder in {plain['paths']['runs']}")
-    label = str(plain["label"]).rpartition("/")[2]
-    if plain["label"] is None or not label:
-        raise InputError("label is empty; it is the name of the method in tables")
-    given: Any = OmegaConf.to_container(config, resolve=False)
-    # The default label is the choice of a method, which may be in a folder.
-    if "/" in str(plain["label"]) and "hydra:" not in str(given["label"]):
-        raise InputError(f"label={plain['label']} has a '/'; it is a name in tables, and no path")
     runs = Path(plain["paths"]["runs"], run.folder)
-    return RunConfig(label, plain["method"], plain["dataset"], seed, run, runs)
+    return RunConfig(label_of(config), plain["method"], plain["dataset"], seed, run, runs)
+
+
+def label_of(config: DictConfig) -> str:
+    """Return the name of a composed configuration's method in tables.
+
+    Raises
+    ------
+    InputError
+        When the label is empty or a path.
+    """
+    if config.label is None or config.label == "":
+        raise InputError("label is empty; it is the name of the method in tables")
+    # The choice of a method may be in a folder.
+    choice = HydraConfig.get().runtime.choices["method"]
+    label = str(config.label).replace(choice, choice.rpartition("/")[2])
+    if "/" in label:
+        raise InputError(f"label={label} has a '/'; it is a name in tables, and no path")
+    return label
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:
@@ -295,13 +306,19 @@ def one_sentence(complaint: str) -> str:
     text = re.sub(r"\s+", " ", complaint.split("Config search path")[0]).strip()
     choice = re.search(r"Could not find '(.+)/([^/']+)' Available options in '[^']*': (.+)", text)
     if choice:
-        group, name, known = choice.groups()
+        group, name, listed = choice.groups()
+        known = listed.split()
+        paths = [path.relative_to(CONFIGURATION / group) for path in (CONFIGURATION / group).rglob("*.yaml")]
+        near = [path.with_suffix("").as_posix() for path in paths if path.stem == name]
+        hint = meant(near[0], near) if near else meant(name, known)
         own = "; --config-dir names a folder with your own" if group == "method" else ""
-        return f"there is no {group} {name!r}; choose one of {', '.join(known.split())}{own}"
+        return f"there is no {group} {name!r}" + (hint or f"; choose one of {', '.join(known)}{own}")
     setting = re.match(r"Could not override '([^']+)'\. To append", text)
-    return (
-        f"there is no setting {setting[1]}{nearest(setting[1], keys_of(composed([])))}" if setting else text
-    )
+    if not setting:
+        return text
+    known = keys_of(composed([]))
+    hint = "; not every method has it" if setting[1] in known else nearest(setting[1], known)
+    return f"there is no setting {setting[1]}{hint}"
 
 
 def unreadable_override(text: str) -> str:

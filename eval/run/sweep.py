@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,10 @@ from hydra._internal.utils import create_config_search_path
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from eval import CONFIGURATION
-from eval.run.config import CASE, check_root, composed, keys_of, nearest, unreadable_override
+from eval.run.config import CASE, check_root, composed, keys_of, label_of, nearest, unreadable_override
 from eval.run.targets import locate
 from sshade.core.console import CommandParser
 from sshade.core.errors import InputError
@@ -26,6 +27,8 @@ from sshade.core.errors import InputError
 ALL = "all"
 #: Beginnings of the settings of Hydra that may be added, because plugins and the process read them.
 OF_PLUGINS = ("hydra.launcher.", "hydra.sweeper.", "hydra.job.env_set.", "hydra.job_logging.")
+#: Label of a method where none is given: the choice of the method.
+CHOICE = "${hydra:runtime.choices.method}"
 
 
 def _flags() -> CommandParser:
@@ -61,8 +64,8 @@ def prepared(arguments: Sequence[str]) -> Namespace:
     Raises
     ------
     InputError
-        On an unknown flag, a key that nothing reads, a deleted setting that every run needs, or a dataset
-        that is missing.
+        On an unknown flag, a key that nothing reads, a deleted setting that every run needs, a dataset that
+        is missing, or a sweep that names a value twice, an unknown method, or two methods with one label.
     """
     known = FLAGS.parse_intermixed_args(list(arguments))
     if known.help or known.hydra_help or known.info is not None:
@@ -87,6 +90,7 @@ def prepared(arguments: Sequence[str]) -> Namespace:
         return known
     swept = _swept(config, overrides, parser)
     settings = [_as_sweep(override) for override in overrides if override.key_or_group not in (*CASE, "case")]
+    settings += _label(config, overrides, swept, parser, folder=known.config_dir)
     cases = {name: values for name, values in swept.items() if name in CASE}
     if config.hydra.runtime.choices["hydra/launcher"] == "basic":
         # Hydra composes all runs of a batch before it begins the first: minutes for hundreds of runs.
@@ -131,12 +135,72 @@ def _swept(
         for override in given
         if not override.is_delete()
     }
+    for name, values in swept.items():
+        if twice := [value for value in values if values.count(value) > 1]:
+            raise InputError(f"{name} names {twice[0]} twice; a sweep does each run once")
     asked = {name: swept.get(name, [str(config[name])]) for name in CASE}
     if any(ALL in values for values in asked.values()):
         if any(len(swept.get(name, [])) > 1 for name in ("dataset", "dataset.root", "dataset.cases")):
             raise InputError(f"{ALL} subjects or poses need a single dataset; sweep over one at a time")
         swept |= _listed(config.dataset, asked)
     return swept
+
+
+def _label(
+    config: DictConfig,
+    overrides: Sequence[Override],
+    swept: Mapping[str, list[str]],
+    parser: OverridesParser,
+    *,
+    folder: str | None,
+) -> list[str]:
+    """Return the setting of the label of a sweep over settings of its methods, if none is given.
+
+    The label then has the values that differ.
+
+    Raises
+    ------
+    InputError
+        When a method is unknown, or two methods have one label.
+    """
+    several = [name for name, values in swept.items() if len(values) > 1]
+    choices = [name for name in several if name == "method" or name.startswith("method@")]
+    values = [name for name in several if name.lstrip("+").startswith(("method.", "solver.", "proxy."))]
+    differ = [name for name in [*choices, *values] if name != "method"]
+    text = str(OmegaConf.to_container(config, resolve=False)["label"])
+    given = [override.input_line for override in overrides if override.get_key_element() not in several]
+    label = []
+    if differ and text == CHOICE and "label" not in swept:
+        label = [f"label='{CHOICE}-{_differing(differ)}'"]
+    labels: dict[str, tuple[Any, str]] = {}
+    for chosen in product(*(swept[name] for name in choices)):
+        own = [f"{name}={value}" for name, value in zip(choices, chosen, strict=True)]
+        composition = composed([*given, *own, *label], folder=folder)
+        for combination in product(*(swept[name] for name in values)):
+            words = [f"{name}={value}" for name, value in zip(values, combination, strict=True)]
+            for override in parser.parse_overrides(words):
+                OmegaConf.update(
+                    composition, override.key_or_group, override.value(), force_add=override.is_add()
+                )
+            method = OmegaConf.to_container(composition.method, resolve=True)
+            named = " ".join([*own, *words])
+            first, name = labels.setdefault(label_of(composition), (method, named))
+            if method != first:
+                raise InputError(
+                    f"{name} and {named} have the same label, {label_of(composition)!r}; leave label out, "
+                    f"or write label='{CHOICE}{'-' * bool(differ)}{_differing(differ)}'"
+                )
+    return label
+
+
+def _differing(names: Sequence[str]) -> str:
+    """Return the part of a label with the values of settings, and with their names if there are several."""
+    parts = []
+    for name in names:
+        key = name.lstrip("+")
+        value = f'${{hydra:"runtime.choices[{key}]"}}' if "@" in key else f"${{{key}}}"
+        parts.append(value if len(names) == 1 else f"{key.rpartition('.')[2]}={value}")
+    return "-".join(parts)
 
 
 def _listed(dataset: DictConfig, asked: Mapping[str, list[str]]) -> dict[str, list[str]]:

@@ -4,6 +4,7 @@ import pytest
 from eval_cases import bumpy_task
 from eval_program import run_eval
 
+from eval.publish.summary import make_table
 from eval.rows.collect import collect
 from eval.rows.frame import records
 from sshade.files.meshes import write_mesh
@@ -78,6 +79,30 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
     assert not any(row["env.warmed_up"] for row in rows)
 
 
+@pytest.mark.parametrize(
+    ("settings", "labels"),
+    [
+        ("method=arap solver.tolerance=0.1,0.2", ["arap-0.1", "arap-0.2"]),
+        ("method=arap +method.note=a,b", ["arap-a", "arap-b"]),
+        (
+            "method=paper method.vertices=40 method.samplings=1 method@method.coarse=arap,elastic",
+            ["paper-arap", "paper-elastic"],
+        ),
+        (
+            "method=arap method.max_iterations=1,2 solver.start=rest,rigid",
+            [f"arap-max_iterations={n}-start={start}" for n in (1, 2) for start in ("rest", "rigid")],
+        ),
+        ("method=arap solver.start=rest,rigid label=from_${method.start}", ["from_rest", "from_rigid"]),
+    ],
+)
+def test_a_sweep_over_settings_has_labels_with_the_values_that_differ(tmp_path, settings, labels):
+    done = run_eval(tmp_path, "-m", "dataset=bumpy", "dataset.level=2", *settings.split())
+    assert done.returncode == 0, done.stderr
+    rows = collect(tmp_path / "out/runs/single")
+    assert sorted(rows["method.name"]) == labels
+    assert make_table(rows, title="t").lines["valid"].tolist() == [1] * len(labels)
+
+
 def test_a_case_of_the_other_half_is_not_run(tmp_path):
     case = ["dataset=hairpin", "dataset.around=12", "method=identity", "run.split=held_out"]
     for mode in ([], ["-m"]):
@@ -103,6 +128,13 @@ REFUSED = {
     "solver.tolerence=1": "solver.tolerence; did you mean 'tolerance'?",
     "+run.forc=true": "there is no setting run.forc; did you mean 'force'?",
     "-m method=fast,paper method.vertces=9": "did you mean 'vertices'?",
+    "-m method=arap,fast method.vertices=9": "no setting method.vertices; not every method has it",
+    "-m method=identity,identty": "there is no method 'identty'; did you mean 'identity'?",
+    "-m method=identity,slim": "there is no method 'slim'; did you mean 'peer/slim'?",
+    "-m method=identity,arap,identity": "method names identity twice",
+    "-m method=arap solver.tolerance=1,2,1": "solver.tolerance names 1 twice",
+    "-m method=identity,arap label=mine": "method=identity and method=arap have the same label, 'mine'",
+    "-m method=arap solver.tolerance=1,2 label=x": "write label='${hydra:runtime.choices.method}-${solver.to",
     "method=arap method.start=middle": "start must be rest or rigid, not 'middle'",
     "run.speed=1": "no setting run.speed",
     "seed=-1": "seed=-1",

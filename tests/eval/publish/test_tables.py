@@ -74,6 +74,7 @@ def test_success_is_the_share_of_all_runs_that_reach_their_handles():
             {"method__hash": "other", "method__stiffness": 2.0},
             r"'a' has rows of different parameters \(stiffness 1.0 and 2.0\)",
         ),
+        ({}, {"method__hash": "other", "method__vertices": 60}, r"\(vertices None and 60\)"),
         ({}, {"task": "t1"}, "several rows for t1, seed 0"),
         ({}, {"method__version": 2}, "method 'a' has rows of the versions 1 and 2"),
         ({}, {"measures": 2}, "versions 1 and 2 of the measures"),
