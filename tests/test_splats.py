@@ -1,0 +1,91 @@
+"""Calls name their arguments: no call splats a dictionary that the reader has to look for.
+
+Allowed are the function's own ``**keyword`` parameters, and the calls that ALLOWED counts for each file. The
+test also fails for a file with fewer calls, so that its number is lowered.
+"""
+
+import ast
+
+from tests.test_names import ROOT, SOURCES
+
+ALLOWED = {
+    "baselines/arap_sr/arap_sr.py": 1,
+    "baselines/deformation_graph/deformation_graph.py": 1,
+    "baselines/implicit_arap/method.py": 3,
+    "baselines/implicit_arap/networks.py": 1,
+    "baselines/implicit_arap/sdf.py": 1,
+    "baselines/program.py": 1,
+    "baselines/volumetric/lattice_arap.py": 1,
+    "baselines/volumetric/skinning.py": 1,
+    "baselines/volumetric/slim.py": 2,
+    "baselines/volumetric/tetrahedral_arap.py": 2,
+    "defaust/build/upsample.py": 1,
+    "defaust/cli.py": 1,
+    "defaust/configuration.py": 1,
+    "defaust/folder/card.py": 3,
+    "defaust/sources/faust.py": 2,
+    "defaust/sources/noisy.py": 2,
+    "defaust/tasks/handle_kinds.py": 1,
+    "eval/bench/jobs.py": 1,
+    "eval/check.py": 1,
+    "eval/publish/columns.py": 1,
+    "eval/publish/figures.py": 1,
+    "eval/publish/notes.py": 1,
+    "eval/publish/panels.py": 4,
+    "eval/publish/report.py": 4,
+    "eval/publish/tables.py": 1,
+    "eval/run/config.py": 1,
+    "eval/run/environment.py": 1,
+    "eval/run/sweep.py": 1,
+    "eval/run/targets.py": 2,
+    "eval/run/warmup.py": 2,
+    "sshade/cli/arguments.py": 2,
+    "sshade/cli/carry.py": 1,
+    "sshade/cli/deform.py": 1,
+    "sshade/cli/edit.py": 1,
+    "sshade/cli/reconstruct.py": 1,
+    "sshade/cli/sequence.py": 2,
+    "sshade/cli/show.py": 2,
+    "sshade/cli/transfer_pose.py": 2,
+    "sshade/edit/commands.py": 3,
+    "sshade/edit/follower.py": 5,
+    "sshade/edit/recovery.py": 2,
+    "sshade/files/door.py": 2,
+    "sshade/files/handle_files.py": 1,
+    "sshade/method/component_set.py": 1,
+    "sshade/method/deform.py": 1,
+    "sshade/method/deformer.py": 1,
+    "sshade/method/following_solver.py": 4,
+    "sshade/method/pieces.py": 2,
+    "sshade/method/polish.py": 4,
+    "sshade/method/proxies.py": 2,
+    "sshade/method/proxy.py": 3,
+    "sshade/method/sequence.py": 1,
+    "sshade/method/start.py": 2,
+    "sshade/method/transfer.py": 1,
+    "sshade/plotting/pictures.py": 2,
+    "sshade/problem/facts.py": 1,
+    "sshade/problem/handles.py": 1,
+    "sshade/problem/options.py": 4,
+    "sshade/proxy/binding_file.py": 2,
+    "sshade/solver/constraints.py": 2,
+    "sshade/solver/local_global.py": 4,
+}
+
+
+def splats(node, own=frozenset()):
+    """Yield each ``**value`` in the calls below `node` that is not one of the parameters `own`."""
+    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)) and node.args.kwarg:
+        own = own | {node.args.kwarg.arg}
+    for keyword in node.keywords if isinstance(node, ast.Call) else ():
+        if keyword.arg is None and not (isinstance(keyword.value, ast.Name) and keyword.value.id in own):
+            yield keyword.value
+    for child in ast.iter_child_nodes(node):
+        yield from splats(child, own)
+
+
+def test_calls_splat_only_parameters_of_their_function():
+    names = [path.relative_to(ROOT).as_posix() for path in SOURCES]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
+    counts = [sum(1 for _ in splats(tree)) for tree in trees]
+    assert {name: count for name, count in zip(names, counts, strict=True) if count} == ALLOWED
