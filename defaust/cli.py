@@ -105,14 +105,21 @@ def _build(args: argparse.Namespace) -> int:
     from defaust.build.dataset import build
     from defaust.configuration import configure
 
-    source, out, options, settings = configure(args.overrides)
+    request = configure(args.overrides)
     with progress_bar() as progress:
-        document = build(source, out, options=options, progress=progress, **settings)
+        document = build(
+            request.source,
+            request.out,
+            options=request.options,
+            strict=request.strict,
+            workers=request.workers,
+            progress=progress,
+        )
     counts = ", ".join(f"{s['high']['vertices']:,}" for s in document["subjects"])
     number = len(document["subjects"])
     poses = ", ".join(document["source"].get("rest_poses", []))
     rest = f", at rest: {poses}" if poses else ""
-    print(f"{out}: {counted(number, 'subject', 'subjects')} ({counts} vertices){rest}")  # noqa: T201
+    print(f"{request.out}: {counted(number, 'subject', 'subjects')} ({counts} vertices){rest}")  # noqa: T201
     return 0
 
 

@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 from hydra import compose, initialize_config_dir
 from hydra.errors import HydraException, OverrideParseException
@@ -32,8 +32,18 @@ CONFIGURATION = _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parent / "conf" / "d
 EXAMPLES = {"out": "out=data/defaust", "source.root": "source.root=MPI-FAUST"}
 
 
-def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[str, Any]]:
-    """Read a source, an output folder, build options, and the settings `workers` and `strict` from overrides.
+class BuildRequest(NamedTuple):
+    """Arguments of :func:`defaust.build.dataset.build`."""
+
+    source: Source
+    out: Path
+    options: BuildOptions
+    workers: int | None
+    strict: bool
+
+
+def configure(overrides: Sequence[str]) -> BuildRequest:
+    """Read the arguments of a build from overrides ``key=value``.
 
     Raises
     ------
@@ -53,7 +63,7 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
         if missing:
             examples = [EXAMPLES.get(name, f"{name}=VALUE") for name in sorted(missing)]
             raise InputError(f"{', '.join(sorted(missing))} is not set; add e.g. {' '.join(examples)}")
-        plain = OmegaConf.to_container(config, resolve=True)
+        plain = cast("dict[str, Any]", OmegaConf.to_container(config, resolve=True))
         source = instantiate(config.source, _convert_="all")
     except OverrideParseException as error:
         raise InputError(unreadable_override(error.override, example="out")) from error
@@ -68,16 +78,17 @@ def configure(overrides: Sequence[str]) -> tuple[Any, Path, BuildOptions, dict[s
     if not isinstance(plain["out"], str):
         raise InputError(f"out={plain['out']} is no folder; give a name, such as ./2026 if it is a number")
     out = Path(os.path.expanduser(plain.pop("out")))
-    settings = {name: plain.pop(name) for name in ("workers", "strict")}
+    workers, strict = plain.pop("workers"), plain.pop("strict")
     del plain["source"]
     unknown = sorted(set(plain) - set(OPTIONS))
     if unknown:
         hint = meant(unknown[0], OPTIONS) or "; see conf/defaust/build.yaml"
         raise InputError(f"there is no option {unknown[0]}{hint}")
+    settings = {"workers": workers, "strict": strict}
     problem = mismatch(plain | settings, OPTIONS | {"workers": (int, None), "strict": bool})
     if problem:
         raise InputError(problem)
-    return source, out, BuildOptions(**plain), settings
+    return BuildRequest(source, out, BuildOptions(**plain), workers, strict)
 
 
 def one_sentence(complaint: str) -> str:

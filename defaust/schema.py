@@ -15,7 +15,7 @@ from itertools import repeat
 from reprlib import repr as shortened
 from typing import Any
 
-_WORDS = {
+_WORDS: dict[type | None, str] = {
     int: "a whole number",
     float: "a number",
     str: "a text",
@@ -46,7 +46,7 @@ def mismatch(value: Any, schema: Any, place: str = "") -> str:
     if isinstance(schema, tuple):
         found = [mismatch(value, alternative, place) for alternative in schema]
         return "" if "" in found else found[0]
-    kind = type(schema) if isinstance(schema, (list, dict)) else schema
+    kind: type | None = type(schema) if isinstance(schema, (list, dict)) else schema
     if not _is(value, kind):
         return f"{place or 'it'} is {shortened(value)}, not {_WORDS[kind]}"
     inside: list[tuple[Any, Any, str]] = []

@@ -7,14 +7,12 @@ import logging
 import os
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from defaust.build.lock import sole_builder
 from defaust.build.options import BuildOptions
@@ -24,7 +22,7 @@ from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
 from defaust.folder.record import read_dataset, read_json
 from defaust.sources.source import Source, SourcePose
-from sshade import InputError
+from sshade import InputError, Mesh
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import available_cpus, number_of_workers
 
@@ -124,7 +122,9 @@ def build(
 def _check_meshes(source: Source, subject: int, *, strict: bool) -> None:
     """Raise InputError if two poses of a subject are equal; with `strict`, if a mesh cannot be used."""
     seen: dict[bytes, str] = {}
-    reads = [("the rest pose", partial(source.rest, subject))] if strict else []
+    reads: list[tuple[str, Callable[[], Mesh | None]]] = []
+    if strict:
+        reads.append(("the rest pose", partial(source.rest, subject)))
     reads += [(pose.name, partial(source.posed, subject, pose)) for pose in source.poses(subject)]
     for name, read in reads:
         try:
@@ -134,7 +134,7 @@ def _check_meshes(source: Source, subject: int, *, strict: bool) -> None:
                 raise InputError(f"subject {subject}: {error}; strict=false leaves it out") from error
             continue
         if mesh is not None:
-            other = seen.setdefault(hashlib.sha256(np.ascontiguousarray(mesh.V)).digest(), name)
+            other = seen.setdefault(hashlib.sha256(mesh.V.tobytes()).digest(), name)
             if other != name:
                 raise InputError(
                     f"subject {subject}: {other} and {name} have equal vertices, so they are one pose; take "

@@ -152,7 +152,9 @@ def handle_records(
             "rotation": region.rotation.tolist(),
             "translation": region.translation.tolist(),
         }
-    for name, index in chosen.items() if posed is not None else ():
+    if posed is None:
+        return list(records.values())
+    for name, index in chosen.items():
         records[name] = _unused(name, {"source": [], "target": []})
         if name in pose.landmarks:
             source, target = rest.V[index], posed.V[index]

@@ -9,7 +9,8 @@ third is the list of static landmarks that contradict a dynamic landmark nearby.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,8 @@ NEARBY = 0.15
 CONTRADICTION = 0.02
 
 
-class _Group(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Group:
     """Handles of a landmark.
 
     Attributes

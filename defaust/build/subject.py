@@ -125,7 +125,7 @@ def _high_resolution(source: Source, rest: Mesh, *, subject: int, options: Build
     """Generate the rest mesh at the target resolution, or upsample the registered mesh."""
     target, (least, most) = options.target_vertices, options.window
     mesh = None if target is None else source.generated(subject, vertices=target)
-    if mesh is None:
+    if target is None or mesh is None:
         return upsample(rest, options)
     if not least * target <= mesh.n <= most * target:
         raise InputError(

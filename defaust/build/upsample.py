@@ -15,20 +15,6 @@ COUNT_BIAS = 0.97
 #: Maximum number of remeshings to reach the window of vertex counts.
 ATTEMPTS = 6
 
-#: Parameters of the remeshing. MeshLab reads those that are not given from memory that nothing has set, and
-#: one build of ten was then another mesh.
-REMESHING: dict[str, Any] = {
-    "featuredeg": 30.0,
-    "selectedonly": False,
-    "adaptive": False,
-    "checksurfdist": True,
-    "splitflag": True,
-    "collapseflag": True,
-    "swapflag": True,
-    "smoothflag": True,
-    "reprojectflag": True,
-}
-
 
 class Upsampled(NamedTuple):
     """A remeshed surface, and facts about the remeshing.
@@ -111,11 +97,21 @@ def subdivide(mesh: Mesh, *, steps: int) -> Mesh:
 def remesh(mesh: Mesh, *, edge_length: float, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """Remesh isotropically; return vertices and faces, not yet checked."""
     pymeshlab, meshes = _mesh_set(mesh)
+    # MeshLab reads parameters that are not given from memory that nothing has set. One build of ten was then
+    # another mesh.
     meshes.meshing_isotropic_explicit_remeshing(
         iterations=iterations,
         targetlen=pymeshlab.PureValue(edge_length),
         maxsurfdist=pymeshlab.PercentageValue(1),
-        **REMESHING,
+        featuredeg=30.0,
+        selectedonly=False,
+        adaptive=False,
+        checksurfdist=True,
+        splitflag=True,
+        collapseflag=True,
+        swapflag=True,
+        smoothflag=True,
+        reprojectflag=True,
     )
     return _arrays(meshes)
 

@@ -33,7 +33,7 @@ def render_card(document: dict[str, Any]) -> str:
     chosen = phrases["regions" if regions else "landmarks"]
     if source.get("noise_mm", 0) > 0:
         chosen = chosen | phrases["noisy"]
-    texts = {key: text.format(**facts) for key, text in chosen.items()}
+    texts = {key: text.format_map(facts) for key, text in chosen.items()}
     resolution = "registered" if not upsampled else "generated" if "formulas" in source else "upsampled"
     rows = [
         {"subject": subject["subject"], "pose": pose["pose"], "name": pose["name"]}
@@ -43,20 +43,22 @@ def render_card(document: dict[str, Any]) -> str:
         for pose in subject["poses"]
     ]
     template = data.joinpath("card.md").read_text(encoding="utf-8")
-    return template.format(
-        source=source,
-        build=build,
-        first=subjects[0],
-        n_subjects=counted(len(subjects), "subject", "subjects"),
-        n_poses=counted(len(rows), "target pose", "target poses"),
-        subjects=subject_names(document),
-        files=_read_from(len(source.get("files", {}))),
-        resolution=phrases["resolution"][resolution].format(**build),
-        **texts,
-        tools=", ".join(f"{name} {version}" for name, version in document["tools"].items()),
-        facts=_facts(subjects),
-        poses=_table(rows),
-        limits="\n".join(f"- {limit}" for limit in _limits(document)),
+    return template.format_map(
+        texts
+        | {
+            "source": source,
+            "build": build,
+            "first": subjects[0],
+            "n_subjects": counted(len(subjects), "subject", "subjects"),
+            "n_poses": counted(len(rows), "target pose", "target poses"),
+            "subjects": subject_names(document),
+            "files": _read_from(len(source.get("files", {}))),
+            "resolution": phrases["resolution"][resolution].format_map(build),
+            "tools": ", ".join(f"{name} {version}" for name, version in document["tools"].items()),
+            "facts": _facts(subjects),
+            "poses": _table(rows),
+            "limits": "\n".join(f"- {limit}" for limit in _limits(document)),
+        }
     )
 
 

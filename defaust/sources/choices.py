@@ -71,8 +71,6 @@ class OneTemplate(Source):
 
     Attributes
     ----------
-    landmarks : mapping
-        Vertex of each landmark.
     base_landmarks : tuple of str
         Landmarks with handles in every pose.
     more_landmarks : tuple of str
@@ -80,7 +78,6 @@ class OneTemplate(Source):
         motion of the whole body from being determined by a few points.
     """
 
-    landmarks: Mapping[str, int]
     base_landmarks: tuple[str, ...]
     more_landmarks: tuple[str, ...]
 
@@ -88,10 +85,6 @@ class OneTemplate(Source):
     def landmark_names(self) -> tuple[str, ...]:
         """Base landmarks, then the additional ones."""
         return (*self.base_landmarks, *self.more_landmarks)
-
-    def landmark_vertices(self, subject: int) -> dict[str, int]:
-        """The same vertices on every subject."""
-        return {name: self.landmarks[name] for name in self.landmark_names}
 
     def _poses(self, names: Iterable[tuple[str, bool]]) -> tuple[SourcePose, ...]:
         """Poses of the given names; each name comes with whether the pose is aligned."""

@@ -102,11 +102,11 @@ class Faust(OneTemplate):
     def provenance(self) -> Mapping[str, Any]:
         """Facts for the dataset card."""
         texts = provenance_texts("faust")
-        chosen = {"poses": ", ".join(map(str, self.target_poses)), "rest_pose": self.rest_pose}
+        poses = ", ".join(map(str, self.target_poses))
         return {
             **texts,
-            "limits": [limit.format(**chosen) for limit in texts["limits"]],
-            "note": texts["note"].format(**chosen),
+            "limits": [limit.format(poses=poses) for limit in texts["limits"]],
+            "note": texts["note"].format(poses=poses, rest_pose=self.rest_pose),
             "rest_pose": self.rest_pose,
             "target_poses": list(self.target_poses),
             "landmark_vertices": self.landmark_vertices(0),
@@ -116,6 +116,10 @@ class Faust(OneTemplate):
         """sha256 of each existing file of the subjects, by file name."""
         numbers = [k for s in subjects for k in sorted(self._numbers(s)) if k in self._files]
         return {self._files[k].name: sha256(self._files[k]) for k in numbers}
+
+    def landmark_vertices(self, subject: int) -> dict[str, int]:
+        """The same vertices on every subject."""
+        return {name: self.landmarks[name] for name in self.landmark_names}
 
     def _numbers(self, subject: int) -> list[int]:
         """Numbers of the registrations of a subject."""

@@ -99,7 +99,7 @@ class NoisyBodies(Adults):
             raise InputError(f"source.seed is {self.seed}; it must be at least 0")
 
     @property
-    def name(self) -> str:  # type: ignore[override]
+    def name(self) -> str:
         """``noisy_2mm``, or ``noisy_2mm_seed1`` with seed 1: two kinds of noise never share a name."""
         short = f"{self.noise:g}"
         level = f"noisy_{short if float(short) == self.noise else repr(self.noise)}mm"
@@ -109,11 +109,11 @@ class NoisyBodies(Adults):
     def provenance(self) -> Mapping[str, object]:
         """Facts for the dataset card."""
         texts = provenance_texts("noisy")
-        facts = {"noise": f"{self.noise:g}", "correlation": f"{1000 * CORRELATION:g}"}
+        noise, correlation = f"{self.noise:g}", f"{1000 * CORRELATION:g}"
         return {
             **texts,
-            "title": texts["title"].format(**facts),
-            "limits": [limit.format(**facts) for limit in texts["limits"]],
+            "title": texts["title"].format(noise=noise),
+            "limits": [limit.format(noise=noise, correlation=correlation) for limit in texts["limits"]],
             "asset_sha256": SHA256,
             "poses_sha256": POSES_SHA256,
             "noise_mm": float(self.noise),

@@ -136,7 +136,7 @@ class RegisteredSequence(Source):
             require_choice([self.rest_pose], known=names, option="source.rest_pose")
         if self.poses_used is not None:
             check_choice(self, "poses_used", known=names)
-        if not mismatch(self.landmarks, int):
+        if type(self.landmarks) is int:
             if self.landmarks < 1:
                 raise InputError(f"source.landmarks is {self.landmarks}; it must be at least 1")
             return
@@ -173,7 +173,7 @@ class RegisteredSequence(Source):
             "limits": limits,
             "classes": names,
             "rest_poses": [one.rest.name for one in self._subjects],
-            "landmark_choice": self.landmarks if sampled else dict(self.landmarks),
+            "landmark_choice": self.landmarks,
             **({"without": without} if without else {}),
             **({"left_out": self._unused} if self._unused else {}),
         }

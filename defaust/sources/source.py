@@ -63,27 +63,33 @@ class Source:
     """Base class of sources: subjects with a rest pose and target poses in vertex correspondence.
 
     Subjects are built in worker processes, so a source must pickle. Its meshes depend only on its
-    parameters and its data.
-
-    Attributes
-    ----------
-    name : str
-        Short identifier, e.g. ``synthetic``.
-    provenance : mapping
-        Facts for the dataset card: ``title``, ``origin``, ``licence``, ``citation``, ``limits``, ``axes``,
-        ``unit``, and everything else that the result depends on, as plain values without paths.
-        ``without`` lists classes that the configuration leaves out. ``left_out`` maps the names of other
-        unused data to a reason.
-    subjects : tuple of int
-        Numbers of the subjects.
-    landmark_names : tuple of str
-        Every landmark of every pose, in the order of their ids.
+    parameters and its data. A subclass may define a property as an attribute.
     """
 
-    name: str
-    provenance: Mapping[str, Any]
-    subjects: tuple[int, ...]
-    landmark_names: tuple[str, ...]
+    @property
+    def name(self) -> str:
+        """Short identifier, e.g. ``synthetic``."""
+        raise NotImplementedError
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Facts for the dataset card.
+
+        They are ``title``, ``origin``, ``licence``, ``citation``, ``limits``, ``axes``, ``unit``, and
+        everything else that the result depends on, as plain values without paths. ``without`` lists classes
+        that the configuration leaves out. ``left_out`` maps the names of other unused data to a reason.
+        """
+        raise NotImplementedError
+
+    @property
+    def subjects(self) -> tuple[int, ...]:
+        """Numbers of the subjects."""
+        raise NotImplementedError
+
+    @property
+    def landmark_names(self) -> tuple[str, ...]:
+        """Every landmark of every pose, in the order of their ids."""
+        raise NotImplementedError
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """Target poses; the dataset counts them from 1."""

@@ -44,10 +44,10 @@ class Adults(OneTemplate, SkinnedSource):
     base_landmarks = ("nose", "hand_l", "hand_r", "toe_l", "toe_r", "heel_l", "heel_r")
     more_landmarks = ("elbow_l", "elbow_r", "knee_l", "knee_r", "hip_l", "hip_r", "chest", "upper_back")
 
-    @property
-    def landmarks(self) -> Mapping[str, int]:
-        """Vertex of each landmark."""
-        return load_bodies().landmarks
+    def landmark_vertices(self, subject: int) -> dict[str, int]:
+        """The same vertices on every subject."""
+        landmarks = load_bodies().landmarks
+        return {name: landmarks[name] for name in self.landmark_names}
 
     def body(self, subject: int) -> tuple[Bodies, int]:
         """The ten bodies, and a subject's row there."""
@@ -86,4 +86,5 @@ class SyntheticBodies(Adults):
 
     def poses(self, subject: int) -> tuple[SourcePose, ...]:
         """The chosen target poses."""
+        assert self.poses_used is not None, "__post_init__ replaces None"
         return self._poses((name, name not in UNALIGNED) for name in self.poses_used)

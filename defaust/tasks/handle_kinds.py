@@ -73,8 +73,15 @@ def _leading(points: np.ndarray, members: np.ndarray, centre: np.ndarray | None)
 
 
 def _selected(handles: Handles, chosen: np.ndarray) -> Handles:
-    fields = ("index", "target", "dynamic", "group", "snap_distance", "weight")
-    return replace(handles, **{name: getattr(handles, name)[chosen] for name in fields})
+    return replace(
+        handles,
+        index=handles.index[chosen],
+        target=handles.target[chosen],
+        dynamic=handles.dynamic[chosen],
+        group=handles.group[chosen],
+        snap_distance=handles.snap_distance[chosen],
+        weight=handles.weight[chosen],
+    )
 
 
 def _regions(mesh: Mesh, handles: Handles, groups: list[np.ndarray], first: np.ndarray) -> Handles:

@@ -28,7 +28,7 @@ def write_faust(folder: Path, *, subjects=(0,), poses=POSES, suffix=".ply") -> P
 
 def configured(name: str, root: Path, *overrides: str):
     """The source that the command line makes."""
-    return configure(["out=unused", f"source={name}", f"source.root='{root}'", *overrides])[0]
+    return configure(["out=unused", f"source={name}", f"source.root='{root}'", *overrides]).source
 
 
 #: FAUST. The bodies have other shapes at FAUST's landmarks.

@@ -25,7 +25,7 @@ def cases():
     """By half: pairs (source, subject) -> the poses of the subject in this half."""
     found = {TUNING: {}, HELD_OUT: {}}
     for name in SHIPPED:
-        source = configure([f"source={name}", "out=unused"])[0]
+        source = configure([f"source={name}", "out=unused"]).source
         for subject in source.subjects:
             for k, pose in enumerate(source.poses(subject), start=1):
                 half = split_of(f"defaust-{source.name}/subject_{subject:02d}/pose_{k}")

@@ -126,10 +126,10 @@ def _surface_net(step: float) -> tuple[np.ndarray, np.ndarray]:
         along = np.moveaxis(inside, axis, 0)
         cell = np.moveaxis(ids, axis, 0)
         cut = np.argwhere(along[:-1] != along[1:])
-        i, j, k = cut.T
-        ring = np.stack([cell[i, j - dj, k - dk] for dj, dk in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
+        x, y, z = cut.T
+        ring = np.stack([cell[x, y - dj, z - dk] for dj, dk in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
         # Moving axis y to the front mirrors the lattice; x and z do not.
-        outward = along[i, j, k] != (axis == 1)
+        outward = along[x, y, z] != (axis == 1)
         quads.append(np.where(outward[:, None], ring, ring[:, ::-1]))
     return V, np.concatenate(quads)
 

@@ -86,6 +86,7 @@ class GeneratedShape(NamedTuple):
         """True positions (n, 3) of rest vertices (n, 3); None if unknown. Regions match their targets."""
         if not self.is_known:
             return None
+        assert not isinstance(self.motion, Lift), "a lift moves a region only"
         posed = self.motion(V)
         for region in self.regions:
             index = vertices_in(V, region.boxes)
