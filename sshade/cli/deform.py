@@ -135,6 +135,7 @@ def command(options: argparse.Namespace) -> int:
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
+        from sshade.mesh.parts import NearParts
         from sshade.method.deform import deform_task, stays_at_rest
 
         opened = open_task(options, given)
@@ -159,7 +160,8 @@ def command(options: argparse.Namespace) -> int:
         proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
         proxies = f"{proxies} of {size:.0f} vertices" if size else "without a proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
-        tell(options, opened, result.facts, error=error, rounding=rounding)
+        gap = NearParts(shape.mesh).gap(result.vertices)
+        tell(options, opened, result.facts, error=error, rounding=rounding, gaps=[gap])
     if options.amount and stays_at_rest(task, resolved):
         say('note: no handle moves: give a group a "target", a "translation" or a "rotation"')
     if result.converged is False:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
 from sshade.mesh.mesh import Mesh
+from sshade.mesh.parts import Gap
 from sshade.mesh.surface import Surface, as_single
 from sshade.method.regions import are_dense
 from sshade.problem.facts import Facts
@@ -56,7 +58,13 @@ def announced_warnings() -> Iterator[None]:
 
 
 def tell(
-    options: argparse.Namespace, opened: OpenTask, facts: Facts, *, error: float, rounding: float
+    options: argparse.Namespace,
+    opened: OpenTask,
+    facts: Facts,
+    *,
+    error: float,
+    rounding: float,
+    gaps: Iterable[Gap | None],
 ) -> None:
     """Print the warnings and notes of a deformation, or of all poses of a sequence together.
 
@@ -70,6 +78,8 @@ def tell(
         Largest distance of a hard handle from its target, as a fraction of the diagonal.
     rounding : float
         Largest distance of a stored position from the computed one.
+    gaps : iterable of Gap or None
+        Largest gap between near components in each pose.
     """
     file, shape, given, poses, task = opened
     moved = rounding / shape.mesh.diagonal
@@ -83,11 +93,33 @@ def tell(
         )
     snap = max(float(handles.snap_distance.max()) for handles in poses)
     dense = options.method != "interpolate" and are_dense(task)
+    worst = max(filter(None, gaps), key=lambda gap: gap.distance, default=None)
+    if worst is not None:  # it is the gap of parts that touched, with names
+        facts = replace(facts, opening=0.0)
     for note in [
         *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
         *notes(facts, shape.surface, snap=snap, dense=dense),
     ]:
         say(f"note: {note}")
+    if worst is not None:
+        one, other = (part_name(component, opened) for component in worst.components)
+        more = f", and {counted(worst.pairs - 1, 'other pair', 'other pairs')}" if worst.pairs > 1 else ""
+        say(
+            f"note: parts that overlapped or nearly touched came apart by up to {_percent(worst.distance)}: "
+            f"{one} and {other}{more}; give them common handles, or make them one surface"
+        )
+
+
+def part_name(component: int, opened: OpenTask) -> str:
+    """Return the name of a component: its name in the file, or the name of a handle group on it."""
+    file, shape, given, poses, _ = opened
+    of_vertex, handles = shape.mesh.component, poses[0]
+    vertex = shape.surface.original[np.argmax(of_vertex == component)]
+    face = int(np.argmax((vertex == file.F).any(axis=1)))
+    names = [name for first, name in file.parts if first <= face][-1:]
+    groups = handles.group[of_vertex[handles.index] == component]
+    names += [group.name for group in given[0].groups if group.number in groups]
+    return next((f'"{name}" (vertex {vertex})' for name in names if name), f"the part of vertex {vertex}")
 
 
 def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[str]:

@@ -57,6 +57,7 @@ def deform_poses(
     from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
     from sshade.files.gltf_morph import write_morphs
     from sshade.files.meshes import write_file
+    from sshade.mesh.parts import Gap, NearParts
     from sshade.mesh.surface import as_single
     from sshade.method.sequence import deform_sequence
     from sshade.problem.task import DeformationResult
@@ -64,7 +65,8 @@ def deform_poses(
     file, shape, _, poses, task = opened
     output, count = options.output, len(poses)
     results: list[DeformationResult] = []
-    errors, moves = [0.0], [0.0]
+    errors, moves, parts = [0.0], [0.0], NearParts(shape.mesh)
+    gaps: list[Gap | None] = []
 
     def solved() -> Iterator[np.ndarray]:
         """Yield the positions of each pose in the order of the mesh file."""
@@ -73,6 +75,7 @@ def deform_poses(
             progress("poses", 0, count)
             for result in deform_sequence(task, poses, method=options.method, **values):
                 results.append(replace(result, vertices=np.empty((0, 3))))
+                gaps.append(parts.gap(result.vertices))
                 progress("poses", len(results), count)
                 yield file.V if stays else shape.placed(result.vertices)
 
@@ -106,7 +109,7 @@ def deform_poses(
         each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
     say(f"{written}: {_poses(count)}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     facts = _with_largest_gaps([result.facts for result in results])
-    tell(options, opened, facts, error=max(errors), rounding=max(moves))
+    tell(options, opened, facts, error=max(errors), rounding=max(moves), gaps=gaps)
     if missed := sum(result.converged is False for result in results):
         say(f"note: the iterations of {_poses(missed)} did not converge")
 

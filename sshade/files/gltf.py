@@ -98,7 +98,11 @@ def read_gltf(path: Path) -> MeshFile:
     content = partial(_content, gltf, list(parts.values()), rest, triangles)
     holds, suffixes = _holds(gltf.tree), (".glb", ".gltf")
     named = tuple(unquote(entry["uri"]) for entry in _outside(gltf.tree))
-    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named)
+    shows = [node for node in gltf.tree["nodes"] if "mesh" in node]
+    title = {id(p): n.get("name", "") for n in shows for p in gltf.tree["meshes"][n["mesh"]]["primitives"]}
+    first = np.cumsum([len(part) for part in F]).tolist()
+    titles = tuple(zip(first, [title[id(primitive)] for primitive, _, _ in shown], strict=False))
+    return MeshFile(rest, triangles, holds, suffixes, content, notes, rounding, None, path, named, titles)
 
 
 def shown_primitives(

@@ -87,6 +87,8 @@ class MeshFile:
     source, named : Path and tuple of str
         The file, and the names of the files that it refers to. Files in its folder are copied beside an
         output elsewhere.
+    parts : tuple of (int, str)
+        Number of the first triangle and name of each part that the file names, in their order.
     space : str
         Coordinate system that the file declares, LPS or RAS; empty if it declares none.
     """
@@ -101,6 +103,7 @@ class MeshFile:
     stored: Callable[[np.ndarray], np.ndarray] | None = unchanged
     source: Path = Path()
     named: tuple[str, ...] = ()
+    parts: tuple[tuple[int, str], ...] = ()
     space: str = ""
 
     def __post_init__(self) -> None:

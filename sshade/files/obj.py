@@ -31,7 +31,11 @@ def read_obj(path: Path) -> MeshFile:
     )
     positions = text.vectors(vertices, 1, "a vertex")
     normals = text.vectors(shading, 1, "a normal")
-    corners, triangles, _, _ = faces_of(text, polygons, vertices, shading)
+    corners, triangles, face, _ = faces_of(text, polygons, vertices, shading)
+    titles = np.flatnonzero((key == key_of(b"o")) | (key == key_of(b"g")))
+    first = np.searchsorted(face[triangles[:, 0]], np.searchsorted(polygons, titles)).tolist()
+    names = [b" ".join(text.words(line)[1:]).decode("utf-8", "replace") for line in titles.tolist()]
+    parts = tuple(zip(first, names, strict=True))
     keys = set(np.unique(key).tolist())
     known = (b"vt", b"mtllib", b"usemtl", b"g", b"o", b"s", b"l", b"p", b"vp", b"curv", b"curv2", b"surf")
     there = {name for name in known if key_of(name) in keys}
@@ -51,7 +55,8 @@ def read_obj(path: Path) -> MeshFile:
     named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
     obj = Obj(data, positions, normals, corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
-    return MeshFile(positions.value, F, holds, (".obj",), content, source=path, named=named)
+    V = positions.value
+    return MeshFile(V, F, holds, (".obj",), content, source=path, named=named, parts=parts)
 
 
 def words_of(data: bytes) -> tuple[Text, np.ndarray]:
