@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
 import numpy as np
@@ -63,7 +63,9 @@ class Plain:
         self.u[:] = self.g
 
 
-def iterated(vertices: np.ndarray, done: Run, seconds: dict[str, float], **extra: Any) -> DeformationResult:
+def iterated(
+    vertices: np.ndarray, done: Run, seconds: dict[str, float], extra: Mapping[str, Any] | None = None
+) -> DeformationResult:
     """Return the result of an iterative method.
 
     Parameters
@@ -73,11 +75,11 @@ def iterated(vertices: np.ndarray, done: Run, seconds: dict[str, float], **extra
         The last residual becomes the fact ``residual``.
     seconds : dict
         Time of each stage.
-    **extra
+    extra : mapping, optional
         Further facts.
     """
-    extra["residual"] = done.residual
-    return DeformationResult(vertices, done.iterations, done.converged, seconds, extra)
+    facts = {**(extra or {}), "residual": done.residual}
+    return DeformationResult(vertices, done.iterations, done.converged, seconds, facts)
 
 
 def handle_error(mesh: Mesh, handles: Handles, V: np.ndarray) -> float:

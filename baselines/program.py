@@ -125,8 +125,13 @@ def _guard() -> subprocess.Popen[bytes] | None:
         return None
     # The system closes the pipe when this process ends, and the guard then reads the end of its input.
     words = ["/bin/sh", "-c", 'read -r line; kill -s KILL -- "-$$"']
-    silence = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen(words, stdin=subprocess.PIPE, process_group=0, **silence)
+    return subprocess.Popen(
+        words,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        process_group=0,
+    )
 
 
 def _ending(code: int) -> str:

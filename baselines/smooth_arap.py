@@ -124,7 +124,7 @@ def smooth_arap(
     state = Plain(advance, u, diagonal=mesh.diagonal)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
-    return iterated(u, done, watch.seconds, rotations=local.R.reshape(-1, 3, 3))
+    return iterated(u, done, watch.seconds, {"rotations": local.R.reshape(-1, 3, 3)})
 
 
 def mixed_voronoi_areas(mesh: Mesh, h: np.ndarray) -> np.ndarray:

@@ -9,16 +9,6 @@ import ast
 from tests.test_names import ROOT, SOURCES
 
 ALLOWED = {
-    "baselines/arap_sr/arap_sr.py": 1,
-    "baselines/deformation_graph/deformation_graph.py": 1,
-    "baselines/implicit_arap/method.py": 3,
-    "baselines/implicit_arap/networks.py": 1,
-    "baselines/implicit_arap/sdf.py": 1,
-    "baselines/program.py": 1,
-    "baselines/volumetric/lattice_arap.py": 1,
-    "baselines/volumetric/skinning.py": 1,
-    "baselines/volumetric/slim.py": 2,
-    "baselines/volumetric/tetrahedral_arap.py": 2,
     "defaust/configuration.py": 1,
     "eval/bench/jobs.py": 1,
     "eval/check.py": 1,

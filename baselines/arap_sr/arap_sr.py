@@ -134,9 +134,12 @@ def arap_sr(
     state = _State(cells, linear, R0, U[order], accelerate=accelerate, diagonal=mesh.diagonal)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
-    facts = {"restarts": state.restarts, "colours": int(colour.max()) + 1}
-    rotations = state.R.reshape(-1, 3, 3)[position]
-    return iterated(state.u[position], done, watch.seconds, rotations=rotations, **facts)
+    extra = {
+        "rotations": state.R.reshape(-1, 3, 3)[position],
+        "restarts": state.restarts,
+        "colours": int(colour.max()) + 1,
+    }
+    return iterated(state.u[position], done, watch.seconds, extra)
 
 
 class _State(Plain):

@@ -129,4 +129,4 @@ def deformation_graph(
     V[handles.index] = handles.target
     watch.end("carry")
     facts = {"handle_before": before, "nodes": len(q), "edges": len(edges)}
-    return iterated(V, done, watch.seconds, **facts)
+    return iterated(V, done, watch.seconds, facts)

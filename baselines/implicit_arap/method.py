@@ -124,7 +124,6 @@ def implicit_arap(
     D. Baieri, F. Maggioli, Z. Laehner, S. Melzi, E. Rodola, "Implicit-ARAP: Efficient Handle-Guided
     Deformation of High-Resolution Meshes and Neural Fields via Local Patch Meshing", 2024.
     """
-    options = dict(locals())
     if sdf not in ("network", "grid"):
         raise InputError(f"sdf={sdf!r} is unknown; use 'network' or 'grid'")
     if weights not in get_args(Weights):
@@ -142,7 +141,21 @@ def implicit_arap(
     from baselines.implicit_arap.sdf import ImplicitSurface, Sdf, fit_network_sdf, grid_sdf
     from baselines.implicit_arap.training import HandleConstraints, Plan, displacements, train
 
-    plan = Plan(**{name: options[name] for name in Plan._fields})
+    plan = Plan(
+        steps=steps,
+        surface_patches=surface_patches,
+        space_patches=space_patches,
+        patch_points=patch_points,
+        patch_radius=patch_radius,
+        weights=weights,
+        projections=projections,
+        moving_weight=moving_weight,
+        static_weight=static_weight,
+        arap_weight=arap_weight,
+        learning_rate=learning_rate,
+        milestones=milestones,
+        decay=decay,
+    )
     place = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device)
     draws, initial = torch.Generator(place).manual_seed(seed), torch.Generator().manual_seed(seed)
     watch = Stopwatch()
@@ -155,9 +168,18 @@ def implicit_arap(
         progress("sdf", 1, 1, f"{grid_size}^3 distances")
     else:
         surface = ImplicitSurface.of(V, mesh.F, device=place)
-        fit = {"width": sdf_width, "layers": sdf_layers, "steps": sdf_steps, "points": sdf_points}
-        fit |= {"frequencies": frequencies, "learning_rate": sdf_learning_rate}
-        distance, loss = fit_network_sdf(surface, **fit, generator=draws, weights=initial, progress=progress)
+        distance, loss = fit_network_sdf(
+            surface,
+            width=sdf_width,
+            layers=sdf_layers,
+            frequencies=frequencies,
+            steps=sdf_steps,
+            points=sdf_points,
+            learning_rate=sdf_learning_rate,
+            generator=draws,
+            weights=initial,
+            progress=progress,
+        )
         facts |= {"sdf_size": sdf_width, "sdf_steps": sdf_steps, "sdf_loss_last": loss}
     watch.end("sdf")
 
@@ -166,8 +188,8 @@ def implicit_arap(
 
     rest, target = tensor(V[handles.index]), tensor((handles.target - centre) * scale)
     constraints = HandleConstraints.of(distance, rest, target, handles.dynamic, repeats=projections)
-    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-    network = MotionField(**sizes, generator=initial).to(place)
+    network = MotionField(width=width, layers=layers, frequencies=frequencies, generator=initial)
+    network = network.to(place)
     rng = np.random.default_rng(seed)
     losses = train(network, distance, constraints, plan, rng=rng, generator=draws, progress=progress)
     watch.end("field")

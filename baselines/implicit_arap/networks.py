@@ -158,8 +158,9 @@ class MotionField(nn.Module):
 
     def __init__(self, *, width: int, layers: int, frequencies: int, generator: torch.Generator) -> None:
         super().__init__()
-        sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-        self.mlp = Mlp(3, 6, last="zero", generator=generator, **sizes)
+        self.mlp = Mlp(
+            3, 6, width=width, layers=layers, frequencies=frequencies, last="zero", generator=generator
+        )
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Return R (..., 3, 3) and t (..., 3) at points x (..., 3)."""

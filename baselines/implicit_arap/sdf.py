@@ -178,8 +178,9 @@ def fit_network_sdf(
         Loss of the last step.
     """
     device = surface.corners.device
-    sizes = {"width": width, "layers": layers, "frequencies": frequencies}
-    network = Mlp(3, 1, last="sphere", generator=weights, **sizes).to(device)
+    network = Mlp(
+        3, 1, width=width, layers=layers, frequencies=frequencies, last="sphere", generator=weights
+    ).to(device)
     adam = torch.optim.Adam(network.parameters(), lr=learning_rate)
     loss = torch.tensor(float("nan"))
     for step in range(steps):

@@ -109,6 +109,7 @@ def lattice_arap(
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
     V = blend(grid.carry, mesh.V, rest=grid.V, nodes=q, R=local.rotations(q))
-    V, facts = on_targets(mesh, handles, V, nodes=p)
+    V, before = on_targets(mesh, handles, V, nodes=p)
     watch.end("carry")
-    return iterated(V, done, watch.seconds, **facts, nodes=p, cubes=len(grid.cubes))
+    facts = {"handle_before": before, "nodes": p, "cubes": len(grid.cubes)}
+    return iterated(V, done, watch.seconds, facts)

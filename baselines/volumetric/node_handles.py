@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,8 @@ def rigid_parts(mesh: Mesh, handles: Handles) -> RigidParts:
     handles. The remaining handles form one part with its best rigid motion.
     """
     source, close = mesh.V[handles.index], RIGID * mesh.diagonal
-    part, motions = np.full(len(handles), -1), []
+    part = np.full(len(handles), -1)
+    motions: list[tuple[np.ndarray, np.ndarray]] = []
     for group in np.unique(handles.group):
         left = np.flatnonzero(handles.group == group)
         while len(left):
@@ -97,7 +99,8 @@ def _largest_motion(
     return (motion, best) if best.sum() >= near else (whole, everything)
 
 
-class NodeHandles(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class NodeHandles:
     """Nodes of the volume whose positions the handles of the surface determine.
 
     Attributes
@@ -149,9 +152,7 @@ def require_handles(component: np.ndarray, nodes: np.ndarray) -> None:
         raise InputError(f"{counted(without, f'{of} has', f'{of} have')} no handle")
 
 
-def on_targets(
-    mesh: Mesh, handles: Handles, V: np.ndarray, *, nodes: int
-) -> tuple[np.ndarray, dict[str, float]]:
+def on_targets(mesh: Mesh, handles: Handles, V: np.ndarray, *, nodes: int) -> tuple[np.ndarray, float]:
     """Put handles on their targets, and move the surface beside handle regions with them.
 
     Parameters
@@ -166,12 +167,11 @@ def on_targets(
     Returns
     -------
     V : (n, 3) float64
-    facts : dict
-        ``handle_before``, the mean distance of handles to targets in the given positions, divided by the
-        diagonal.
+    before : float
+        Mean distance of handles to targets in the given positions, divided by the diagonal.
     """
     before = handle_error(mesh, handles, V)
     regions = HandleRegions(mesh, handles, vertices=nodes, graph=vertex_graph(mesh))
     V = np.array(regions.on_targets(V, handles))
     V[handles.index] = handles.target
-    return V, {"handle_before": before}
+    return V, before

@@ -86,7 +86,7 @@ def bounded_biharmonic_weights(
         blended = np.einsum("vg,gij,vj->vi", W, parts.R, V, optimize=True)
         return blended + W @ parts.t
 
-    return _skinned(task, prolong, options)
+    return _skinned(task, prolong, **options)
 
 
 def biharmonic_coordinates(
@@ -138,13 +138,13 @@ def biharmonic_coordinates(
         W = igl.biharmonic_coordinates(V, tetrahedra.T, selected, 2)
         return (tetrahedra.carry @ (W @ np.vstack(controls))) * scale + centre
 
-    return _skinned(task, prolong, options)
+    return _skinned(task, prolong, **options)
 
 
 def _skinned(
     task: DeformationTask,
     prolong: Callable[[CoarseTetrahedra, NodeHandles], np.ndarray],
-    options: TetrahedraOptions,
+    **options: Unpack[TetrahedraOptions],
 ) -> DeformationResult:
     mesh, handles = task.mesh, task.handles
     require_hard(handles, "skinning")
@@ -154,9 +154,9 @@ def _skinned(
     watch.end("precompute")
     V = prolong(tetrahedra, fixed)
     watch.end("solve")
-    V, facts = on_targets(mesh, handles, V, nodes=len(tetrahedra.V))
+    V, before = on_targets(mesh, handles, V, nodes=len(tetrahedra.V))
     watch.end("carry")
-    extra = {**tetrahedra.facts(), **facts, "bones": len(fixed.parts.t)}
+    extra = tetrahedra.facts() | {"handle_before": before, "bones": len(fixed.parts.t)}
     return DeformationResult(V, iterations=1, converged=None, seconds=watch.seconds, extra=extra)
 
 

@@ -114,4 +114,4 @@ def slim(
     inverted = tetrahedra.inverted(nodes)
     watch.end("carry")
     facts = {"inverted": inverted, "handle_error": handle_error(mesh, handles, V)}
-    return iterated(V, done, watch.seconds, **tetrahedra.facts(), **facts)
+    return iterated(V, done, watch.seconds, tetrahedra.facts() | facts)

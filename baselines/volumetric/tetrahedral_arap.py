@@ -82,6 +82,6 @@ def tetrahedral_arap(
     state = Plain(advance, u, diagonal=mesh.diagonal)
     done = run(state, Stop(tolerance, max_iterations), progress=progress)
     watch.end("solve")
-    V, facts = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
+    V, before = on_targets(mesh, handles, tetrahedra.carry @ u, nodes=len(u))
     watch.end("carry")
-    return iterated(V, done, watch.seconds, **tetrahedra.facts(), **facts)
+    return iterated(V, done, watch.seconds, tetrahedra.facts() | {"handle_before": before})
