@@ -13,6 +13,7 @@ import numpy as np
 from sshade.edit.materials import Material, Skin, srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import Gltf, is_embedded
+from sshade.files.mesh_file import beside
 
 
 def gltf_skin(path: Path) -> Skin:
@@ -66,4 +67,4 @@ def _image(gltf: Gltf, image: dict[str, Any]) -> bytes:
     if is_embedded(uri):
         head, _, body = uri.partition(",")
         return base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
-    return (gltf.source.parent / unquote(uri)).read_bytes()
+    return beside(gltf.source, unquote(uri)).read_bytes()

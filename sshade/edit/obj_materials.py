@@ -8,6 +8,7 @@ import numpy as np
 
 from sshade.edit.materials import Material, Skin
 from sshade.files.libraries import rest_of, texture_name
+from sshade.files.mesh_file import beside
 from sshade.files.obj import faces_of, words_of
 from sshade.files.words import key_of
 
@@ -47,7 +48,7 @@ def obj_skin(path: Path) -> Skin:
     known: dict[str, Material] = {}
     for whole, short in names(libraries):
         for name in dict.fromkeys((*short.split(), short, whole)):
-            known |= _library(path.parent / name)
+            known |= _library(beside(path, name))
     materials = [_PLAIN, *(known.get(whole, known.get(short, _PLAIN)) for whole, short in names(uses))]
     of_polygon = np.searchsorted(uses, polygons)
     return Skin(uv, corner[triangles], of_polygon[face[triangles[:, 0]]], materials)
@@ -75,6 +76,5 @@ def _library(path: Path) -> dict[str, Material]:
                 continue
         elif key == "map_Kd" and (file := texture_name(words)):
             # Exporters write any colour beside a texture; viewers ignore it.
-            image = path.parent / file.replace("\\", "/")
-            found[name] = Material(np.ones(3), image.read_bytes)
+            found[name] = Material(np.ones(3), beside(path, file).read_bytes)
     return found

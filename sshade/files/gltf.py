@@ -33,7 +33,7 @@ from sshade.files.gltf_scene import (
     require_plain,
     triangles_of,
 )
-from sshade.files.mesh_file import MeshFile, as_floats, moved_reference, present
+from sshade.files.mesh_file import MeshFile, as_floats, beside, moved_reference, present
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import vertex_turns
 from sshade.mesh.surface import single_steps
@@ -183,7 +183,7 @@ def _buffer(buffer: dict[str, Any], path: Path, binary: bytes | None) -> bytes:
         head, _, body = uri.partition(",")
         data = base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
     else:
-        file = path.parent / unquote(uri)
+        file = beside(path, unquote(uri))
         if not file.is_file():
             raise InputError(f"{path}: its buffer {uri} is missing")
         data = file.read_bytes()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sshade.files.mesh_file import goes_along, moved_reference
+from sshade.files.mesh_file import beside, goes_along, moved_reference
 
 #: How lines of a .mtl file with a texture begin.
 _MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
@@ -12,7 +12,7 @@ _MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
 
 def moved_library(line: bytes, source: Path, path: Path) -> bytes:
     """Convert the names of a line "mtllib" so that they are valid in `path`."""
-    names = _libraries(line)
+    names = library_names(line)
     # Materials go along with all their textures, or stay where they are.
     moved = [
         name
@@ -26,7 +26,7 @@ def moved_library(line: bytes, source: Path, path: Path) -> bytes:
     return b"mtllib " + " ".join(moved).encode("utf-8", "surrogateescape") + line[end:]
 
 
-def _libraries(line: bytes) -> list[str]:
+def library_names(line: bytes) -> list[str]:
     """Return the names in a line "mtllib". Blanks separate them, but a single name may contain blanks."""
     text = rest_of(line.partition(b"#")[0])
     return [text] if text.lower().count(".mtl") == 1 else text.split()
@@ -34,16 +34,16 @@ def _libraries(line: bytes) -> list[str]:
 
 def library_files(line: bytes, source: Path) -> list[str]:
     """Return the names of the .mtl files in a line "mtllib" of `source`, and of their textures."""
-    return [file for name in _libraries(line) for file in _files_of(name, source)]
+    return [file for name in library_names(line) for file in _files_of(name, source)]
 
 
 def _files_of(name: str, source: Path) -> list[str]:
     """Return the name of a .mtl file and the names of its textures that are there, as from `source`."""
-    library = source.parent / name
+    library = beside(source, name)
     lines = library.read_text("utf-8", "surrogateescape").splitlines() if library.is_file() else []
     words = [line.split() for line in lines if line.strip().lower().startswith(_MAPS)]
-    textures = [f"{Path(name).parent / texture_name(rest).replace(chr(92), '/')}" for _, *rest in words]
-    return [name, *(file for file in dict.fromkeys(textures) if (source.parent / file).is_file())]
+    textures = [str(beside(beside(Path(source.name), name), texture_name(rest))) for _, *rest in words]
+    return [name, *(file for file in dict.fromkeys(textures) if beside(source, file).is_file())]
 
 
 def rest_of(line: bytes) -> str:

@@ -132,24 +132,29 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
+def beside(source: Path, name: str) -> Path:
+    """Return the path of a file that `source` names; programs of Windows write backslashes."""
+    return source.parent / os.path.normpath(name.replace("\\", "/"))
+
+
 def goes_along(name: str, source: Path, path: Path) -> bool:
     """Whether a file that `source` names can be copied beside `path` under its name.
 
     It lies in the folder of `source` or below, and no other file has its place.
     """
-    file, copy = source.parent / name, path.parent / name
-    inside = not _is_absolute(name) and ".." not in Path(name).parts and file.is_file()
+    file, copy = beside(source, name), beside(path, name)
+    inside = not _is_absolute(name) and beside(Path(), name).parts[:1] != ("..",) and file.is_file()
     return inside and (not copy.exists() or filecmp.cmp(file, copy))
 
 
 def copy_along(names: Sequence[str], source: Path, path: Path) -> None:
     """Copy files that `source` names beside `path`; many readers follow no names out of a folder."""
     for name in names:
-        copy = path.parent / name
+        copy = beside(path, name)
         if goes_along(name, source, path) and not copy.exists():
             copy.parent.mkdir(parents=True, exist_ok=True)
             with replacing(copy) as temporary:
-                shutil.copy2(source.parent / name, temporary)
+                shutil.copy2(beside(source, name), temporary)
 
 
 def _is_absolute(name: str) -> bool:
@@ -166,7 +171,7 @@ def moved_reference(name: str, source: Path, path: Path, *, along: bool = True) 
     stays = _is_absolute(name) or len(urlsplit(name).scheme) > 1
     if here == there or stays or (along and goes_along(name, source, path)):
         return name
-    return Path(os.path.relpath(here / name, there)).as_posix()
+    return Path(os.path.relpath(beside(here / source.name, name), there)).as_posix()
 
 
 def fanned(polygons: list[np.ndarray], numbers: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

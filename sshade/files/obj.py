@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.files.libraries import library_files, moved_library
-from sshade.files.mesh_file import MeshFile, fanned, present
+from sshade.files.libraries import library_files, library_names, moved_library
+from sshade.files.mesh_file import MeshFile, beside, fanned, present
 from sshade.files.obj_normals import Corners, Obj, turned_normals
 from sshade.files.words import Edits, Text, edited, key_of, without_comments
 
@@ -52,11 +52,15 @@ def read_obj(path: Path) -> MeshFile:
         comments=b"#" in data,
     )
     places = np.stack(text.line_ends(libraries))
-    named = tuple(file for a, b in places.T.tolist() for file in library_files(data[a:b], path))
+    lines = [data[a:b] for a, b in places.T.tolist()]
+    named = tuple(file for line in lines for file in library_files(line, path))
+    used = [name for line in lines for name in library_names(line)]
     obj = Obj(data, positions, normals, corners, triangles, places)
     F, content = corners.vertex[triangles], partial(_content, obj, path)
+    missing = [name for name in used if not beside(path, name).is_file()]
+    notes = tuple(f"its material file {name} is not there" for name in missing)
     V = positions.value
-    return MeshFile(V, F, holds, (".obj",), content, source=path, named=named, parts=parts)
+    return MeshFile(V, F, holds, (".obj",), content, notes, source=path, named=named, parts=parts)
 
 
 def words_of(data: bytes) -> tuple[Text, np.ndarray]:

@@ -1,5 +1,6 @@
 """Files as several programs write them keep everything except positions and normals."""
 
+import json
 import struct
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from PIL import Image
 import sshade
 from sshade.cli.main import main
 from sshade.edit.document import Document
-from sshade.files.meshes import read_arrays, read_file, write_file
+from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
 from tests.files import sample
 from tests.shapes import as_obj, icosphere
 from tests.write import columns, lines, mesh_ply, rows
@@ -168,6 +169,33 @@ def test_materials_and_textures_go_along_so_that_other_readers_find_them(here):
     write_file(posed, read_file("in/a.obj"), ball.V)
     assert "mtllib ../in/my skin.mtl\n" in posed.read_text()
     assert Path("out/maps/skin.png").read_bytes() == b"another image"
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.gltf"])
+def test_names_with_backslashes_are_names_in_folders(here, name):
+    """The material of the OBJ file is in the folder maps and names its texture from there."""
+    ball = icosphere(1)
+    Path("in/maps").mkdir(parents=True)
+    Path("out").mkdir()
+    Path("in/maps/skin.png").write_bytes(b"an image")
+    Path("in/maps/skin.mtl").write_text("newmtl skin\nmap_Kd -bm 1 ..\\maps\\skin.png\n")
+    if name == "a.obj":
+        text = as_obj(ball.V, ball.F).replace(
+            "mtllib skin.mtl", "mtllib .\\maps\\skin.mtl\nmtllib maps\\b.mtl"
+        )
+        Path("in/a.obj").write_text(text)
+    elif name == "a.ply":
+        comments = ["comment TextureFile maps\\skin.png"]
+        Path("in/a.ply").write_bytes(mesh_ply(ball.V, ball.F, "", comments=comments))
+    else:
+        write_mesh("in/a.gltf", ball.V, ball.F)
+        tree = json.loads(Path("in/a.gltf").read_text())
+        Path("in/a.gltf").write_text(json.dumps({**tree, "images": [{"uri": "maps%5Cskin.png"}]}))
+    file = read_file(f"in/{name}")
+    write_file(f"out/{name}", file, file.V)
+    assert Path("out/maps/skin.png").read_bytes() == b"an image"
+    assert Path("out/maps/skin.mtl").exists() == (name == "a.obj")
+    assert file.notes == (("its material file maps\\b.mtl is not there",) if name == "a.obj" else ())
 
 
 OBJ_OF = "{}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
