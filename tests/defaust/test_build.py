@@ -4,8 +4,12 @@ import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from dataclasses import replace
+from time import sleep
 
+import psutil
 import pytest
 
 from defaust.build import workers as module
@@ -144,3 +148,20 @@ class Killed(Balls):
 def test_a_killed_process_of_a_build_is_told(tmp_path):
     with pytest.raises(InputError, match="a process of the build was killed, perhaps for lack of memory"):
         build(Killed(), tmp_path / "balls", options=KEPT, workers=2)
+
+
+@pytest.mark.full
+def test_workers_end_with_a_killed_build(tmp_path):
+    work = "from tests.defaust.toy import *; from defaust.build.dataset import build; "
+    work += "build(Balls(subjects=(*range(500),)), Path('out'), options=OPTIONS, workers=2)"
+    with subprocess.Popen([sys.executable, "-c", work], cwd=tmp_path) as process:
+        while not list(tmp_path.glob("out/.build/subject_*.json")):
+            assert process.poll() is None
+            sleep(0.1)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+    assert len(workers) >= 2
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    for worker in alive:
+        worker.kill()
+    assert not alive

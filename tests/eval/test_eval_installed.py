@@ -118,7 +118,7 @@ def test_a_wheel_has_what_the_commands_need_and_nothing_else(tmp_path, own_folde
     (wheel,) = tmp_path.glob("*.whl")
     with ZipFile(wheel) as archive:
         names = [name for name in archive.namelist() if ".dist-info/" not in name]
-    assert {name.split("/")[0] for name in names} == set(PACKAGES)
+    assert {name.split("/")[0] for name in names} == {*PACKAGES, "sshade_eval.py"}
     assert sum(name.startswith("sshade/compiled/sshade.") for name in names) > 50
     files = [path for name in PACKAGES for path in (source / name).rglob("*") if path.is_file()]
     data = {str(path.relative_to(source)) for path in files if path.suffix != ".py" and "-" not in path.name}

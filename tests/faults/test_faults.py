@@ -1,77 +1,85 @@
-"""Builds and sweeps are killed at random moments and run twice at once."""
+"""Builds and runs that are killed at any change of a file lose nothing; nor do two runs at once."""
 
-import importlib
+import builtins
+import io
 import json
-import multiprocessing
 import os
 import shutil
-import signal
-import sys
-from contextlib import suppress
-from multiprocessing.process import BaseProcess
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import count
 from pathlib import Path
-from time import perf_counter, sleep
 from typing import Any
+from unittest import mock
 
-import numpy as np
 import pytest
 
 from defaust.build.dataset import build
 from defaust.build.verify import verify
-from sshade.files.meshes import write_mesh
-from tests.defaust.toy import OPTIONS, Balls
+from eval.run.config import RunConfig, RunSettings
+from eval.run.run import run
+from tests.defaust.toy import KEPT, Balls
 from tests.files import contents
-from tests.shapes import bent, bumpy
 
-BUILD = ["defaust", "build", "source=tosca", "source.root=meshes", "out=out", "source.landmarks=4"]
-BUILD += ["handles_per_landmark=10", "neighbourhood=20"]
-SWEEP = ["sshade-eval", "run", "-m", "dataset=defaust", "dataset.root=balls", "subject=0", "pose=1,2"]
-SWEEP += ["method=identity,fast", "proxy.vertices=60", "solver.max_iterations=30"]
-SWEEP += ["run.folder=out", "paths.runs=."]
-#: Commands that take a while and make the folder `out`.
-COMMANDS = {"build": [*BUILD, "workers=1"], "build of two": [*BUILD, "workers=2"], "sweep": SWEEP}
-MAINS = {"defaust": "defaust.cli", "sshade-eval": "eval.main"}
+METHOD = {"_target_": "baselines.identity.identity"}
+CASE = {"_target_": "defaust.tasks.hairpin.hairpin_task", "gap": 0.02, "angle": 40.0, "around": 12}
 #: Beginnings of the names of columns that record the time and place of a run, not its result.
-VARYING = ("seconds.", "date", "env.")
-MANY = [pytest.param(name, 12, seed, marks=pytest.mark.full) for name in COMMANDS for seed in (1, 2, 3)]
-
-#: Its processes begin with all modules imported and without threads.
-CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload([__name__, *MAINS.values(), "eval.run.attempt", "sshade.method.deform"])
+VARYING = ("seconds.", "date", "env.", "peak_mib")
+#: Calls that change files.
+CHANGES = [(os, name) for name in ("replace", "rename", "unlink", "rmdir", "mkdir")]
+CHANGES += [(io, "open"), (builtins, "open")]
 
 
-def work(command: list[str], folder: Path) -> None:
-    """Run a command line in a new process, which leads a process group; exit with its exit code."""
-    os.setsid()
-    os.chdir(folder)
-    log = os.open("log", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    os.dup2(log, 1)
-    os.dup2(log, 2)
-    program, *sys.argv[1:] = command
-    sys.exit(importlib.import_module(MAINS[program]).main())
+class Killed(BaseException):
+    """The end of the process."""
 
 
-def start(name: str, folder: Path) -> BaseProcess:
-    """Start a command; return its process when the folder `out` exists or the process has ended."""
-    process = CONTEXT.Process(target=work, args=(COMMANDS[name], folder))
-    process.start()
-    while not (folder / "out").exists() and process.is_alive():
-        sleep(0.001)
-    return process
+@contextmanager
+def watched(act: Callable[[int], None]) -> Iterator[None]:
+    """Call a function with the number of each change: before the change, or when a file to write is empty."""
+    numbers = count()
+
+    def changing(call: Callable[..., Any]) -> Callable[..., Any]:
+        def changed(*args: Any, **settings: Any) -> Any:
+            act(next(numbers))
+            return call(*args, **settings)
+
+        return changed
+
+    def opened(path: Any, mode: str = "r", *args: Any, **settings: Any) -> Any:
+        file = plain_open(path, mode, *args, **settings)
+        if set(mode) & set("wax+"):
+            with ExitStack() as stack:
+                stack.callback(file.close)
+                act(next(numbers))
+                stack.pop_all()
+        return file
+
+    plain_open = open
+    with ExitStack() as stack:
+        for module, name in CHANGES:
+            new = opened if name == "open" else changing(getattr(module, name))
+            stack.enter_context(mock.patch.object(module, name, new))
+        yield
 
 
-def end(process: BaseProcess) -> int | None:
-    process.join(600)
-    assert process.exitcode is not None, "it does not end"
-    return process.exitcode
+def killed_at(number: int, work: Callable[[Path], None], out: Path) -> bool:
+    """Do some work in `out`, and kill it at a change; return whether there are so many changes."""
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    killed = False
 
+    def act(now: int) -> None:
+        nonlocal killed
+        if now >= number:  # what would tidy up is dead as well
+            killed = True
+            raise Killed
 
-def assert_whole(out: Path) -> None:
-    """Assert that every subject has all its files, and every row its vertices."""
-    assert all(len(list(subject.iterdir())) == 6 for subject in out.glob("subject_*"))
-    for row in out.rglob("row.json"):
-        assert json.loads(row.read_text())["status"] in ("ok", "not_converged")
-        assert (row.parent / "vertices.npy").is_file()
+    # Files that a kill leaves have the number of a process that has ended.
+    with watched(act), mock.patch("os.getpid", return_value=ended.pid), suppress(Killed):
+        work(out)
+    return killed
 
 
 def taken(out: Path) -> dict[str, Any]:
@@ -86,35 +94,52 @@ def taken(out: Path) -> dict[str, Any]:
     return found
 
 
-def prepare(folder: Path) -> None:
-    """Write four classes of three meshes each for a build, and a dataset for a sweep."""
-    body = bumpy(3)
-    (folder / "meshes").mkdir()
-    for number, name in enumerate(("ant", "bee", "cow", "dog")):
-        for k in range(3):
-            write_mesh(folder / f"meshes/{name}{k}.ply", bent(body.V * (1 + 0.1 * number), 0.1 * k), body.F)
-    build(Balls(subjects=(0,)), folder / "balls", options=OPTIONS, workers=1)
+def assert_whole(out: Path) -> None:
+    """Assert that every subject has all its files, and every row its vertices."""
+    assert all(len(list(subject.iterdir())) == 6 for subject in out.glob("subject_*"))
+    for row in out.rglob("row.json"):
+        assert json.loads(row.read_text())["status"] == "ok"
+        assert (row.parent / "vertices.npy").stat().st_size > 1000
 
 
-@pytest.mark.parametrize(("name", "kills", "seed"), [("build", 2, 0), ("sweep", 1, 0), *MANY])
-def test_after_kills_a_rerun_gives_what_an_undisturbed_run_gives(name, kills, seed, tmp_path):
-    prepare(tmp_path)
-    out, log, rng = tmp_path / "out", tmp_path / "log", np.random.default_rng(seed)
-    process, begin = start(name, tmp_path), perf_counter()
-    assert end(process) == 0, log.read_text()
-    seconds, expected = perf_counter() - begin, taken(out)
-    assert expected, "it left nothing"
-    for number in range(kills):
-        process = start(name, tmp_path)
-        # A quarter of the kills come before or just after the work begins, when few files exist.
-        sleep(float(rng.uniform(0, seconds) if rng.integers(4) else rng.uniform(0, 0.05)))
-        with suppress(ProcessLookupError):  # every second kill leaves the workers of the process alive
-            (os.killpg if number % 2 == 0 else os.kill)(process.pid, signal.SIGKILL)
-        end(process)
+def build_balls(out: Path) -> None:
+    build(Balls(subjects=(0,)), out, options=KEPT, workers=1)
+
+
+def make_run(out: Path) -> None:
+    settings = RunSettings("e", "e", None, force=False, fresh=False, of=1, time_limit=None)
+    assert run(RunConfig("none", METHOD, CASE, 0, settings, out)).row["status"] == "ok"
+
+
+@pytest.mark.parametrize(("work", "changes"), [(build_balls, 20), (make_run, 5)])
+def test_a_kill_at_any_change_leaves_whole_files_and_a_rerun_completes_them(work, changes, tmp_path):
+    out = tmp_path / "out"
+    work(out)
+    expected = taken(out)
+    for number in count():
+        if not killed_at(number, work, out):
+            break
         assert_whole(out)
-    assert end(start(name, tmp_path)) == 0, log.read_text()
-    assert taken(out) == expected
-    both = [start(name, tmp_path) for _ in range(2)]
-    codes = sorted(end(process) for process in both)
-    assert codes == [0, 0] or (name != "sweep" and codes == [0, 2]), log.read_text()
-    assert taken(out) == expected
+        work(out)
+        assert taken(out) == expected, f"change {number}"
+    assert number > changes
+
+
+def test_two_runs_at_once_give_what_one_gives(tmp_path):
+    out = tmp_path / "out"
+    make_run(out)
+    expected = taken(out)
+    for number in count():
+        numbers = []
+
+        def act(now, number=number, numbers=numbers):
+            numbers.append(now)
+            if now == number:
+                make_run(out)
+
+        with watched(act):
+            make_run(out)
+        assert taken(out) == expected, f"change {number}"
+        if len(numbers) <= number:
+            break
+    assert number > 5
