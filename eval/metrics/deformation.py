@@ -78,7 +78,7 @@ def zero_area_faces(deformed: Deformed) -> float:
 @metric("%", "mean distance of handles to targets / diagonal", "handles")
 def handle(deformed: Deformed) -> float:
     """Mean distance of the handle vertices to their targets over M's diagonal, in percent."""
-    handles = deformed.task.handles
+    handles = deformed.handles
     gap = np.linalg.norm(deformed.shape.V[handles.index] - handles.target, axis=1)
     return 100 * float(gap.mean()) / deformed.mesh.diagonal
 
@@ -166,7 +166,7 @@ def spike(deformed: Deformed) -> float:
     The metric is the largest value of a group. An edge is within r rings if one of its ends is at most r - 1
     edges from a handle of the group.
     """
-    topology, handles = deformed.rest.topology, deformed.task.handles
+    topology, handles = deformed.rest.topology, deformed.handles
     ends = topology.dihedral[:2]
     worst = np.nan
     for group in np.unique(handles.group):

@@ -12,7 +12,7 @@ import numpy as np
 
 from eval.metrics.shape import MeasuredShape, ShapeTopology
 from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, TransferTask
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 
 Task = DeformationTask | TransferTask
 
@@ -55,7 +55,14 @@ class Deformed:
     @cached_property
     def truth(self) -> MeasuredShape:
         """The geometry of the ground truth."""
+        assert self.task.truth is not None, "only metrics that need a truth ask for it"
         return MeasuredShape(self.rest.topology, self.task.truth)
+
+    @property
+    def handles(self) -> Handles:
+        """The handles of the task."""
+        assert isinstance(self.task, DeformationTask), "only metrics that need handles ask for them"
+        return self.task.handles
 
     @cached_property
     def flipped(self) -> np.ndarray:

@@ -130,7 +130,7 @@ TRANSFER_COLUMNS = (
 
 def columns_of(rows: pd.DataFrame) -> tuple[Column, ...]:
     """Return the columns for which the rows have numbers."""
-    columns = COLUMNS
+    columns: tuple[Column, ...] = COLUMNS
     if are_transfers(rows):
         columns = TRANSFER_COLUMNS
         if numbers(rows, "metric.hausdorff").isna().all():
@@ -171,7 +171,9 @@ def begun(rows: pd.DataFrame) -> pd.DataFrame:
 def with_success(rows: pd.DataFrame) -> pd.DataFrame:
     """Add the column :data:`SUCCESS`: 100 if the handles of the result reach their targets, else 0."""
     reached = rows["status"].isin(VALID) & (numbers(rows, "metric.handle") <= REACHED)
-    return rows.assign(**{SUCCESS: 100.0 * reached})
+    rows = rows.copy()
+    rows[SUCCESS] = 100.0 * reached
+    return rows
 
 
 def are_transfers(rows: pd.DataFrame) -> bool:

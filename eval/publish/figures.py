@@ -23,7 +23,7 @@ from eval.publish import panels
 from eval.publish.columns import TIME, TRUTH, reference_rows
 from eval.publish.comparison import RUN, means
 from eval.publish.notes import require_one_version
-from eval.publish.panels import Case
+from eval.publish.panels import Camera, Case
 from eval.publish.plotting import FIGURES, new_figure, save, style
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, has_runs, read_conf
@@ -138,10 +138,10 @@ def read_picture(name: str) -> dict[str, Any]:
     return dict(read_conf("pictures").get(name, {}))
 
 
-def camera_of(name: str) -> dict[str, np.ndarray]:
-    """Return the directions of the camera of an experiment, (3,) float64."""
-    entry = {"towards": TOWARDS, "up": UP, **read_picture(name)}
-    return {axis: np.array(entry[axis]) for axis in ("towards", "up")}
+def camera_of(name: str) -> Camera:
+    """Return the camera of the pictures of an experiment."""
+    entry = read_picture(name)
+    return Camera(np.array(entry.get("towards", TOWARDS)), np.array(entry.get("up", UP)))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -179,9 +179,9 @@ def _draw_shapes(experiment: Experiment, options: argparse.Namespace) -> None:
     entry = read_picture(experiment.name)
     names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
     cases = of_one_error(read_cases(experiment, names=names, methods=methods))
-    view = camera_of(experiment.name)
+    camera = camera_of(experiment.name)
     out = options.out or FIGURES / f"{experiment.name}.png"
-    rows = [panels.row_of(case, **view) for case in cases]
+    rows = [panels.row_of(case, camera) for case in cases]
     legend = f"{panels.what_to_see(cases[0].task)} Percentages are means. Seconds are of these runs."
     if any(panel.handles for row in rows for panel in row.panels):
         legend += " Handles: blue fixed, yellow moved."

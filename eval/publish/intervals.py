@@ -68,7 +68,7 @@ class Resampling:
     def weights(self) -> np.ndarray:
         """The share of each case (line) in each resample (column) that has a case."""
         random = np.random.default_rng(SEED)
-        times = 1.0
+        times = np.ones(1)
         for name, n in self.counts.items():
             drawn = random.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).T
             times = times * drawn[self.drawn[name]]

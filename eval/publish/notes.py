@@ -115,9 +115,9 @@ def case_notes(rows: pd.DataFrame, comparison: Comparison, *, half: str | None) 
     notes += _lost(rows)
     seeds = rows.groupby("method.name")["seed"].nunique()
     if seeds.max() > 1:
-        several = "; ".join(f"{count} of {shortened(own.index)}" for count, own in seeds.groupby(seeds))
+        counts = "; ".join(f"{count} of {shortened(own.index)}" for count, own in seeds.groupby(seeds))
         notes.append(
-            f"Seeds: {several}. The value of a case is the mean over its seeds; ± is the standard deviation "
+            f"Seeds: {counts}. The value of a case is the mean over its seeds; ± is the standard deviation "
             "over seeds of the mean over the cases."
         )
     return notes
@@ -191,7 +191,8 @@ def definitions(columns: Sequence[Column]) -> list[tuple[str, str]]:
 def _method_notes(rows: pd.DataFrame) -> list[str]:
     """Return the notes of the methods' configurations, and the notes on references."""
     facts = rows.reindex(columns=["method.name", "method.note", "method.target"]).replace("", None)
-    reference = facts.assign(**{"method.note": facts["method.target"].map(REFERENCES)})
+    reference = facts.copy()
+    reference["method.note"] = facts["method.target"].map(REFERENCES)
     notes = pd.concat([facts, reference])[["method.name", "method.note"]].dropna().drop_duplicates()
     pairs = sorted(notes.to_numpy().tolist(), key=lambda pair: (method_order(pair[0]), pair[1]))
     return [f"{name}: {note}" for name, note in pairs]

@@ -22,6 +22,7 @@ from sshade.plotting.pictures import COLOURS, View, colour_range, edge_error
 from sshade.problem.task import DeformationTask, Handles, TransferTask
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Width of a panel, largest width of all panels, and largest mean height of a row, in inches; pixels of a
@@ -37,8 +38,13 @@ SUBJECTS = {
     "shapes": "shape",
     **dict.fromkeys(("synth", "new_b", "noisy", "faust"), "body"),
 }
-_MIDDLE = {"ha": "center", "va": "center", "fontsize": 6, "color": "#7f7f7f"}
-_BESIDE = {"rotation": 90, "ha": "right", "va": "center"}
+
+
+class Camera(NamedTuple):
+    """Direction (3,) from the scene to the camera, and upright direction (3,)."""
+
+    towards: np.ndarray
+    up: np.ndarray
 
 
 class Case(NamedTuple):
@@ -125,19 +131,12 @@ def task_title(task: Task) -> str:
     return ", ".join([f"{subject} {task.meta['subject']}", *(word.replace("_", " ") for word in words)])
 
 
-def row_of(case: Case, *, towards: np.ndarray, up: np.ndarray) -> PanelRow:
-    """Return the row of a case.
-
-    Parameters
-    ----------
-    case : Case
-    towards, up : (3,) float64
-        Direction from the scene to the camera, and upright direction.
-    """
+def row_of(case: Case, camera: Camera) -> PanelRow:
+    """Return the row of a case."""
     task = case.task
     shapes: dict[str, np.ndarray | str] = {**_inputs(task), **case.results}
     found = {name: V for name, V in shapes.items() if isinstance(V, np.ndarray)}
-    views = {name: View.of([V], towards=towards, up=up) for name, V in found.items()}
+    views = {name: View.of([V], towards=camera.towards, up=camera.up) for name, V in found.items()}
     size = np.max([view.size for view in views.values()], axis=0)  # a unit of length has one size
     panels = []
     for name, V in shapes.items():
@@ -195,12 +194,21 @@ def draw(rows: Sequence[PanelRow], *, title: str, label: str) -> Figure:
             place.set_title(text, fontsize=8, fontweight="bold" if panel.name == row.nearest else "normal")
             if isinstance(panel.shape, str):
                 reason = shorten(panel.shape, REASON, placeholder="...")
-                place.text(0.5, 0.5, fill(reason, 22), transform=place.transAxes, **_MIDDLE)
+                place.text(
+                    0.5,
+                    0.5,
+                    fill(reason, 22),
+                    transform=place.transAxes,
+                    ha="center",
+                    va="center",
+                    fontsize=6,
+                    color="#7f7f7f",
+                )
             else:
                 place.imshow(picture_of(panel, row.mesh, width=PIXELS, top=top))
-        places[0].text(-0.12, 0.5, row.title, transform=places[0].transAxes, fontsize=9, **_BESIDE)
+        _write_beside(places[0], -0.12, row.title, size=9)
         if row.name != row.title:
-            places[0].text(-0.03, 0.5, row.name, transform=places[0].transAxes, fontsize=5, **_BESIDE)
+            _write_beside(places[0], -0.03, row.name, size=5)
     colours = ScalarMappable(Normalize(0, top), COLOURS)
     bar = figure.colorbar(colours, ax=axes, extend="max", shrink=0.6, pad=0.01)
     bar.set_label(fill(label, 42))
@@ -209,7 +217,14 @@ def draw(rows: Sequence[PanelRow], *, title: str, label: str) -> Figure:
     return figure
 
 
+def _write_beside(place: Axes, x: float, text: str, *, size: int) -> None:
+    """Write a text upwards at the left side of a panel."""
+    place.text(x, 0.5, text, transform=place.transAxes, fontsize=size, rotation=90, ha="right", va="center")
+
+
 def picture_of(panel: Panel, mesh: Mesh, *, width: int, top: float) -> np.ndarray:
     """Return the picture of a panel with a shape, (h, w, 3) uint8; its colours go from 0 to `top`."""
-    form = {"view": panel.view, "width": width, "error": panel.error, "top": top, "handles": panel.handles}
-    return picture(mesh, panel.shape, **form)
+    assert isinstance(panel.shape, np.ndarray), "an empty panel has no picture"
+    return picture(
+        mesh, panel.shape, view=panel.view, width=width, error=panel.error, top=top, handles=panel.handles
+    )

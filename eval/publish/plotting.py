@@ -22,16 +22,6 @@ if TYPE_CHECKING:
 #: Formats of figures, by suffix.
 SUFFIXES = (".svg", ".png")
 
-_STYLE = {
-    "font.size": 8,
-    "axes.titlesize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "legend.fontsize": 7,
-    "svg.hashsalt": "sshade",
-}
-
 #: Metadata without the time and the version of the library, which would change the bytes.
 _METADATA = {
     ".png": {"Software": None},
@@ -47,7 +37,17 @@ def style() -> Iterator[None]:
     """Set the style of figures that are made and saved in this context or in a decorated function."""
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(
+        {
+            "font.size": 8,
+            "axes.titlesize": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "legend.frameon": False,
+            "legend.fontsize": 7,
+            "svg.hashsalt": "sshade",
+        }
+    ):
         yield
 
 

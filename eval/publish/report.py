@@ -41,6 +41,7 @@ from sshade.core.progress import Progress
 from sshade.plotting import threejs
 from sshade.plotting.pictures import PERCENTILE, colour_range
 from sshade.plotting.view import ViewShape, packed_view
+from sshade.problem.task import DeformationTask
 
 #: Default number of cases of an experiment in the 3D view.
 TURNABLE = 3
@@ -86,7 +87,9 @@ class ReportCase:
 
 def stored_case(experiment: Experiment, rows: list[Row]) -> tuple[Case | None, list[str]]:
     """Return a case with its stored results, None where there are none, and sentences on what is missing."""
-    found = {row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None}
+    found: dict[str, np.ndarray | str] = {
+        row["method.name"]: V for row in rows if (V := experiment.vertices(row)) is not None
+    }
     missing = []
     if absent := [row["method.name"] for row in rows if row["method.name"] not in found]:
         missing.append(f"No stored vertices of {', '.join(absent)} in {experiment.runs}: only the numbers.")
@@ -133,7 +136,7 @@ def show_case(
     if case is None:
         return shown
     shown.task = task = case.task
-    row = row_of(case, **camera_of(experiment.name))
+    row = row_of(case, camera_of(experiment.name))
     shown.width, shown.top = round(DIAGONAL * row.width), scales[error_label(task)]
     try:
         for panel in row.panels:
@@ -143,8 +146,9 @@ def show_case(
         shown.missing.append(f"No pictures: {error}.")
     if turnable:
         shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in row.panels]
-        look = {"handles": getattr(task, "handles", None), "top": shown.top, "label": error_label(task)}
-        shown.view = {**packed_view(task.mesh, shapes, **look), "name": task.name}
+        handles = task.handles if isinstance(task, DeformationTask) else None
+        view = packed_view(task.mesh, shapes, handles=handles, top=shown.top, label=error_label(task))
+        shown.view = view | {"name": task.name}
     return shown
 
 
@@ -231,8 +235,8 @@ def write_page(
         raise InputError(f"there is no case {unknown[0]!r}; there are {', '.join(sorted(known))}")
     chosen = [(experiment, group) for experiment in experiments for group in experiment.cases(cases)]
     stored = (stored_case(*pair)[0] for pair in chosen)
-    form = {"cases": cases, "scales": scales_of(filter(None, stored))}
-    sections = [_section(experiment, progress=progress, **form) for experiment in experiments]
+    scales = scales_of(filter(None, stored))
+    sections = [_section(each, cases=cases, scales=scales, progress=progress) for each in experiments]
     views = [
         case.view | {"title": f"{section['name']}: {case.title}", "id": f"{section['slug']}-case-{i}"}
         for section in sections
@@ -243,7 +247,7 @@ def write_page(
         sections=sections,
         data=[view.pop("data") for view in views],
         views=views,
-        camera={name: list(axis) for name, axis in camera_of(experiments[0].name).items()},
+        camera={name: list(axis) for name, axis in camera_of(experiments[0].name)._asdict().items()},
         ramp=plotting.COLOURS,
         three=threejs.source(),
         viewer=plotting.part("viewer.js"),
@@ -258,9 +262,13 @@ def _render(**names: Any) -> str:
     """Return the page from its template. All text is escaped; undefined names are refused."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    blocks = {"trim_blocks": True, "lstrip_blocks": True}
-    loader = PackageLoader("eval", "publish")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
+    pages = Environment(
+        loader=PackageLoader("eval", "publish"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     marks = {0: "{}", 1: '<b title="best">{}</b>', 2: '<u title="second best">{}</u>'}
     marks[TIE] = '<i title="may be zero">{}</i>'
     pages.globals["printed"] = partial(printed, marks=marks, not_available="n/a", escape=html.escape)

@@ -99,7 +99,11 @@ class Table(NamedTuple):
     def nearer(self) -> pd.Series | None:
         """By method: the cases in which it is nearer to the true pose than the reference, such as "29/40"."""
         truth = next((column.heading for column in self.columns if column.source == TRUTH), None)
-        if truth not in self.differences or self.differences[truth]["difference"].isna().all():
+        if (
+            truth is None
+            or truth not in self.differences
+            or self.differences[truth]["difference"].isna().all()
+        ):
             return None
         cases = self.lines["cases"].max()
         return self.differences[truth]["smaller"].map(f"{{:d}}/{cases}".format)
@@ -194,7 +198,7 @@ def _parts(rows: pd.DataFrame, common: pd.Index) -> dict[str, pd.DataFrame]:
     rows = begun(rows[rows["task.name"].isin(common)])
     facts = rows.reindex(columns=[f"task.meta.{fact}" for fact in ("class", "source_pose", "edit")])
     facts = facts.set_axis(["class", "pose", "edit"], axis="columns")
-    parts = {}
+    parts: dict[str, pd.DataFrame] = {}
     for fact, values in facts.astype(str).items():
         classes = facts["class"].groupby(values).nunique()
         if values.nunique() > 1 and (fact != "pose" or (classes == facts["class"].nunique()).all()):

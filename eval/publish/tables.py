@@ -82,9 +82,11 @@ def to_latex(table: Table) -> str:
     notes_of_parts = (f"{part.title}: {note}" for part in table.parts for note in part.notes)
     # A line break in a note would end the comment.
     out = [f"% {' '.join(note.split())}" for note in (*table.notes, *notes_of_parts)]
-    form: dict[str, Any] = {"not_available": "--", "escape": _escape, "spread": " $\\pm$ "}
     for heading, columns in table.views:
-        bodies = {part.title: cells(part, columns, marks, **form) for part in parts}
+        bodies = {
+            part.title: cells(part, columns, marks, not_available="--", spread=" $\\pm$ ", escape=_escape)
+            for part in parts
+        }
         out += _tabular(heading, ["method", "runs"], columns, bodies)
     for part in parts:
         if part.difference_view:

@@ -4,13 +4,13 @@ import numpy as np
 from eval_cases import bumpy_task
 
 from eval.publish import panels
-from eval.publish.panels import Case, draw, error_of, row_of
+from eval.publish.panels import Camera, Case, draw, error_of, row_of
 from sshade.mesh.mesh import Mesh
 from sshade.plotting.pictures import edge_error
 from sshade.problem.task import DeformationTask, TransferTask
 from tests.shapes import bumpy
 
-CAMERA = {"towards": np.array([1.0, 0, 0.2]), "up": np.array([0.0, 0, 1])}
+CAMERA = Camera(towards=np.array([1.0, 0, 0.2]), up=np.array([0.0, 0, 1]))
 
 
 def transfer(known=True) -> TransferTask:
@@ -22,7 +22,7 @@ def transfer(known=True) -> TransferTask:
 
 def shown(task, **results):
     """Return the row of a case, and assert that its panels have one scale and that every shape fits."""
-    row = row_of(Case(task, results, {"far": {"seconds.total": 1.25}}), **CAMERA)
+    row = row_of(Case(task, results, {"far": {"seconds.total": 1.25}}), CAMERA)
     assert len({tuple(panel.view.size) for panel in row.panels}) == 1
     for panel in (panel for panel in row.panels if isinstance(panel.shape, np.ndarray)):
         assert (np.abs((panel.shape - panel.view.centre) @ panel.view.axes.T) < panel.view.size / 2).all()
@@ -63,7 +63,7 @@ def test_a_transfer_shows_what_is_given_what_is_true_and_what_was_found():
 def test_a_long_title_fits_a_narrow_picture(monkeypatch):
     monkeypatch.setattr(panels, "picture_of", lambda *_, width, **__: np.zeros((width, width, 3), np.uint8))
     task = bumpy_task(level=2)
-    row = row_of(Case(task, {"m": task.mesh.V}, {}), **CAMERA)
+    row = row_of(Case(task, {"m": task.mesh.V}, {}), CAMERA)
     figure = draw([row], title="What this is\n" + "a legend of many words " * 6, label="error")
     figure.canvas.draw()
     (title,) = (text for text in figure.texts if text.get_text().startswith("What this is"))
