@@ -82,10 +82,13 @@ def read_files(sources: Sequence[Path], names: Sequence[Path], shape: OpenShape)
 def write_files(companions: Sequence[Companion], mesh: Mesh, V: np.ndarray) -> None:
     """Write the files in a pose V (n, 3) of the mesh, with all their contents."""
     from sshade.files.meshes import write_file
-    from sshade.proxy.along import move_along
+    from sshade.proxy.along import FAR, how_far, moved_with_distance
 
-    moved = move_along(mesh, V, np.concatenate([one.file.V * one.axes for one in companions]))
-    ends = np.cumsum([len(one.file.V) for one in companions])
-    for (source, file, path, axes), positions in zip(companions, np.split(moved, ends[:-1]), strict=True):
+    moved = moved_with_distance(mesh, V, np.concatenate([one.file.V * one.axes for one in companions]))
+    ends = np.cumsum([len(one.file.V) for one in companions])[:-1]
+    parts = zip(companions, *(np.split(values, ends) for values in moved), strict=True)
+    for (source, file, path, axes), positions, distance in parts:
         write_file(path, file, positions * axes)
         say(f"{path}: {len(positions)} vertices of {source} moved along with the mesh")
+        if distance.max() > FAR:
+            say(f"note: {source}: its vertices are up to {how_far(distance.max())}")

@@ -12,6 +12,8 @@ alone would tear it. Rigid motions of the mesh move the points rigidly.
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
@@ -25,6 +27,8 @@ from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.sample import sample_farthest
 from sshade.proxy.vertex_maps import VertexMaps
 
+log = logging.getLogger(__name__)
+
 #: Number of samples of the mesh, and of the nearest ones that move a point.
 SAMPLES, NEAREST = 3000, 300
 #: Radius within which samples move a point, over the distance of the nearest one plus the spacing of samples.
@@ -33,6 +37,8 @@ REACH = 2.0
 BEYOND = 1 + 1e-6
 #: Largest distance of a point from the bounding box, as a fraction of its diagonal.
 FARTHEST = 0.5
+#: Distance of a point from the mesh from which on it is named, as a fraction of the diagonal.
+FAR = 0.05
 #: Number of points that are moved at a time, so that their weights need little memory.
 ROWS = 10_000
 
@@ -67,6 +73,24 @@ def move_along(mesh: Mesh, posed: DeformationResult | np.ndarray, points: np.nda
     >>> move_along(mesh, V + [0, 0, 2], [[0.5, 0.2, 0.1]]).round(6).tolist()
     [[0.5, 0.2, 2.1]]
     """
+    moved, distance = moved_with_distance(mesh, posed, points)
+    if (farthest := distance.max(initial=0.0)) > FAR:
+        log.warning("points are up to %s", how_far(farthest))
+    return moved
+
+
+def how_far(distance: float) -> str:
+    """Return words for points that are far from a mesh; a distance of 1 is the bounding-box diagonal."""
+    return f"{100 * distance:.2g} % of the diagonal away from the mesh; check that they are where they belong"
+
+
+def moved_with_distance(
+    mesh: Mesh, posed: DeformationResult | np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Move points as :func:`move_along`; return also their distances (m,) from the mesh, over its diagonal.
+
+    A distance is the one from the nearest sample less the spacing of samples, so that it is never too large.
+    """
     require_mesh(mesh, "move_along")
     V = mesh.checked(posed.vertices if isinstance(posed, DeformationResult) else posed, "pose")
     X = require_near(mesh, points) - mesh.origin
@@ -75,13 +99,14 @@ def move_along(mesh: Mesh, posed: DeformationResult | np.ndarray, points: np.nda
     rest, R = mesh.V[samples] - mesh.origin, nearest_rotations(VertexMaps.at_rest(mesh)(V)[0][samples])
     motions = np.concatenate([R.reshape(-1, 9), V[samples] - np.einsum("kij,kj->ki", R, rest)], axis=1)
     tree, spacing = cKDTree(rest), np.sqrt(mesh.area / len(samples))
-    placed = np.empty(X.shape)
+    placed, distance = np.empty(X.shape), np.empty(len(X))
     for begin in range(0, len(X), ROWS):
         part = X[begin : begin + ROWS]
-        mean = _weights(tree, part, spacing) @ motions
+        weights, distance[begin : begin + ROWS] = _weights(tree, part, spacing)
+        mean = weights @ motions
         turned = np.einsum("nij,nj->ni", mean[:, :9].reshape(-1, 3, 3), part)
         placed[begin : begin + ROWS] = turned + mean[:, 9:]
-    return placed
+    return placed, np.maximum(distance - spacing, 0.0) / mesh.diagonal
 
 
 def require_near(mesh: Mesh, points: np.ndarray) -> np.ndarray:
@@ -111,11 +136,12 @@ def require_near(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     return X
 
 
-def _weights(tree: cKDTree, X: np.ndarray, spacing: float) -> csr_array:
-    """Return the weights (m, k) of samples for points X (m, 3)."""
+def _weights(tree: cKDTree, X: np.ndarray, spacing: float) -> tuple[csr_array, np.ndarray]:
+    """Return the weights (m, k) of samples for points X (m, 3), and distances (m,) of the nearest samples."""
     near = min(NEAREST, tree.n)
     d, sample = tree.query(X, np.arange(1, near + 1), workers=available_cpus())
     r = np.minimum(BEYOND * d[:, -1:], REACH * (d[:, :1] + spacing))
     w = np.maximum(1 - d / np.maximum(r, np.finfo(float).tiny), 0) ** 2
     w /= w.sum(axis=1, keepdims=True)
-    return csr_array((w.ravel(), sample.ravel(), np.arange(0, w.size + 1, near)), shape=(len(X), tree.n))
+    entries = w.ravel(), sample.ravel(), np.arange(0, w.size + 1, near)
+    return csr_array(entries, shape=(len(X), tree.n)), d[:, 0]
