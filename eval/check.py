@@ -198,7 +198,7 @@ def run_method(method: str, golden: GoldenFile) -> Found:
         }
         compared = golden.loose(method).get("measures", values)
         found.values[case.name] = {
-            name: _rounded(values[name], DIGITS) for name in compared if values[name] is not None
+            name: _rounded(value, DIGITS) for name in compared if (value := values[name]) is not None
         }
         if case.timed:
             found.time = _in_iterations(done, given)

@@ -68,8 +68,16 @@ class TimedCase(NamedTuple):
         task = task_of(self.source, truth=False)
         if self.level is None:
             return task
+        task = _deformation(task)
         V, F = igl.upsample(np.array(task.mesh.V), np.array(task.mesh.F), self.level)
         return DeformationTask(f"{task.name}, level {self.level}", Mesh(V, F), task.handles)
+
+
+def _deformation(task: Task) -> DeformationTask:
+    """Return a task of a deformation; raise InputError for a pose transfer."""
+    if not isinstance(task, DeformationTask):
+        raise InputError(f"{task.name} is a pose transfer; only `speed` times transfers, without --sizes")
+    return task
 
 
 def time_calls(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
@@ -112,7 +120,9 @@ def _with_peak(job: Job, before: int | None) -> Row:
     if before is None:
         return job.call() | {"peak_mib": None}
     reset_peak_memory()
-    return job.call() | {"peak_mib": (process_memory("VmHWM") - before) / 2**20}
+    row, peak = job.call(), process_memory("VmHWM")
+    assert peak is not None, "the system has reported the memory before"
+    return row | {"peak_mib": (peak - before) / 2**20}
 
 
 def _job(call_of: Callable[..., Callable[[], Row]], method: TimedMethod, task: Task) -> Job:
@@ -148,7 +158,7 @@ def _call_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
     return call
 
 
-def _drag_of(method: TimedMethod, task: DeformationTask) -> Callable[[], Row]:
+def _drag_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
     """Return the drag of a method that :class:`sshade.Deformer` binds."""
     label, config, name = method.label, method.config, method.config.get("method")
     if locate(config["_target_"]) is not deform or name not in ("fast", "paper"):
@@ -157,7 +167,7 @@ def _drag_of(method: TimedMethod, task: DeformationTask) -> Callable[[], Row]:
         raise InputError(f"{label} cannot be bound: sshade.Deformer has its own solver of proxies")
     names = set(accepted(name)) - {"coarse"}
     options = {"method": name, **{key: value for key, value in config.items() if key in names}}
-    return partial(drag, task, options)
+    return partial(drag, _deformation(task), options)
 
 
 def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
@@ -260,7 +270,7 @@ def time_commands(methods: Sequence[str], cases: Sequence[TimedCase], *, rounds:
     """
     rows = []
     for load in [case.load for case in cases] or [tiny_task]:
-        task = load()
+        task = _deformation(load())
         say(f"{task.name}: {task.mesh.n:,} vertices")
         with TemporaryDirectory() as folder:
             mesh, handles, out = (str(Path(folder, name)) for name in ("m.ply", "h.json", "o.ply"))

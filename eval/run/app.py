@@ -17,6 +17,7 @@ from traceback import walk_tb
 import yaml
 from hydra import version
 from hydra._internal.utils import _run_hydra
+from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
@@ -105,7 +106,7 @@ def _job(config: DictConfig) -> None:
         _errors.append(error)
 
 
-def _run(config: RunConfig, settings: DictConfig) -> None:
+def _run(config: RunConfig, settings: HydraConf) -> None:
     """Do a run, and print its measures, or a line if it is one of a sweep."""
     place = "" if settings.mode == RunMode.RUN else f"[{settings.job.num + 1}/{config.run.of}] "
     if reason := lacks_case(config.dataset):

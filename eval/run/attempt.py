@@ -26,7 +26,7 @@ from eval import EXTRAS
 from eval.metrics import Task
 from eval.rows.store import Row
 from eval.run.environment import process_memory, task_checksum
-from eval.run.targets import flat, instantiate, settings
+from eval.run.targets import flat, instantiate
 from eval.run.warmup import warm_up
 from sshade.core.console import Ended, arrived_in, missing_library
 from sshade.core.progress import Progress, silent
@@ -110,7 +110,7 @@ def attempt(
         call = instantiate({**method, "_partial_": True})
         if row["env.warmed_up"]:
             progress("warm-up", 0, 1)
-            warm_up(call, dict(method.get("warm_up", {})), key=repr(settings(method)), kind=type(task))
+            warm_up(method, kind=type(task))
             progress("warm-up", 1, 1)
         tell(CLOCK)
         with _told(time_limit):
@@ -158,6 +158,7 @@ def attempt_fresh(
         return _answer(ours, time_limit, progress)
     except (EOFError, ConnectionError):
         process.join()
+        assert process.exitcode is not None, "the process was joined"
         return Attempt(NOTHING | {"reason": _end(process.exitcode)})
     finally:
         if process.pid is not None:
@@ -197,6 +198,7 @@ def _answer(connection: Connection, time_limit: float | None, progress: Progress
             stage, limit, begin = "the result was not sent", around, perf_counter()
         else:
             progress(*message)
+    assert time_limit is not None, "without a limit, a message ends the loop"
     limit = time_limit if stage == "no result" else limit
     return Attempt(NOTHING | {"status": "timeout", "reason": f"{stage} within {limit:g} s"})
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
@@ -76,6 +76,11 @@ def source_of(dataset: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in dataset.items() if name not in ABOUT_DATASET}
 
 
+def plain_of(config: DictConfig, *, resolve: bool = True) -> dict[str, Any]:
+    """Return a configuration as plain values; `resolve` replaces references."""
+    return cast("dict[str, Any]", OmegaConf.to_container(config, resolve=resolve))
+
+
 def read_config(config: DictConfig) -> RunConfig:
     """Check the composed configuration of a run, and return it as plain values.
 
@@ -86,7 +91,7 @@ def read_config(config: DictConfig) -> RunConfig:
     """
     if missing := OmegaConf.missing_keys(config):
         raise InputError(f"{', '.join(sorted(missing))} is not set; give it as {min(missing)}=...")
-    plain = OmegaConf.to_container(config, resolve=True)
+    plain = plain_of(config)
     check_parameters(RunSettings, plain["run"], target="run")
     run, seed = RunSettings(**plain["run"]), plain["seed"]
     if type(seed) is not int:
@@ -225,8 +230,7 @@ def resolved(group: Literal["method", "dataset"], choice: Choice) -> dict[str, A
     config = composed([f"{group}={choice.name}", *own])[group]
     if missing := OmegaConf.missing_keys(config):
         raise InputError(f"{choice.name} needs {min(missing).removeprefix(f'{group}.')}=...")
-    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)
-    return plain
+    return plain_of(config)
 
 
 def composed(overrides: Iterable[str], *, folder: str | None = None) -> DictConfig:
@@ -269,7 +273,7 @@ def nearest(key: str, known: Iterable[str]) -> str:
 
 def keys_of(config: DictConfig) -> set[str]:
     """Return all keys of a configuration, such as ``run`` and ``run.force``."""
-    return set(_keys(OmegaConf.to_container(config, resolve=False)))
+    return set(_keys(plain_of(config, resolve=False)))
 
 
 def _keys(config: Any, prefix: str = "") -> Iterable[str]:

@@ -54,6 +54,7 @@ def task_checksum(task: DeformationTask | TransferTask) -> str:
         if task.guess is not None:
             arrays.append(task.guess)
         if not handles.hard.all():
+            assert handles.portion is not None, "a task gives soft handles their portions"
             arrays += [handles.weight, handles.portion]
         if handles.rotation is not None:
             arrays.append(handles.rotation)
@@ -152,7 +153,7 @@ def _machine() -> dict[str, Any]:
         "os": platform.system(),
         "arch": platform.machine(),
     }
-    facts["machine"] = "{cpu}, {cores} cores, {ram_gib} GiB, {os} {arch}".format(**facts)
+    facts["machine"] = "{cpu}, {cores} cores, {ram_gib} GiB, {os} {arch}".format_map(facts)
     identity = Path("/etc/machine-id")
     own = identity.read_bytes() if identity.is_file() else b""
     facts["machine_id"] = digest(facts["machine"].encode(), platform.node().encode(), own)[:8]

@@ -18,7 +18,16 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from eval import CONFIGURATION
-from eval.run.config import CASE, check_root, composed, keys_of, label_of, nearest, unreadable_override
+from eval.run.config import (
+    CASE,
+    check_root,
+    composed,
+    keys_of,
+    label_of,
+    nearest,
+    plain_of,
+    unreadable_override,
+)
 from eval.run.targets import locate
 from sshade.core.console import CommandParser
 from sshade.core.errors import InputError
@@ -79,11 +88,11 @@ def prepared(arguments: Sequence[str]) -> Namespace:
     several = {override.key_or_group for override in overrides if override.is_sweep_override()}
     # In a sweep over methods, the settings of a method are for the methods of the sweep, not for the default.
     plain = [o for o in overrides if not several & {o.key_or_group, o.key_or_group.split(".")[0]}]
-    given = [override.input_line for override in plain if not override.is_add()]
+    given = [_line(override) for override in plain if not override.is_add()]
     config = composed(given, folder=known.config_dir)
     _require_known(overrides, keys_of(config), folder=known.config_dir)
     if len(given) < len(plain):
-        config = composed((override.input_line for override in plain), folder=known.config_dir)
+        config = composed(map(_line, plain), folder=known.config_dir)
     if not known.multirun and str(config.hydra.mode) != "RunMode.MULTIRUN":
         if everything := [name for name in CASE if config[name] == ALL]:
             raise InputError(f"{everything[0]}={ALL} takes several runs; add -m")
@@ -101,6 +110,12 @@ def prepared(arguments: Sequence[str]) -> Namespace:
     return known
 
 
+def _line(override: Override) -> str:
+    """Return a setting as it was written."""
+    assert override.input_line is not None, "Hydra's parser keeps the text of each setting"
+    return override.input_line
+
+
 def _as_sweep(override: Override) -> str:
     """Write a setting of the method as a sweep over one value, which Hydra checks for the method of each run.
 
@@ -108,7 +123,7 @@ def _as_sweep(override: Override) -> str:
     """
     is_plain = not (override.is_sweep_override() or override.is_delete())
     if not is_plain or not override.key_or_group.startswith("method."):
-        return override.input_line
+        return _line(override)
     # A choice takes no null, but each run reads the text 'null' as null.
     text = "'null'" if override.value() is None else override.get_value_element_as_str() or "''"
     return f"{override.get_key_element()}=choice({text})"
@@ -167,8 +182,8 @@ def _label(
     choices = [name for name in several if name == "method" or name.startswith("method@")]
     values = [name for name in several if name.lstrip("+").startswith(("method.", "solver.", "proxy."))]
     differ = [name for name in [*choices, *values] if name != "method"]
-    text = str(OmegaConf.to_container(config, resolve=False)["label"])
-    given = [override.input_line for override in overrides if override.get_key_element() not in several]
+    text = str(plain_of(config, resolve=False)["label"])
+    given = [_line(override) for override in overrides if override.get_key_element() not in several]
     label = []
     if differ and text == CHOICE and "label" not in swept:
         label = [f"label='{CHOICE}-{_differing(differ)}'"]
@@ -182,7 +197,7 @@ def _label(
                 OmegaConf.update(
                     composition, override.key_or_group, override.value(), force_add=override.is_add()
                 )
-            method = OmegaConf.to_container(composition.method, resolve=True)
+            method = plain_of(composition.method)
             named = " ".join([*own, *words])
             first, name = labels.setdefault(label_of(composition), (method, named))
             if method != first:
@@ -208,10 +223,8 @@ def _listed(dataset: DictConfig, asked: Mapping[str, list[str]]) -> dict[str, li
     check_root(dataset)
     if "cases" not in dataset:  # a single case
         return {name: ["0"] if values == [ALL] else values for name, values in asked.items()}
-    numbers = {
-        f"{name}s": None if ALL in values else _numbers(name, values) for name, values in asked.items()
-    }
-    cases = locate(dataset.cases)(dataset.root, **numbers)
+    subjects, poses = (None if ALL in asked[name] else _numbers(name, asked[name]) for name in CASE)
+    cases = locate(dataset.cases)(dataset.root, subjects=subjects, poses=poses)
     return {name: [str(n) for n in sorted({case[i] for case in cases})] for i, name in enumerate(CASE)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
 import igl
@@ -10,39 +10,38 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from eval.metrics import Task
+from eval.run.targets import instantiate, settings
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.call import deform
-from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
+from sshade.problem.task import DeformationTask, Handles, TransferTask
 from sshade.proxy.coarse import sample_coarsely
 
 _done: set[str] = set()
 
 
-def warm_up(
-    method: Callable[..., DeformationResult], overrides: dict[str, Any], *, key: str, kind: type[Task]
-) -> None:
-    """Run a method once on a tiny task, unless this process has done so for `key`.
+def warm_up(config: Mapping[str, Any], *, kind: type[Task]) -> None:
+    """Run a method once on a tiny task, unless this process has done so for its settings.
 
     Methods of :func:`sshade.deform` use other kernels for handle regions and large meshes. For these methods,
     the warm-up also runs :func:`tiny_regions` and :func:`compile_sampling`.
 
     Parameters
     ----------
-    method : callable
-    overrides : dict
-        Parameters that shrink the work, such as the size of the proxy.
-    key : str
-        Text that identifies the method and its parameters; other parameters may need other kernels.
+    config : mapping
+        Configuration of the method. Its ``warm_up`` has parameters that shrink the work, such as the size of
+        the proxy. Other settings may need other kernels.
     kind : type
         Chooses :func:`tiny_transfer` or :func:`tiny_task`.
     """
+    key = repr(settings(config))
     if key in _done:
         return
-    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0, **overrides)
-    if getattr(method, "func", method) is deform:
+    method = instantiate({**config, **config.get("warm_up", {}), "_partial_": True})
+    method(tiny_transfer() if kind is TransferTask else tiny_task(), seed=0)
+    if method.func is deform:
         if kind is DeformationTask:
-            method(tiny_regions(), seed=0, **overrides)
+            method(tiny_regions(), seed=0)
         compile_sampling()
     _done.add(key)
 

@@ -15,7 +15,7 @@ from tests.shapes import end_handles
 
 method = resolved("method", read_choice("fine"))
 call = instantiate(method)
-warm_up(call, method["warm_up"], key="", kind=DeformationTask)
+warm_up(method, kind=DeformationTask)
 compiled, compile_now = [], Dispatcher.compile
 
 def compile_told(kernel, signature):

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eval.bench import jobs
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv
+from eval.run.warmup import tiny_transfer
+from sshade.core.errors import InputError
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 TOTAL = "seconds.total"
@@ -86,3 +89,11 @@ def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith("error: ") and words in told
     assert not Path("out").exists()
+
+
+def test_pose_transfers_are_neither_subdivided_nor_deformed_by_the_command(monkeypatch):
+    monkeypatch.setattr(jobs, "task_of", lambda *_, **__: tiny_transfer())
+    with pytest.raises(InputError, match="icosphere is a pose transfer"):
+        jobs.TimedCase({}, level=1).load()
+    with pytest.raises(InputError, match="icosphere is a pose transfer"):
+        jobs.time_commands(["fast"], [jobs.TimedCase({})], rounds=1)
