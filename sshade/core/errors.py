@@ -21,8 +21,9 @@ def counted(number: int, one: str, several: str) -> str:
 
 def meant(word: object, known: Iterable[str]) -> str:
     """Return a question about the known word that is nearest to an unknown one; "" if none is near."""
-    near = get_close_matches(str(word), known, n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    names = {name.lower(): name for name in known}
+    near = get_close_matches(str(word).lower(), names, n=1)
+    return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
 def reason(error: OSError) -> str:

@@ -27,6 +27,8 @@ from sshade.problem.similarity import rotations_partway
 from sshade.problem.snapping import snap_to_vertices, vertices_in
 from sshade.problem.task import DeformationTask
 
+#: Largest distance between the moves of two handles, as a multiple of the bounding-box diagonal.
+FARTHEST_MOVE = 10.0
 #: Rotation of handles without a prescribed one.
 NO_ROTATION = np.full((3, 3), np.nan)
 
@@ -175,8 +177,14 @@ def open_arguments(
 
 def on_shape(file: HandleFile, shape: OpenShape) -> Handles:
     """Place the handles of a file on the surface of a shape; see :func:`on_mesh`."""
-    own = file.in_space(shape.space)
-    return on_mesh(own, shape.mesh, vertex=shape.surface.vertex, extent=shape.extent)
+    own, mesh = file.in_space(shape.space), shape.mesh
+    handles = on_mesh(own, mesh, vertex=shape.surface.vertex, extent=shape.extent)
+    moves = handles.target - mesh.V[handles.index]
+    if np.linalg.norm(np.ptp(moves, axis=0)) > FARTHEST_MOVE * mesh.diagonal:
+        times = np.linalg.norm(moves, axis=1).max() / mesh.diagonal
+        far = f"{times:.2g} times the diagonal of the mesh"
+        raise InputError(f"handles move up to {far}; are the units right?")
+    return handles
 
 
 def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) -> Handles:

@@ -133,7 +133,7 @@ class Options:
     workers: int | None = _option(None, "[1, inf)")
     seed: int = _option(0, "[0, inf)")
     volume: float = _option(0.0, "[0, inf]")
-    volume_goal: float | None = _option(None, "(0, inf)")
+    volume_goal: float | None = _option(None, "(0, 10]")
     area: float = _option(0.0, "[0, inf]")
     stiffness: float = _option(1.0, "(0, 1]")
     strain: float = _option(0.02, "(0, inf)")
@@ -180,6 +180,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Paper": ("coarse", "accelerate"),
     "Polish": ("detail", "proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations"),
 }
+#: What to do instead where an option has a value out of its range.
+HINTS = {"volume_goal": "; it is a ratio, such as 1.1 for 110 %"}
 #: Options of functions that sample proxies.
 PROXIES = GROUPS["Proxy"]
 #: Number of samplings of a transfer by default, as in the paper.
@@ -292,7 +294,8 @@ class Option(NamedTuple):
         else:
             valid = value in self.choices if isinstance(value, str) else bool(self.choices) or callable(value)
         if not valid:
-            raise InputError(f"{name} must be {self.values}, not {value!r}{meant(value, self.choices)}")
+            hint = meant(value, self.choices) or HINTS.get(name, "")
+            raise InputError(f"{name} must be {self.values}, not {value!r}{hint}")
         return value
 
     def _holds(self, value: float) -> bool:
@@ -357,7 +360,9 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
         if name in names or (name in about and value is None):
             continue
         if name in about:
-            raise InputError(f"{subject} has no use for the option {name!r}; leave it out")
+            takes = about[name].methods if subject.startswith("the method ") else ()
+            action = f"it needs --method {' or '.join(takes)}" if takes else "leave it out"
+            raise InputError(f"{subject} has no use for the option {name!r}; {action}")
         hint = meant(name, names) or f"; the options are {', '.join(names)}"
         raise InputError(f"{subject} has no option {name!r}{hint}")
     return {name: about[name].checked(name, value) for name, value in values.items() if value is not None}

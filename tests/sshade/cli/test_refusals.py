@@ -47,6 +47,9 @@ LIGHT = {
     f"deform body.ply pose.json -o {300 * 'x'}.ply": "File name too long",
     "deform body.ply pose.json -o a.ply --seed -1": "seed must be a whole number of at least 0",
     "deform body.ply pose.json -o a.ply --method paper_plain": "did you mean 'paper'?",
+    "deform body.ply pose.json -o a.ply --method FINE": "did you mean 'fine'?",
+    "deform body.ply pose.json -o a.ply --detail 0.2": "the option 'detail'; it needs --method fine",
+    "deform body.ply pose.json -o a.ply --volume-goal 110": "not 110; it is a ratio, such as 1.1 for 110 %",
     "deform body.ply pose.json -o a.ply --coarser few": "--coarser: 'few' is no number; see",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply quick.json -o a.ply": "quick.json, key \"made\": there is no method 'quick' here",
@@ -81,6 +84,9 @@ LATER = {
     "show body.ply small.ply -o a.html": "small.ply has 12 vertices",
     "reconstruct body.ply small.ply -o a.ply": "small.ply has 12 vertices and body.ply has 42",
     "deform body.ply pose.json two.json -o out_%d.ply": "two.json: its handles have other vertices",
+    "deform body.ply pushed.json -o a.ply": "up to 2e+02 times the diagonal of the mesh; are the units",
+    "deform body.ply grown.json -o a.ply": "handles move up to ",
+    "deform body.ply rest.csv mm.csv -o a.ply": "are the units right?",
     "deform body_1.ply pose.json -o body_%d.ply": "body_1.ply: is the input body_1.ply",
     "deform body.ply pose.json -o a.ply --with far.ply": "far.ply: 42 of 42 points are too far from the box",
 }
@@ -115,6 +121,15 @@ def test_meshes_and_maps_that_do_not_belong_together_are_refused(here):
     write_handles("pose.json", Handles([1], BODY.V[[1]]))
     write_handles("two.json", Handles([1, 2], BODY.V[[1, 2]], group=[0, 1]))
     assert main(["remesh", "body.ply", "-o", "proxy.ply", "--map", "map.npz", "--vertices", "20"]) == 0
+    held = {"kind": "fixed", "vertices": [0]}
+    for name, motion in {
+        "pushed": {"translation": [0, 200 * BODY.diagonal, 0]},
+        "grown": {"scale": 1000},
+    }.items():
+        entries = [held, {"vertices": [5, 6, 7], **motion}]
+        Path(f"{name}.json").write_text(json.dumps({"handles": entries}))
+    np.savetxt("rest.csv", BODY.V[:9], delimiter=",")
+    np.savetxt("mm.csv", 1000 * BODY.V[:9], delimiter=",")
     V, F = read_arrays("proxy.ply")
     write_mesh("nan.ply", np.where(np.arange(len(V))[:, None] == 0, np.nan, V), F)
     Path("damaged.ply").write_text("ply\n")
