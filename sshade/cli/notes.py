@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sshade.cli.arguments import OpenTask
 from sshade.core.console import say
@@ -184,10 +185,15 @@ def _percent(fraction: float) -> str:
 
 
 def stored_positions(path: Path, file: MeshFile, V: np.ndarray) -> np.ndarray:
-    """Return the positions that `path` holds after V (n, 3) were written to it: V itself, or rounded."""
+    """Return the positions that `path` holds after V (n, 3) were written to it: V itself, or rounded.
+
+    Libraries may merge, split and renumber vertices, and leave out vertices without a face.
+    """
     suffix = path.suffix.lower()
     if suffix in EXTRA:
-        return read_file(path).V
+        found, used, stored = read_file(path).V, np.unique(file.F), V.copy()
+        stored[used] = found[cKDTree(found).query(V[used])[1]]
+        return stored
     if suffix not in file.suffixes:  # a file of the mesh alone
         return as_single(V) if suffix in SINGLE else V
     return read_file(path).V if file.stored is None else file.stored(V)

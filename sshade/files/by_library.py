@@ -6,6 +6,7 @@ triangles, and cells with a volume their outer sides.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -26,6 +27,9 @@ READABLE = (*SUFFIXES, *EXTRA)
 WRITABLE = tuple(suffix for suffix in READABLE if suffix != ".xyz")
 #: Methods of data sets of VTK that return cells with ids of points.
 CELLS = ("GetPolys", "GetStrips", "GetCells")
+#: Parts of a COLLADA file that trimesh leaves out, with the meshes that they move.
+RIGGED = re.compile(rb"<(?:\w+:)?(skin|morph)\s")
+NO_RIG = "which cannot be deformed: apply the pose, and export without the skeleton and the morph targets"
 #: Units that trimesh writes.
 UNITS = {".3mf": ("millimeter", "millimeters"), ".dae": ("meters",)}
 
@@ -83,7 +87,10 @@ def _with_trimesh(path: Path) -> MeshFile:
 
     from sshade.mesh.surface import single_steps  # imports large libraries
 
-    scene, suffix = trimesh.load_scene(path, process=False), path.suffix.lower()
+    suffix = path.suffix.lower()
+    if suffix == ".dae" and (held := RIGGED.search(path.read_bytes())):
+        raise InputError(f"{path}: it holds {'a skin' if held[1] == b'skin' else 'morph targets'}, {NO_RIG}")
+    scene = trimesh.load_scene(path, process=False)
     V, F = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     kinds = set()
     for node in scene.graph.nodes_geometry:

@@ -1,5 +1,6 @@
 """Formats of libraries: read, written, and read back by the libraries themselves; what is lost is said."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,12 @@ import pyvista
 import trimesh
 
 import sshade
+from sshade import InputError
 from sshade.cli.main import main
 from sshade.files.by_library import WRITABLE
 from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_arrays, read_file, write_file, write_mesh
-from tests.shapes import bumpy, rotation
+from tests.shapes import bumpy, rotation, unjoined
 
 BODY = bumpy(2)
 V, F = BODY.V + 1000 / 3, BODY.F
@@ -145,3 +147,26 @@ def test_all_commands_and_meshes_that_go_along_take_them(sound, capsys):
     assert len(read_arrays("a_shirt.vtu")[1]) == len(body[1])
     assert main(["deform", "body.vtp", "pose.json", "-o", "b.vtp", "--with", "box.vtu"]) == 2
     assert "box.vtu: cannot be written again with all its contents; save" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["body", "unused vertex", "soup"])
+def test_handles_are_on_target_where_a_library_numbers_vertices_anew(here, kind, capsys):
+    mesh = unjoined(BODY) if kind == "soup" else BODY
+    write_mesh("a.ply", np.vstack([mesh.V, [[9, 9, 9]]]) if kind == "unused vertex" else mesh.V, mesh.F)
+    low, high = (np.flatnonzero(side) for side in (mesh.V[:, 2] < -1, mesh.V[:, 2] > 1))
+    entries = [{"vertices": low.tolist()}, {"vertices": high.tolist(), "translation": [0.5, 0, 0]}]
+    Path("pose.json").write_text(json.dumps({"handles": entries}))
+    for suffix in (".dae", ".3mf"):
+        assert main(f"deform a.ply pose.json -o b{suffix} --vertices 60 --repair".split()) == 0
+        said = capsys.readouterr().err
+        assert " handles on target" in said and "single precision" not in said
+
+
+@pytest.mark.parametrize(("part", "name"), [("skin", "a skin"), ("c:morph", "morph targets")])
+def test_rigged_collada_files_are_refused_by_what_they_hold(here, part, name):
+    """trimesh leaves out the meshes that a skeleton moves."""
+    sshade.write("a.dae", V, F)
+    rig = f'<library_controllers><{part} source="#g"/></library_controllers><library_geometries>'
+    Path("a.dae").write_text(Path("a.dae").read_text().replace("<library_geometries>", rig))
+    with pytest.raises(InputError, match=f"it holds {name}, which cannot be deformed: apply the pose"):
+        read_file("a.dae")
