@@ -121,7 +121,6 @@ def shown_primitives(
     gltf = parsed_gltf(path.read_bytes(), path)
     if not gltf.tree.get("meshes"):
         raise InputError(f"{path}: it has no mesh")
-    require_plain(gltf.tree, path)
     for number, accessor in enumerate(gltf.tree["accessors"]):
         if "bufferView" in accessor:
             gltf.array(number)  # raises ValueError; normals are used first where the file is written
@@ -144,7 +143,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     ValueError
         When it is no glTF 2.0 file.
     InputError
-        When a buffer is not a file beside it.
+        When a buffer is not a file beside it, or as :func:`require_plain`.
     """
     text, binary = data, None
     if data[:4] == _MAGIC:
@@ -162,6 +161,7 @@ def parsed_gltf(data: bytes, path: Path) -> Gltf:
     for name in _LISTS & tree.keys():
         if not isinstance(tree[name], list) or not all(isinstance(one, dict) for one in tree[name]):
             raise ValueError(f"its {name} are no list of objects")
+    require_plain(tree, path)  # before the buffers, which gltfpack leaves empty
     buffers = [
         _buffer(one, path, binary if i == 0 else None) for i, one in enumerate(tree.get("buffers", []))
     ]

@@ -43,8 +43,10 @@ def require_plain(tree: dict[str, Any], path: Path) -> None:
         found.append(("a skin", "apply the pose of the skeleton and export without the skeleton"))
     if any(p.get("targets") for p in primitives):
         found.append(("morph targets", "apply them, or export without them"))
-    if any("sparse" in accessor for accessor in tree.get("accessors", [])):
-        found.append(("sparse accessors", "export it again without them"))
+    read = {i for p in primitives for name, i in p["attributes"].items() if name in CHANGED}
+    read |= {p["indices"] for p in primitives if "indices" in p}
+    if any("sparse" in tree["accessors"][number] for number in read):
+        found.append(("sparse positions, normals or triangles", "export it again without them"))
     for contents, action in found:
         raise InputError(f"{path}: it holds {contents}, which cannot be deformed: {action}")
     corners = [tree["accessors"][p["indices"]] for p in primitives if "indices" in p]
@@ -190,25 +192,23 @@ def mesh_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
 def node_matrices(tree: dict[str, Any]) -> dict[int, np.ndarray]:
     """Return the matrix (4, 4) that maps each node with a mesh to the scene.
 
-    A node is shown if one of the scenes has it, or if the file has no scenes. Raises ValueError when a
-    shown node flattens its mesh.
+    A node is shown if one of the scenes has it, or if the file has no scenes. What is above a node that a
+    scene names does not move it. Raises ValueError when a shown node flattens its mesh.
     """
     nodes = tree.get("nodes", [])
-    roots = None
-    if "scenes" in tree:
-        roots = {number for scene in tree["scenes"] for number in scene.get("nodes", [])}
+    roots = {number for scene in tree.get("scenes", []) for number in scene.get("nodes", [])}
     parent = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
     found: dict[int, np.ndarray] = {}
     for number in (number for number, node in enumerate(nodes) if "mesh" in node):
         above, matrix = number, node_matrix(nodes[number])
         for _ in nodes:
-            if above not in parent:
+            if above in roots or above not in parent:
                 break
             above = parent[above]
             matrix = node_matrix(nodes[above]) @ matrix
         else:
             raise ValueError("its nodes are their own ancestors")
-        if roots is not None and above not in roots:
+        if "scenes" in tree and above not in roots:
             continue
         if not abs(np.linalg.det(matrix[:3, :3])) > 0:
             raise ValueError(f"its node {number} has a scale of zero, which leaves a mesh no volume")

@@ -185,6 +185,31 @@ def test_nodes_that_no_scene_shows_keep_their_shape(here):
     assert len(stored(tree, buffer).V) == 2 * SPHERE.n
 
 
+@pytest.mark.parametrize("root", [1, 2])
+def test_what_is_above_a_node_that_the_scene_names_does_not_move_it(here, root):
+    """Exporters of avatars put the scene's node below another one."""
+    tree, buffer = exported()
+    tree["nodes"] = [
+        {"name": "armature", "translation": [9, 9, 9], "children": [1]},
+        {"translation": [1, 2, 3], "children": [2]},
+        {"mesh": 0, "scale": [2, 2, 2]},
+    ]
+    tree["scenes"] = [{"nodes": [root]}]
+    file = stored(tree, buffer)
+    assert np.allclose(file.V, 2 * SPHERE.V + (np.array([1, 2, 3]) if root == 1 else 0), atol=1e-6)
+    written(file, file.V + [0, 0, 1])
+
+
+def test_sparse_accessors_of_what_does_not_move_stay(here):
+    """One has no view, which stands for zeros; the other changes numbers of its view."""
+    at = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
+    for change in ({"accessors.3.sparse": at}, {"accessors.3.sparse": at, "accessors.3.bufferView": ...}):
+        tree, buffer = exported(**change)
+        file = stored(tree, buffer)
+        new, data = written(file, file.V + [1, 0, 0])
+        assert new["accessors"][3] == tree["accessors"][3] and data[-12:] == buffer[-12:]
+
+
 def instanced() -> tuple[dict, bytes]:
     """Return a file in which three nodes show the sphere: turned, moved aside, and mirrored."""
     tree, buffer = exported()
@@ -271,9 +296,11 @@ def test_normals_that_are_also_positions_or_those_of_other_positions_get_numbers
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "compressed"),
         ({f"{PRIMITIVE}.mode": 1, "meshes.1.primitives.0.mode": 0}, "no triangles"),
         ({f"{PRIMITIVE}.mode": 7}, "the unknown mode 7"),
-        ({"accessors.0.sparse": {"count": 1}}, "sparse accessors, .* export it again without them"),
+        ({"extensionsUsed": ["KHR_meshopt_compression"], "buffers": [{"byteLength": 9}] * 2}, "compressed"),
+        ({"accessors.0.sparse": {"count": 1}}, "sparse positions, .* export it again without them"),
+        ({"accessors.4.sparse": {"count": 1}}, "sparse positions, normals or triangles, "),
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}], "scenes": [{"nodes": [0]}]}, "a scale of zero"),
-        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "their own ancestors"),
+        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": []}]}, "their own ancestors"),
         ({"nodes": [{}], "scenes": [{"nodes": [0]}]}, "no triangles"),
         ({"nodes": ["x"]}, "its nodes are no list of objects"),
         ({"meshes": {"a": {}}}, "its meshes are no list of objects"),
