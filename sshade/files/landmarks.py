@@ -34,7 +34,10 @@ ORDER = "x y z, or name, x, y, z"
 
 
 class Landmark(NamedTuple):
-    """A landmark as a file has it; `name` is empty if it has none, and coordinates may be texts."""
+    """A landmark as a file has it; `name` is empty if it has none, and coordinates may be texts.
+
+    The position is None if the landmark waits to be placed.
+    """
 
     name: str
     position: Any
@@ -63,7 +66,8 @@ class Landmarks(NamedTuple):
 def read_landmarks(rest: Path, target: Path) -> Landmarks:
     """Read the landmarks of the rest shape and of the target.
 
-    They correspond by their names if both files have names, and otherwise by their order.
+    They correspond by their names if both files have names, and otherwise by their order. Landmarks that both
+    files list without a position are skipped.
 
     Raises
     ------
@@ -84,6 +88,13 @@ def read_landmarks(rest: Path, target: Path) -> Landmarks:
                 )
         goal = goal[[row[name] for name in names]]
     names = names if any(names) else others
+    placed = np.isfinite(source).all(axis=1)
+    for number in np.flatnonzero(placed != np.isfinite(goal).all(axis=1)):
+        without, has = (target, rest) if placed[number] else (rest, target)
+        raise InputError(f"{without}: landmark {number} {names[number]!r} has no position, which {has} has")
+    if not placed.any():
+        raise InputError(f"{rest}: it has no landmarks")
+    names, source, goal = [names[i] for i in np.flatnonzero(placed)], source[placed], goal[placed]
     if space and its_space:
         return Landmarks(names, source, goal * between(its_space, space), (space, space))
     return Landmarks(names, source, goal, (space, its_space))
@@ -95,7 +106,11 @@ def _read(path: Path) -> tuple[list[str], np.ndarray, str]:
     reader = {".json": _markups, ".fcsv": _fiducials, ".pp": _picked}.get(path.suffix.lower(), _table)
     with expecting("a readable landmark file", path), naming(path):
         found = list(reader(path.read_bytes()))
-        positions = [_coordinates(number, mark) for number, mark in enumerate(found)]
+        unplaced = [np.nan] * 3
+        positions = [
+            unplaced if mark.position is None else _coordinates(number, mark)
+            for number, mark in enumerate(found)
+        ]
         names, systems = [mark.name for mark in found], {mark.system for mark in found}
         if not found:
             raise InputError("it has no landmarks")
@@ -118,10 +133,29 @@ def _coordinates(number: int, mark: Landmark) -> list[float]:
     return [x, y, z]
 
 
-def _table(content: bytes) -> Iterator[Landmark]:
-    """Read lines of a position, with or without a name before it. The first line may name the columns."""
-    lines = [line for line in decoded(content).splitlines() if line.strip() and line.lstrip()[0] != "#"]
-    separator = next((sign for sign in ",;\t" if any(sign in line for line in lines)), None)
+def _table(content: bytes) -> list[Landmark]:
+    """Read lines of a position, with or without a name before it. The first line may name the columns.
+
+    The separator is the first that splits all lines as expected. Where it is no comma, numbers may have
+    decimal commas, as spreadsheets of many countries write them, beside lines of separators alone.
+    """
+    lines = [
+        line for line in decoded(content).splitlines() if line.strip(" \t;,") and line.lstrip()[0] != "#"
+    ]
+    errors = []
+    for separator in (*[sign for sign in ";\t," if any(sign in line for line in lines)], None):
+        try:
+            found = list(_marks(lines, separator))
+            for number, mark in enumerate(found):
+                _coordinates(number, mark)
+            return found
+        except InputError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _marks(lines: list[str], separator: str | None) -> Iterator[Landmark]:
+    """Split lines at a separator, or at blanks if it is None."""
     rows = [*csv.reader(lines, delimiter=separator)] if separator else [line.split() for line in lines]
     head = [field.strip().lower() for field in rows[0]] if rows else []
     columns = head if {"x", "y", "z"} <= set(head) else []
@@ -132,7 +166,10 @@ def _table(content: bytes) -> Iterator[Landmark]:
             )
         fields = dict(zip(columns or ["name", "x", "y", "z"][-len(row) :], row, strict=True))
         name = next((fields[key] for key in ("name", "label", "landmark", "id") if key in fields), "")
-        yield Landmark(name.strip(), [fields[axis] for axis in "xyz"])
+        position = [fields[axis] for axis in "xyz"]
+        if separator != ",":
+            position = [value.replace(",", ".") for value in position]
+        yield Landmark(name.strip(), position)
 
 
 def _markups(content: bytes) -> Iterator[Landmark]:

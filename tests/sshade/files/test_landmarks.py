@@ -46,6 +46,11 @@ def lines(points, names=None, separator=" ", head="") -> str:
     return head + "\n".join(rows) + "\n"
 
 
+def comma(text: str) -> str:
+    """Return a text with decimal commas."""
+    return text.replace(".", ",")
+
+
 NAMED = np.column_stack([POINTS.astype(str), NAMES])
 #: Contents of files with all four landmarks, whether they have names, and their coordinate systems.
 FILES = {
@@ -60,6 +65,11 @@ FILES = {
     "a.csv": (lines(POINTS, NAMES, ", "), True, None),
     "bom.csv": ("\ufeff" + lines(POINTS, NAMES, ";", "name;x;y;z\n"), True, None),
     "columns.csv": ("x,y,z,Label\n" + "\n".join(map(",".join, NAMED)), True, None),
+    "excel.csv": (comma("name;x;y;z\n" + lines(POINTS, NAMES, ";")) + ";;;\n", True, ""),
+    "commas.txt": (comma(lines(POINTS)), False, ""),
+    "tabs.txt": (comma(lines(POINTS, NAMES, "\t")), True, ""),
+    "german.csv": (comma(lines(POINTS, separator=";")), False, ""),
+    "quoted.csv": ("\n".join(f'"{n}","{x}","{y}","{z}"' for x, y, z, n in NAMED), True, ""),
     "bare.csv": (lines(POINTS, separator=",", head="X,Y,Z\n"), False, None),
 }
 
@@ -114,6 +124,24 @@ def test_two_landmark_files_deform_a_mesh(sound, capsys):
     handles = sshade.read_handles("rest.mrk.json", sshade.Mesh(V, F), target="target.fcsv")
     assert np.array_equal(handles.index, chosen) and handles.group.tolist() == [0, 1, 2, 3]
     assert handles.dynamic.tolist() == [True, False, False, True]
+
+
+def test_landmarks_that_wait_to_be_placed_in_both_files_are_skipped(here):
+    for name, points in (("a.mrk.json", POINTS), ("b.mrk.json", POINTS + 1)):
+        marks = json.loads(markups(points, NAMES))
+        for mark in marks["markups"][0]["controlPoints"][1:3]:
+            mark |= {"positionStatus": "undefined", "position": [0, 0, 0]}
+        Path(name).write_text(json.dumps(marks))
+    names, source, target, _ = read_landmarks(Path("a.mrk.json"), Path("b.mrk.json"))
+    assert names == [NAMES[0], NAMES[3]] and np.array_equal(source, POINTS[[0, 3]])
+    assert np.array_equal(target, POINTS[[0, 3]] + 1)
+    Path("none.mrk.json").write_text(markups(POINTS, NAMES, status="undefined"))
+    with pytest.raises(InputError, match=r"none.mrk.json: it has no landmarks"):
+        read_landmarks(Path("none.mrk.json"), Path("none.mrk.json"))
+    with pytest.raises(
+        InputError, match="none.mrk.json: landmark 0 'nasion' has no position, which b.mrk.json"
+    ):
+        read_landmarks(Path("none.mrk.json"), Path("b.mrk.json"))
 
 
 #: Content of the target beside a sound file a.csv of the rest shape, and words of the refusal.
