@@ -40,8 +40,8 @@ def add_files(
     The paths in `several` are lists of one path or more.
     """
     for name, text in positional.items():
-        number: dict[str, Any] = {"nargs": "+"} if name in several else {}
-        parser.add_argument(name, type=Path, metavar=name.upper(), help=text, **number)
+        number = "+" if name in several else None
+        parser.add_argument(name, type=Path, nargs=number, metavar=name.upper(), help=text)
     text = f"mesh to write, in the format of its name ({FORMATS})"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar=output, help=text)
     add_overwrite(parser, positional)
@@ -101,21 +101,21 @@ def add_repair(parser: argparse.ArgumentParser) -> None:
     add_flags(parser, {"--repair": text})
 
 
-def add_options(parser: argparse.ArgumentParser, names: Iterable[str], **defaults: Any) -> None:
+def add_options(
+    parser: argparse.ArgumentParser, names: Iterable[str], defaults: Mapping[str, Any] | None = None
+) -> None:
     """Declare an argument for each option. `defaults` are values that replace the defaults of the methods."""
-    names = tuple(names)
+    names, defaults = tuple(names), defaults or {}
     for name in names:
-        option, default = described()[name], defaults.get(name)
+        flag, option, default = f"--{name.replace('_', '-')}", described()[name], defaults.get(name)
         text = help_text(name, default)
         text = text if "coarser" in names else text.replace(" (see `coarser`)", "")
-        about: dict[str, Any] = {"default": default, "help": text}
         if option.kind == "bool":
-            about["action"] = argparse.BooleanOptionalAction
+            parser.add_argument(flag, default=default, action=argparse.BooleanOptionalAction, help=text)
         elif option.choices:
-            about["choices"] = option.choices
+            parser.add_argument(flag, default=default, choices=option.choices, help=text)
         else:
-            about |= {"type": _number, "metavar": name[0].upper()}
-        parser.add_argument(f"--{name.replace('_', '-')}", **about)
+            parser.add_argument(flag, default=default, type=_number, metavar=name[0].upper(), help=text)
 
 
 def _number(text: str) -> float:

@@ -26,9 +26,14 @@ from sshade.files.mesh_file import check_input
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    files = {"mesh": "mesh that was remeshed", "map": ".npz map from `sshade remesh`"}
-    add_files(parser, output="OUT", **files, edited="proxy with moved vertices")
-    add_options(parser, ("frames",), frames="triangle")
+    add_files(
+        parser,
+        output="OUT",
+        mesh="mesh that was remeshed",
+        map=".npz map from `sshade remesh`",
+        edited="proxy with moved vertices",
+    )
+    add_options(parser, ("frames",), {"frames": "triangle"})
     add_repair(parser)
 
 

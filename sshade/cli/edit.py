@@ -83,8 +83,13 @@ def _edit(options: argparse.Namespace) -> int:
     from sshade.edit.session import Session
 
     with announced_compilation():
-        surface = {"weld": options.weld, "repair": options.repair}
-        document = Document(options.mesh, output=options.output, handles=options.handles_out, **surface)
+        document = Document(
+            options.mesh,
+            output=options.output,
+            handles=options.handles_out,
+            weld=options.weld,
+            repair=options.repair,
+        )
         session = Session(document, options.method, options.handles)
     for note in document.notes:
         say(f"note: {options.mesh}: {note}")

@@ -17,6 +17,6 @@ from sshade.cli.transfer_pose import command as command
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="OUT", mesh=REST, posed=POSED)
-    add_options(parser, OPTIONS, **DEFAULTS)
+    add_options(parser, OPTIONS, DEFAULTS)
     add_repair(parser)
     parser.set_defaults(residual=False)

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_files(parser, output="PROXY", mesh=f"mesh to sample ({FORMATS})")
     parser.add_argument("--map", type=Path, required=True, metavar="MAP", help=".npz map to write")
-    add_options(parser, OPTIONS, vertices=Options.vertices, seed=0)
+    add_options(parser, OPTIONS, {"vertices": Options.vertices, "seed": 0})
     add_repair(parser)
 
 

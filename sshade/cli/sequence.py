@@ -116,8 +116,12 @@ def deform_poses(
 
 def _with_largest_gaps(facts: list[Facts]) -> Facts:
     """Return the facts of the first pose, with the largest gaps of all poses."""
-    names = ("gap", "side_gap", "opening")
-    return replace(facts[0], **{name: max(getattr(one, name) for one in facts) for name in names})
+    return replace(
+        facts[0],
+        gap=max(one.gap for one in facts),
+        side_gap=max(one.side_gap for one in facts),
+        opening=max(one.opening for one in facts),
+    )
 
 
 def _poses(count: int) -> str:

@@ -21,8 +21,6 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sshade.cli.arguments import FORMATS, HANDLES, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
 from sshade.core.atomic import naming, replacing
@@ -69,14 +67,16 @@ def command(options: argparse.Namespace) -> int:
         name = path.stem if path.stem not in poses else str(path)
         poses[name] = shape.mesh.checked(V, f"file {path}")
     towards, up = CAMERAS[options.up]
-    look = {"colour": options.colour, "towards": towards, "up": up}
     path = options.output
     if path is not None and path.suffix.lower() in PICTURES:
-        _write_picture(path, shape.mesh, handles, poses, look)
+        plotter = draw(
+            shape.mesh, handles, list(poses.values()), colour=options.colour, towards=towards, up=up
+        )
+        _write_picture(path, plotter)
     else:
         from sshade.plotting.figure import figure_of
 
-        figure = figure_of(shape.mesh, handles, poses, **look)
+        figure = figure_of(shape.mesh, handles, poses, colour=options.colour, towards=towards, up=up)
         if path is None:
             path = Path(tempfile.gettempdir(), f"sshade_{options.mesh.stem}.html").absolute()
         figure.save(path)
@@ -99,10 +99,8 @@ def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:
     return meshes, poses[0] if poses else ()
 
 
-def _write_picture(
-    path: Path, mesh: Any, handles: Any, poses: dict[str, np.ndarray], look: dict[str, Any]
-) -> None:
-    plotter = draw(mesh, handles, list(poses.values()), **look)
+def _write_picture(path: Path, plotter: Any) -> None:
+    """Write what a pyvista plotter shows, and close it."""
     from PIL import Image  # after pyvista, which brings it
 
     pixels = plotter.screenshot(return_img=True)

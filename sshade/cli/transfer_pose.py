@@ -46,22 +46,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_files(parser, output="OUT", mesh=REST, posed=POSED, edited=EDITED)
     text = "transfer only the edit: vertices that were not edited end exactly at their places in POSED"
     add_flags(parser, {"--residual": text})
-    add_options(parser, OPTIONS, **DEFAULTS)
+    add_options(parser, OPTIONS, DEFAULTS)
     add_repair(parser)
 
 
 def command(options: argparse.Namespace) -> int:
     """Transfer the pose to the edited shape, or to the rest shape if `options` have no edited shape."""
     check_outputs(options, output=WRITABLE)
-    sampling = checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
+    checked({name: getattr(options, name) for name in OPTIONS}, PROXIES, subject="transfer")
     for name in ("mesh", "posed", "edited"):
         if name in options:
             check_mesh(getattr(options, name))
-    return _transfer(options, sampling)
+    return _transfer(options)
 
 
 @announced_compilation()
-def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
+def _transfer(options: argparse.Namespace) -> int:
     """Read the shapes, transfer the pose, and write the output."""
     from sshade.files.meshes import write_file
     from sshade.method.transfer import transfer_pose
@@ -76,8 +76,18 @@ def _transfer(options: argparse.Namespace, sampling: dict[str, Any]) -> int:
     edited = None if edit is None else corresponding(edit, path, shape, options.mesh)
     begin = perf_counter()
     with progress_bar() as progress:
-        residual = options.residual
-        result = transfer_pose(mesh, posed, edited, residual=residual, progress=progress, **sampling)
+        result = transfer_pose(
+            mesh,
+            posed,
+            edited,
+            residual=options.residual,
+            vertices=options.vertices,
+            samplings=options.samplings,
+            frames=options.frames,
+            seed=options.seed,
+            workers=options.workers,
+            progress=progress,
+        )
     seconds = perf_counter() - begin
     write_file(options.output, edit or file, shape.surface.placed(pose.V, result.vertices))
     proxies = counted(options.samplings, "proxy", "proxies")

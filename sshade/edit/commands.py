@@ -71,8 +71,8 @@ class Commands:
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
         document = self._session.document
-        shown = {"coloured": document.is_coloured, "skin": document.has_skin}
-        return self._answer("faces", *CHANGED, further=further, **shown)
+        coloured, skin = document.is_coloured, document.has_skin
+        return self._answer("faces", *CHANGED, further=further, coloured=coloured, skin=skin)
 
     def colours(self) -> bytes:
         """Return the colours of the vertices of a file that has some."""
@@ -111,10 +111,14 @@ class Commands:
         return self._answer(*CHANGED, marked=number)
 
     def do_alter(self, arguments: Mapping[str, Any]) -> bytes:
-        fields = {key: arguments[key] for key in ("kind", "name", "weight") if key in arguments}
-        if fields.get("weight", 0) is None:
-            fields["weight"] = inf
-        self._session.alter(arguments["group"], **fields)
+        group = self._session.state.group(arguments["group"])
+        weight = arguments.get("weight", group.weight)
+        self._session.alter(
+            group.number,
+            kind=arguments.get("kind", group.kind),
+            name=arguments.get("name", group.name),
+            weight=inf if weight is None else weight,
+        )
         return self._answer(*CHANGED)
 
     def do_pick(self, arguments: Mapping[str, Any]) -> bytes:
@@ -143,8 +147,10 @@ class Commands:
         return self._answer("positions", volume=self._session.volume_change)
 
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
-        given = {"over": arguments.get("over", False), "progress": self._progress}
-        path, lost = self._session.save(arguments["what"], arguments["name"], **given)
+        over = arguments.get("over", False)
+        path, lost = self._session.save(
+            arguments["what"], arguments["name"], over=over, progress=self._progress
+        )
         return self._answer("positions", saved=str(path), lost=list(lost))
 
     def _carried(self, groups: tuple[Group, ...]) -> int:

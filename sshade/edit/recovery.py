@@ -11,7 +11,7 @@ from functools import cached_property
 from glob import escape
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,6 @@ from sshade.problem.options import require_method
 
 #: How messages name a recovery file.
 WHAT = "a recovery file of `sshade edit`"
-#: Fields of a group that its record in a recovery file has under the same name.
-FIELDS = ("name", "kind", "is_prescribed")
 
 
 class Offer(NamedTuple):
@@ -91,7 +89,9 @@ class Recovery:
             arrays |= {} if group.turn is None else {f"turn_{i}": group.turn}
         groups = [
             {
-                **{name: getattr(group, name) for name in FIELDS},
+                "name": group.name,
+                "kind": group.kind,
+                "is_prescribed": group.is_prescribed,
                 "weight": group.weight if isfinite(group.weight) else None,
             }
             for group in state.groups
@@ -114,14 +114,19 @@ class Recovery:
             if facts["mesh"] != self._digest:
                 other = "another mesh, or of this mesh with another --weld or --repair"
                 raise InputError(f"{path}: is a recovery file of {other}")
-            groups: list[Group] = []
-            for i, entry in enumerate(facts["groups"]):
-                fields: dict[str, Any] = {name: entry[name] for name in FIELDS}
-                fields["weight"] = inf if entry["weight"] is None else entry["weight"]
-                fields["turn"] = arrays.get(f"turn_{i}")
-                groups.append(
-                    Group(first + i, vertices=arrays[f"vertices_{i}"], target=arrays[f"target_{i}"], **fields)
+            groups = [
+                Group(
+                    number=first + i,
+                    name=entry["name"],
+                    kind=entry["kind"],
+                    vertices=arrays[f"vertices_{i}"],
+                    target=arrays[f"target_{i}"],
+                    weight=inf if entry["weight"] is None else entry["weight"],
+                    turn=arrays.get(f"turn_{i}"),
+                    is_prescribed=entry["is_prescribed"],
                 )
+                for i, entry in enumerate(facts["groups"])
+            ]
             return EditState(arrays["selection"], tuple(groups), require_method(facts["method"]))
 
     def remove(self) -> None:

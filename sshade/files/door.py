@@ -7,7 +7,7 @@ command, Python, the editor and Blender open shapes here, make their tasks here,
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -222,17 +222,29 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) 
         if file.implicit_arap:
             to_mesh = implicit_arap_frame(at, mesh)
             at, target = to_mesh(at), to_mesh(target)
-        given = {"dynamic": dynamic, "group": group, "weight": weight, "rotation": R}
-        parts.append(Handles.from_positions(mesh, at, target, **given, raw=file.raw))  # type: ignore[arg-type]
+        parts.append(
+            Handles.from_positions(
+                mesh, at, target, dynamic=dynamic, group=group, weight=weight, rotation=R, raw=file.raw
+            )
+        )
     order = np.argsort(np.concatenate([part.group for part in parts]), kind="stable")
-    names = ("index", "target", "dynamic", "group", "snap_distance", "weight", "rotation")
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names
-    }
-    if np.isnan(joined["rotation"]).all():
-        del joined["rotation"]
-    merged, farthest = sum(part.merged for part in parts), max(part.merge_distance for part in parts)
-    handles = Handles(**joined, merged=merged, merge_distance=farthest, extent=extent)
+
+    def joined(arrays: Iterable[np.ndarray]) -> np.ndarray:
+        return np.concatenate(list(arrays))[order]
+
+    rotation = joined(part.rotation for part in parts if part.rotation is not None)
+    handles = Handles(
+        index=joined(part.index for part in parts),
+        target=joined(part.target for part in parts),
+        dynamic=joined(part.dynamic for part in parts),
+        group=joined(part.group for part in parts),
+        snap_distance=joined(part.snap_distance for part in parts),
+        weight=joined(part.weight for part in parts),
+        rotation=None if np.isnan(rotation).all() else rotation,
+        merged=sum(part.merged for part in parts),
+        merge_distance=max(part.merge_distance for part in parts),
+        extent=extent,
+    )
     return handles if file.amount == 1 else _partway(file, handles, mesh)
 
 

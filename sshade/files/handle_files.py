@@ -251,8 +251,18 @@ def _checked_group(number: int, entry: Any, *, raw: bool) -> HandleGroup | None:
             motion = _motion(entry)
         elif "rotation" in entry and "boxes" not in entry:
             rotation = _rotation(entry)
-        given: dict[str, Any] = {key: place, "target": target, "motion": motion, "rotation": rotation}
-        return HandleGroup(number, name, moves, **given, weight=_weight(entry))
+        return HandleGroup(
+            number,
+            name,
+            moves,
+            vertices=place if key == "vertices" else None,
+            source=place if key == "source" else None,
+            boxes=place if key == "boxes" else None,
+            target=target,
+            motion=motion,
+            rotation=rotation,
+            weight=_weight(entry),
+        )
 
 
 def _moves_rigidly(entry: dict[str, Any], moves: bool) -> bool:

@@ -118,7 +118,7 @@ def colour_range(errors: Iterable[np.ndarray]) -> float:
 
 
 def new_plotter(**options: Any) -> Any:
-    """Return a pyvista plotter with a white background. It draws off-screen unless the options differ.
+    """Return a pyvista plotter with a white background, which draws off-screen.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def new_plotter(**options: Any) -> Any:
     # Without a display VTK prints a needless warning.
     pyvista.vtk_verbosity("error")
     _require_renderer()
-    plotter = pyvista.Plotter(**{"off_screen": True, "border": False, **options})
+    plotter = pyvista.Plotter(off_screen=True, border=False, **options)
     plotter.set_background("white")
     return plotter
 
@@ -231,14 +231,23 @@ def panel(
     import pyvista
 
     surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
-    paint: dict[str, Any] = {"color": BODY}
-    if error is not None:
-        # The light keeps the colours close to the colour bar.
-        paint = {"scalars": error, "clim": (0, top), "cmap": COLOURS, "ambient": 0.4, "diffuse": 0.6}
+    if error is None:
+        plotter.add_mesh(surface, smooth_shading=True, color=BODY)
+    else:
         bar_style = {"title": bar, "color": "black", "n_labels": 2, "fmt": "%.3g"}
         bar_place = {"position_x": 0.2, "position_y": 0.01, "width": 0.6, "height": 0.07}
-        paint |= {"show_scalar_bar": bar is not None, "scalar_bar_args": {**bar_style, **bar_place}}
-    plotter.add_mesh(surface, smooth_shading=True, **paint)
+        plotter.add_mesh(
+            surface,
+            smooth_shading=True,
+            scalars=error,
+            clim=(0, top),
+            cmap=COLOURS,
+            # The light keeps the colours close to the colour bar.
+            ambient=0.4,
+            diffuse=0.6,
+            show_scalar_bar=bar is not None,
+            scalar_bar_args=bar_style | bar_place,
+        )
     if handles is not None:
         _add_handles(plotter, V, handles, size=mesh.diagonal, targets=targets)
     # Point the camera.

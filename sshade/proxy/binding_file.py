@@ -17,8 +17,6 @@ from sshade.proxy.triangle import TriangleFrames
 
 #: What a file of a binding is, in messages.
 WHAT = "a map written by `sshade remesh`"
-#: Fields of a sampling, by their names in a file.
-SAMPLING = {"samples": "samples", "faces": "faces", "region": "cell", "distance": "distance"}
 
 
 def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
@@ -31,11 +29,18 @@ def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
     InputError
         When the file cannot be written.
     """
-    frames = binding.frames
-    arrays: dict[str, Any] = {name: getattr(binding.sampling, field) for name, field in SAMPLING.items()}
+    frames, sampling = binding.frames, binding.sampling
+    arrays: dict[str, Any] = {
+        "samples": sampling.samples,
+        "faces": sampling.faces,
+        "region": sampling.cell,
+        "distance": sampling.distance,
+        "vertices": len(binding.local),
+        "mesh": _digest(binding.mesh.F),
+        "frames": frames.name,
+    }
     if isinstance(frames, TriangleFrames):
         arrays["values"] = frames.values
-    arrays |= {"vertices": len(binding.local), "mesh": _digest(binding.mesh.F), "frames": frames.name}
     with replacing(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, **arrays)
 
@@ -68,7 +73,9 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
             )
         if str(arrays["mesh"]) != _digest(mesh.F):
             raise InputError(f"the map is of a mesh with other faces; {remedy}")
-        sampling = Sampling(**{field: arrays[name] for name, field in SAMPLING.items()})
+        sampling = Sampling(
+            arrays["samples"], arrays["faces"], cell=arrays["region"], distance=arrays["distance"]
+        )
         kind, values = frames or str(arrays["frames"]), arrays.get("values")
         _require_fit(sampling, values, mesh.n)
         if kind == "triangle" and values is not None:
