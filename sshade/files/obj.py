@@ -5,6 +5,7 @@ Vertices are never split by texture coordinates, normals, colours, groups or mat
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from sshade.files.libraries import library_files, library_names, moved_library
 from sshade.files.mesh_file import MeshFile, beside, fanned, present
 from sshade.files.obj_normals import Corners, Obj, turned_normals
 from sshade.files.words import Edits, Text, edited, key_of, without_comments
+
+#: The beginning of a surface object of the Montreal Neurological Institute: its reflectance and its size.
+_MNI = re.compile(rb"P(\s+[-+.\deE]+){5}\s+\d+\s")
 
 
 def read_obj(path: Path) -> MeshFile:
@@ -25,6 +29,8 @@ def read_obj(path: Path) -> MeshFile:
         On a vertex, a normal or a face that is not complete.
     """
     data = path.read_bytes()
+    if _MNI.match(data):
+        raise ValueError("it is a surface object of the MNI, not of Wavefront; convert it to another format")
     text, key = words_of(data)
     vertices, shading, polygons, libraries = (
         np.flatnonzero(key == key_of(word)) for word in (b"v", b"vn", b"f", b"mtllib")
@@ -55,7 +61,7 @@ def read_obj(path: Path) -> MeshFile:
     lines = [data[a:b] for a, b in places.T.tolist()]
     named = tuple(file for line in lines for file in library_files(line, path))
     used = [name for line in lines for name in library_names(line)]
-    obj = Obj(data, positions, normals, corners, triangles, places)
+    obj = Obj(data, positions, normals, corners, triangles, places, text.newline.decode())
     F, content = corners.vertex[triangles], partial(_content, obj, path)
     missing = [name for name in used if not beside(path, name).is_file()]
     notes = tuple(f"its material file {name} is not there" for name in missing)
@@ -67,7 +73,7 @@ def words_of(data: bytes) -> tuple[Text, np.ndarray]:
     """Return the words of a file without comments, and the keys of its lines."""
     joined = without_comments(data)
     if b"\\" in joined:  # a line that ends with a backslash goes on in the next line
-        joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+        joined = joined.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ").replace(b"\\\r", b"  ")
     text = Text(joined)
     return text, text.keys()
 

@@ -46,6 +46,7 @@ class Obj(NamedTuple):
         Numbers of corners.
     libraries : (2, l) int64
         Bytes where lines "mtllib" and the lines behind them begin.
+    newline : str
     """
 
     data: bytes
@@ -54,6 +55,7 @@ class Obj(NamedTuple):
     corners: Corners
     triangles: np.ndarray
     libraries: np.ndarray
+    newline: str
 
 
 def turned_normals(obj: Obj, V: np.ndarray) -> list[Edits]:
@@ -79,7 +81,7 @@ def turned_normals(obj: Obj, V: np.ndarray) -> list[Edits]:
     order = np.argsort(normal[one], kind="stable")  # the order in which variants are written
     line_of, value = normal[one][order], new[one][order]
     written = np.bincount(line_of, minlength=len(N))
-    edits = [_variants(obj.normals, line_of, value)]
+    edits = [_variants(obj, line_of, value)]
     if (written > 1).any():
         place = np.empty(len(order), dtype=np.int64)
         place[order] = np.arange(len(order)) + (np.cumsum(written == 0) - (written == 0))[line_of]
@@ -113,14 +115,15 @@ def _pairs(vertex: np.ndarray, normal: np.ndarray, n: int) -> tuple[np.ndarray, 
     return pair, vertex[one], normal[one]
 
 
-def _variants(normals: Numbers, line_of: np.ndarray, value: np.ndarray) -> Edits:
+def _variants(obj: Obj, line_of: np.ndarray, value: np.ndarray) -> Edits:
     """Write normals (w, 3) to their lines (w,), ascending; further normals of a line get lines behind it."""
+    normals, further = obj.normals, f"{obj.newline}vn "
     first = np.flatnonzero(np.diff(line_of, prepend=-1))
     lines, rows = line_of[first], [" ".join(map(repr, row)) for row in value.tolist()]
     end = np.append(first[1:], len(rows))
     old = normals.value[lines]
     changes = (end - first > 1) | ((value[first] != old) & ~np.isnan(old)).any(axis=1)
     texts = [
-        "\nvn ".join(rows[a:b]) for a, b in zip(first[changes].tolist(), end[changes].tolist(), strict=True)
+        further.join(rows[a:b]) for a, b in zip(first[changes].tolist(), end[changes].tolist(), strict=True)
     ]
     return Edits(normals.begin[lines[changes], 0], normals.end[lines[changes], 2], texts)

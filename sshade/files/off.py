@@ -29,6 +29,8 @@ def read_off(path: Path) -> MeshFile:
     data = path.read_bytes()
     text = Text(without_comments(data))
     head = [text.words(line) for line in range(min(2, len(text.first)))]
+    if head and b"BINARY" in head[0]:
+        raise ValueError("it is a binary OFF file, and only texts are read; save it as text")
     keyword = _KEYWORD.match(head[0][0]) if head else None
     if keyword is None:
         raise ValueError("it does not begin with OFF, or its vertices do not have three coordinates each")

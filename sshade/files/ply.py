@@ -95,7 +95,7 @@ def parsed(data: bytes) -> Ply:
     numbers, at, words = data, body, None
     notes: tuple[str, ...] = ()
     if order == "":
-        text = Text(data[body:], above=data[:body].count(b"\n"))
+        text = Text(data[body:], above=len(data[:body].splitlines()))
         declared: np.ndarray | slice = slice(None)
         if len(text.first) == sum(element.size for element in elements if element.properties):
             declared, notes = declared_words(text, elements)

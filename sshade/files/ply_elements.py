@@ -90,12 +90,13 @@ def read_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order ("" for text), the elements, and the place where their numbers begin."""
     if data.removeprefix(BOM)[:3] != b"ply":
         raise ValueError("it does not begin with ply")
-    end = data.find(b"\nend_header")
-    begin = data.find(b"\n", end + 1) + 1
+    newline = b"\n" if b"\nend_header" in data else b"\r"
+    end = data.find(newline + b"end_header")
+    begin = data.find(newline, end + 1) + 1
     if end < 0 or not begin:
         raise ValueError("its header has no end")
     order, elements = None, []
-    for number, line in enumerate(data[:end].split(b"\n")[1:], 2):
+    for number, line in enumerate(data[:end].split(newline)[1:], 2):
         words = line.decode("latin-1").split()
         if words[:1] == ["format"] and len(words) == 3 and words[1] in _ORDER:
             order = _ORDER[words[1]]

@@ -79,7 +79,9 @@ def _solids(text: Text) -> tuple[Numbers, Numbers, int, tuple[str, ...]]:
     key = text.keys(fold=True)
     solid, end, facet, vertex = (key == key_of(word) for word in (b"solid", b"endsolid", b"facet", b"vertex"))
     facets, vertices = np.flatnonzero(facet), np.flatnonzero(vertex)
-    corners, normals = text.vectors(vertices, 1, "a vertex"), text.vectors(facets, 2, "a normal")
+    corners, at = text.vectors(vertices, 1, "a vertex"), text.first[facets, None] + 2 + np.arange(3)
+    at[text.size[facets] < 5] = text.first[facets[text.size[facets] < 5], None]  # a word that is no number
+    normals = text.numbers(at, lenient=True)  # which programs write in many ways where a facet has no area
     count = np.diff(np.searchsorted(vertices, facets), append=len(vertices))
     if len(uneven := facets[count != 3]):
         raise ValueError(

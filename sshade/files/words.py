@@ -14,7 +14,7 @@ import numpy as np
 
 #: The byte-order mark of UTF-8, with which programs of Windows begin a text.
 BOM = b"\xef\xbb\xbf"
-_NEWLINE, _BLANK = 10, 32
+_BLANK = 32
 _INTEGER = re.compile(rb"[+-]?[0-9]{1,18}")
 #: How programs of Windows write a number that is none, such as the normal of a face without area.
 _NAN = re.compile(rb"[+-]?(nan\([a-z]*\)|1\.#(ind|qnan|snan)[0-9]*)", re.IGNORECASE)
@@ -44,6 +44,8 @@ class Numbers(NamedTuple):
 class Text:
     r"""Words of a text, line by line. Lines end in ``\n`` or ``\r\n``; empty lines do not count.
 
+    In a text without ``\n``, lines end in ``\r`` alone, as on old Macintosh computers.
+
     A byte-order mark at the beginning belongs to no word.
 
     Parameters
@@ -54,7 +56,7 @@ class Text:
 
     Attributes
     ----------
-    data : bytes
+    data, newline : bytes
     begin, end : (w,) int64
         Bytes where each word begins and ends.
     first, size : (l,) int64
@@ -63,6 +65,7 @@ class Text:
 
     def __init__(self, data: bytes, *, above: int = 0) -> None:
         self.data, self._above = data, above
+        self.newline = b"\n" if b"\n" in data else b"\r"
         self._bytes = np.frombuffer(data, np.uint8)
         space = np.ones(len(data) + 2, dtype=bool)
         # 9 to 13 are tab, line ends and form feed; smaller numbers wrap around.
@@ -71,7 +74,7 @@ class Text:
             space[1:4] = True
         edges = np.flatnonzero(space[1:] != space[:-1])
         self.begin, self.end = edges[::2], edges[1::2]
-        breaks = np.flatnonzero(self._bytes == _NEWLINE)
+        breaks = np.flatnonzero(self._bytes == ord(self.newline))
         self._breaks = np.concatenate([[-1], breaks, [len(data) - 1]])
         starts = np.searchsorted(self.begin, self._breaks[:-1])
         nonempty = np.append(starts[1:] > starts[:-1], starts[-1] < len(self.begin))
@@ -101,7 +104,7 @@ class Text:
 
     def _line_number(self, place: int) -> int:
         """Return the number of the line with a byte."""
-        return self._above + self.data.count(b"\n", 0, place) + 1
+        return self._above + self.data.count(self.newline, 0, place) + 1
 
     def line_ends(self, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the bytes where some lines begin, and the bytes where their next lines begin."""
@@ -121,22 +124,27 @@ class Text:
             raise ValueError(f"line {self.line_number(short[0])}: {name} needs three coordinates")
         return self.numbers(self.first[lines, None] + first + np.arange(3))
 
-    def numbers(self, words: np.ndarray | slice) -> Numbers:
-        """Read some words, in ascending order, as float64. Raise ValueError if a word is no number."""
+    def numbers(self, words: np.ndarray | slice, *, lenient: bool = False) -> Numbers:
+        """Read some words, in ascending order, as float64.
+
+        A word that is no number is NaN if `lenient`; otherwise it raises a ValueError.
+        """
         begin, end = self.begin[words], self.end[words]
         value = self._parsed(begin, end, np.float64)
         if value is None:  # Python also reads 1_000
             parts = zip(begin.ravel().tolist(), self._slices(begin, end), strict=True)
-            value = np.array([self._number(*part) for part in parts]).reshape(begin.shape)
+            value = np.array([self._number(*part, lenient) for part in parts]).reshape(begin.shape)
         return Numbers(begin, end, value)
 
-    def _number(self, place: int, word: bytes) -> float:
-        """Read a word that begins at a byte; raise ValueError with its line if it is no number."""
+    def _number(self, place: int, word: bytes, lenient: bool) -> float:
+        """Read a word that begins at a byte; see :meth:`numbers`."""
         if _NAN.fullmatch(word):
             return np.nan
         try:
             return float(word)
         except ValueError:
+            if lenient:
+                return np.nan
             shown = word.decode("latin-1")[:60]
             raise ValueError(f"line {self._line_number(place)}: {shown!r} is no number") from None
 

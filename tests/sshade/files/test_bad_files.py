@@ -74,6 +74,13 @@ BAD = {
     "OBJ face beyond": (".obj", obj(V, [*F, (0, 1, 162)]), "ids go from"),
     "OBJ face of number 0": (".obj", obj(V, [*F, (0, 1, -1)]), "counted from 1"),
     "OBJ of points and lines": (".obj", lines(rows("v ", V), ["l 1 2 3"]), "triangle"),
+    "OBJ of the MNI": (
+        ".obj",
+        b"P 0.3 0.7 0.5 100 1 3\n0 0 0\n1 0 0\n0 1 0\n\n0 0 1\n0 0 1\n0 0 1\n\n1\n0 1 1 1 1\n\n3\n\n0 1 2\n",
+        "a surface object of the MNI, not of Wavefront",
+    ),
+    "binary OFF": (".off", b"OFF BINARY\n\0\0\0\3\0\0\0\1\0\0\0\0" + bytes(64), "it is a binary OFF file"),
+    "binary COFF": (".off", b"COFF BINARY\r\n\0\0\0\3" + bytes(90), "it is a binary OFF file"),
     "STL without facets": (".stl", bytes(84), "triangle"),
     "one face that is a point": (".obj", obj(np.zeros((3, 3)), [[0, 1, 2]]), "the only face is a point"),
     "one corner too few": (".off", off(V, [[0, 1]]), "a face needs at least three vertices"),

@@ -10,7 +10,7 @@ from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import read_arrays, read_file, write_file
 from tests.files import sample
 from tests.shapes import icosphere
-from tests.write import off
+from tests.write import lines, mesh_ply, obj, off, rows
 
 BALL = icosphere(1)
 OFF, STL = sample("colours.off"), sample("two_facets.stl")
@@ -151,3 +151,53 @@ def test_damaged_files_are_refused_with_their_place(here, suffix, sound, old, ne
     stored(f"a{suffix}", sound)
     with pytest.raises(InputError, match=rf"a\{suffix}: .*{words}"):
         stored(f"a{suffix}", sound.replace(old, new))
+
+
+SHADED = lines(
+    rows("v ", BALL.V), rows("vn ", BALL.V[:6]), [f"f {a}//1 {b}//2 {c}//3" for a, b, c in BALL.F + 1]
+)
+#: Files whose lines end in a line feed.
+TEXTS = {
+    "a.obj": SHADED,
+    "b.obj": lines(["o one \\", "two"]) + obj(BALL.V, BALL.F),
+    "a.off": off(BALL.V, BALL.F),
+    "a.stl": STL.encode(),
+    "a.ply": mesh_ply(BALL.V, BALL.F, "", comments=["comment 1"]),
+}
+
+
+@pytest.mark.parametrize("name", [*TEXTS, "binary.ply"])
+def test_lines_that_end_in_a_carriage_return_alone(here, name):
+    """The output has them, too."""
+    if name in TEXTS:
+        old, new = TEXTS[name], TEXTS[name].replace(b"\n", b"\r")
+    else:
+        old = mesh_ply(BALL.V, BALL.F)
+        end = old.index(b"end_header") + 11
+        new = old[:end].replace(b"\n", b"\r") + old[end:]
+    Path(name).write_bytes(old)
+    Path(f"cr_{name}").write_bytes(new)
+    file, other = read_file(name), read_file(f"cr_{name}")
+    assert np.array_equal(other.V, file.V) and np.array_equal(other.F, file.F)
+    for V in (file.V, file.V[:, [1, 2, 0]]):
+        write_file(f"out_{name}", file, V)
+        write_file(f"out_cr_{name}", other, V)
+        expected = Path(f"out_{name}").read_bytes()
+        expected = expected.replace(b"\n", b"\r") if name in TEXTS else new[:end] + expected[end:]
+        assert Path(f"out_cr_{name}").read_bytes() == expected
+    with pytest.raises(InputError, match="line 3: "):
+        stored("damaged.off", off(BALL.V, BALL.F).decode().replace("\n", "\r").replace("0.0", "x", 1))
+
+
+@pytest.mark.parametrize(
+    "words", ["nan nan nan", "- - -", "", "1.#J 1.#QO 0", "-nan(0x8) nan(snan) -NaN", "0 0"]
+)
+def test_normals_of_an_stl_that_are_no_numbers_stay(here, words):
+    """They say nothing that the corners do not; other normals turn."""
+    first = next(line for line in STL.splitlines() if "facet normal" in line)
+    text = STL.replace(first, f"  facet normal {words}", 1)
+    file = stored("a.stl", text)
+    assert np.array_equal(file.V, stored("b.stl", STL).V)
+    write_file("b.stl", file, file.V[:, [1, 2, 0]])
+    found = [line for line in Path("b.stl").read_text().splitlines() if "facet normal" in line]
+    assert found[0] == f"  facet normal {words}" and found[1].split()[2:] != ["0", "0", "1"]
