@@ -15,6 +15,8 @@ from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
+from sshade.files.handle_files import FORMATS as HANDLE_FILES
+from sshade.files.handle_files import is_landmark_file
 from sshade.files.mesh_file import MeshFile, listed
 from sshade.problem.options import described, help_text
 
@@ -67,10 +69,17 @@ def check_outputs(options: argparse.Namespace, **suffixes: Collection[str]) -> N
 
 
 def require_mesh_first(mesh: Path, handles: Iterable[Path]) -> None:
-    """Raise InputError if MESH is no mesh, but one of the handle files is."""
+    """Raise InputError if MESH is a handle file, or one of the handle files is a mesh."""
     late = [path for path in handles if path.suffix.lower() in READABLE]
-    if late and mesh.suffix.lower() not in READABLE:
-        raise InputError(f"{mesh}: the mesh comes before the handles; did you mean `{late[0]} {mesh}`?")
+    if mesh.suffix.lower() not in READABLE:
+        if late:
+            raise InputError(f"{mesh}: the mesh comes before the handles; did you mean `{late[0]} {mesh}`?")
+        if mesh.suffix.lower() in HANDLE_FILES or is_landmark_file(mesh):
+            raise InputError(f"{mesh}: is a file of handles; give the mesh first")
+    elif late:
+        raise InputError(
+            f"{late[0]}: is a mesh; handles are in a file {', '.join(HANDLE_FILES)}, or in two landmark files"
+        )
 
 
 def input_paths(options: argparse.Namespace) -> list[Path | None]:

@@ -28,7 +28,8 @@ from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.core.natural import in_natural_order
 from sshade.files.by_library import READABLE, check_mesh
-from sshade.files.handle_files import pose_files, read_handle_file
+from sshade.files.handle_files import FORMATS as HANDLE_FILES
+from sshade.files.handle_files import is_landmark_file, pose_files, read_handle_file
 from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, draw
 
 #: Suffixes of pages and of pictures.
@@ -91,6 +92,9 @@ def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:
     meshes = [path for path in files if path.suffix.lower() in READABLE]
     others = [path for path in files if path.suffix.lower() not in READABLE]
     if not meshes:
+        for path in others:
+            if path.suffix.lower() not in HANDLE_FILES and not is_landmark_file(path):
+                check_mesh(path)
         raise InputError(f"no file is a mesh ({FORMATS}); pass the mesh that the handles belong to")
     meshes[1:] = in_natural_order(meshes[1:])
     poses = pose_files(others)

@@ -209,7 +209,22 @@ def is_same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) ->
         return False
 
 
-def check_suffix(path: Path, suffixes: Collection[str]) -> None:
-    """Raise InputError unless `path` ends with a known suffix; case does not matter."""
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{path}: unknown format {path.suffix!r}; use {', '.join(suffixes)}")
+#: Formats of scenes that no library here reads, and that Blender converts.
+SCENES = (".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".abc")
+
+
+def check_suffix(path: Path, suffixes: Collection[str], *, listing: str = "") -> None:
+    """Raise InputError unless `path` ends with a known suffix; case does not matter.
+
+    Messages list the suffixes, or `listing`.
+    """
+    suffix = path.suffix.lower()
+    if suffix in suffixes:
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    known = listing or ", ".join(suffixes)
+    if not suffix:
+        raise InputError(f"{path}: its name has no ending, which says the format; use {known}")
+    way = f"; Blender converts {suffix} from and to .glb" if suffix in SCENES else ""
+    raise InputError(f"{path}: unknown format {path.suffix!r}; use {known}{way}")

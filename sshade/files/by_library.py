@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from sshade.core.atomic import check_suffix
 from sshade.core.console import how_to_install
 from sshade.core.errors import InputError
 from sshade.files.mesh_file import DECLARED, SUFFIXES, MeshFile, check_input, present
@@ -36,11 +37,9 @@ UNITS = {".3mf": ("millimeter", "millimeters"), ".dae": ("meters",)}
 
 def check_mesh(path: Path) -> None:
     """Raise InputError unless `path` is a file with the suffix of a mesh."""
-    if path.suffix.lower() not in READABLE:
-        raise InputError(
-            f"{path}: unknown format {path.suffix!r}; use {', '.join(SUFFIXES)}, with the extra formats "
-            f"{', '.join(FORMATS)}, or with the extra figures {', '.join(FIGURES)}"
-        )
+    own, formats, figures = map(", ".join, (SUFFIXES, FORMATS, FIGURES))
+    listing = f"{own}, with the extra formats {formats}, or with the extra figures {figures}"
+    check_suffix(path, READABLE, listing=listing)
     check_input(path, READABLE)
 
 

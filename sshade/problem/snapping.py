@@ -54,7 +54,11 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
         x, y, z = ((a <= v) & (v <= b) for a, v, b in zip(low, V.T, high, strict=True))
         inside |= x & y & z
     if not inside.any():
-        raise InputError("no vertex lies in its boxes; a box is its lowest corner and its highest corner")
+        spans = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*bounds(V), strict=True))
+        raise InputError(
+            f"no vertex lies in its boxes; the mesh spans {spans} in x, y and z, and a box is its lowest and its "
+            "highest corner"
+        )
     return np.flatnonzero(inside)
 
 

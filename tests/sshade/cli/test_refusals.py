@@ -35,7 +35,19 @@ HANDLES = {
 LIGHT = {
     "deform gone.ply pose.json -o a.ply": "gone.ply: no such file",
     "deform body.ply gone.json -o a.ply": "gone.json: no such file",
-    "deform body.ply body.ply -o a.ply": "unknown format '.ply'",
+    "deform body.ply edited.ply -o a.ply": "edited.ply: is a mesh; handles are in a file .json, .yaml",
+    "deform pose.json -o a.ply pose.json": "pose.json: is a file of handles; give the mesh first",
+    "edit body.ply edited.ply": "edited.ply: is a mesh; handles are in",
+    "edit pose.json": "pose.json: is a file of handles; give the mesh first",
+    "edit rest.mrk.json": "rest.mrk.json: is a file of handles",
+    "deform folder pose.json -o a.ply": "folder: is a folder; give the name of a file",
+    "deform body.ply pose.json -o folder": "folder: is a folder; give the name of a file",
+    "deform body.ply pose.json -o posed": "posed: its name has no ending, which says the format; use",
+    "show body": "body: its name has no ending",
+    "show body.fbx pose.json": "Blender converts .fbx from and to .glb",
+    "remesh body -o a.ply --map m.npz": "body: its name has no ending",
+    "deform body.FBX pose.json -o a.ply": "Blender converts .fbx from and to .glb",
+    "deform body.ply pose.json -o a.blend": "unknown format '.blend'; use .ply, .obj, .off, .stl, .glb",
     "deform body.ply syntax.json -o a.ply": "not readable as JSON",
     "deform body.ply pose.txt -o a.ply": "a pose is one handle file, or two landmark files",
     "deform body.ply pose.json -o a.ply --amount 2.5": "the amount goes from 0 to 2, not 2.5",
@@ -100,6 +112,7 @@ def test_mistakes_are_refused_before_numba_is_imported(here):
     for name, content in {**HANDLES, "pose.json": {"vertices": [1]}}.items():
         text = content if isinstance(content, str) else json.dumps({"handles": [content]})
         Path(name).write_text(text)
+    Path("folder").mkdir()
     Path("lines.json").write_text(json.dumps(list(LIGHT)))
     before = {path: path.is_dir() or path.read_bytes() for path in Path().rglob("*")}
     environment = {**os.environ, "SSHADE_KERNELS": os.path.abspath("kernels")}

@@ -110,7 +110,7 @@ BOX = {"boxes": [[[-9, -9, -9], [9, 9, 9]]]}
 TURN = np.eye(3).tolist()
 #: An entry of a handle file, and words of its refusal.
 ENTRIES = [
-    ({"boxes": [[[9, 9, 9], [10, 10, 10]]]}, "entry 0: no vertex lies in its boxes"),
+    ({"boxes": [[[9, 9, 9], [10, 10, 10]]]}, "entry 0: no vertex lies in its boxes; the mesh spans -"),
     ({"boxes": [[[0, 0, 0], [1, 1, np.nan]]]}, '"boxes" has a NaN or infinite position'),
     ({**BOX, "vertices": [1]}, 'either as "vertices", as "source" or as "boxes"'),
     ({**BOX, "target": [[0, 0, 0]]}, '"boxes" have no "target"'),
