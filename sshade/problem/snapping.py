@@ -56,8 +56,8 @@ def vertices_in(V: np.ndarray, boxes: ArrayLike) -> np.ndarray:
     if not inside.any():
         spans = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*bounds(V), strict=True))
         raise InputError(
-            f"no vertex lies in its boxes; the mesh spans {spans} in x, y and z, and a box is its lowest and its "
-            "highest corner"
+            f"no vertex lies in its boxes; the mesh spans {spans} in x, y and z, and a box is its lowest "
+            "corner and its highest one"
         )
     return np.flatnonzero(inside)
 
