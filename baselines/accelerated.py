@@ -12,13 +12,13 @@ Proof: the papers' formulas in loops give the same plain iterates, and accelerat
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from time import perf_counter
 from typing import Any
 
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import Later
 from sshade.method.pieces import Pieces, both
-from sshade.problem.options import SOLVER, Energy, Options, complete, takes_options
+from sshade.problem.options import SOLVER, Elements, Options, complete, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.local_global import prepare, solve_task
 
@@ -26,7 +26,7 @@ from sshade.solver.local_global import prepare, solve_task
 def local_global(
     task: DeformationTask,
     *,
-    energy: Energy = "spokes_and_rims",
+    energy: Elements = "spokes_and_rims",
     accelerate: bool = True,
     factorised: bool | None = None,
     seed: int = 0,
@@ -40,7 +40,7 @@ def local_global(
     task : DeformationTask
         Constraints on volume or area need a connected mesh.
     energy : {"spokes", "spokes_and_rims"}
-        See :class:`sshade.solver.system.System`.
+        The elements of :class:`sshade.solver.system.System`.
     accelerate : bool
         Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional
@@ -56,7 +56,7 @@ def local_global(
     -------
     DeformationResult
         ``extra`` holds ``rotations``, ``residual``, the energies, ``rejected``, and the errors and states of
-        volume and area, as of :class:`sshade.solver.run.Solution`.
+        volume and area, as of :class:`sshade.solver.solution.Solution`.
 
     Raises
     ------
@@ -65,15 +65,18 @@ def local_global(
     FloatingPointError
         When an iterate is not finite.
     """
-    solver_options = complete(options)
-    return solve_task(
+    resolved = replace(complete(options), accelerate=accelerate)
+    ready = prepare(task, resolved, elements=energy, factorised=factorised)
+    begin = perf_counter()
+    solution = solve_task(
         task,
-        prepared=Later(partial(prepare, task, solver_options, energy=energy, factorised=factorised)),
-        options=replace(solver_options, accelerate=accelerate),
+        prepared=Later(lambda: ready),
+        options=resolved,
         workers=1,
-        tolerance=solver_options.tolerance,
+        stop=resolved.stop,
         progress=progress,
     )
+    return solution.result({"precompute": ready.seconds, "solve": perf_counter() - begin})
 
 
 @takes_options(SOLVER)
@@ -105,11 +108,13 @@ def accelerated_elastic(
     **options: Any,
 ) -> DeformationResult:
     """Minimise the spokes-and-rims energy; see :func:`accelerated_arap`."""
-    energy: Energy = "spokes_and_rims"
+    energy: Elements = "spokes_and_rims"
     return _solve(task, energy, accelerate=accelerate, factorised=factorised, progress=progress, **options)
 
 
-def _solve(task: DeformationTask, energy: Energy, *, progress: Progress, **options: Any) -> DeformationResult:
+def _solve(
+    task: DeformationTask, energy: Elements, *, progress: Progress, **options: Any
+) -> DeformationResult:
     free = len(task.mesh.components_without(task.handles.index))
     if not (options.get("volume") or options.get("area") or free):
         return local_global(task, energy=energy, progress=progress, **options)

@@ -20,9 +20,11 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
-from sshade.problem.options import ITERATION, Energy, Start, takes_options
+from sshade.problem.options import ITERATION, Elements, Start, takes_options
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.run import Stop, initial_guess, run
+from sshade.solver.aim import initial_guess
+from sshade.solver.run import run
 
 
 @takes_options(ITERATION)
@@ -44,7 +46,7 @@ def elastic(
 def libigl_arap(
     task: DeformationTask,
     *,
-    energy: Energy = "spokes_and_rims",
+    energy: Elements = "spokes_and_rims",
     tolerance: float = 1e-5,
     max_iterations: int = 1000,
     start: Start = "rest",
@@ -86,7 +88,7 @@ def libigl_arap(
     FloatingPointError
         If the result is not finite.
     """
-    if energy not in get_args(Energy):
+    if energy not in get_args(Elements):
         raise InputError(f"unknown energy {energy!r}; use 'spokes' or 'spokes_and_rims'")
     mesh, handles = task.mesh, task.handles
     require_hard(handles, "libigl's ARAP")

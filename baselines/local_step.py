@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.mesh.rotations import fit_rotations
-from sshade.solver.terms.arap import Edges, Elements
+from sshade.solver.terms.arap import Edges, Triangles
 
 
 def spokes(V: np.ndarray, edges: np.ndarray, weights: np.ndarray) -> Edges:
@@ -38,7 +38,7 @@ class LocalStep:
         The rotations, first the identity; each call of :meth:`rotations` overwrites them.
     """
 
-    def __init__(self, elements: Elements, n: int) -> None:
+    def __init__(self, elements: Edges | Triangles, n: int) -> None:
         self._elements = elements
         self._Q, self._B = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.empty((n, 3))
         self.R = np.tile(np.eye(3).ravel(), (n, 1))

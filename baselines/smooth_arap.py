@@ -39,10 +39,12 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.options import Start
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.run import Stop, initial_guess, run
+from sshade.solver.run import run
 from sshade.solver.terms.arap import Triangles
 
 #: Least area of a vertex, as a fraction of the mean, because the method divides by areas.

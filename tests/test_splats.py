@@ -20,21 +20,14 @@ ALLOWED = {
     "sshade/edit/recovery.py": 1,
     "sshade/method/component_set.py": 1,
     "sshade/method/deform.py": 1,
-    "sshade/method/deformer.py": 1,
-    "sshade/method/following_solver.py": 4,
     "sshade/method/pieces.py": 2,
-    "sshade/method/polish.py": 4,
-    "sshade/method/proxies.py": 2,
-    "sshade/method/proxy.py": 3,
     "sshade/method/sequence.py": 1,
-    "sshade/method/start.py": 2,
     "sshade/method/transfer.py": 1,
     "sshade/problem/facts.py": 1,
     "sshade/problem/handles.py": 1,
     "sshade/problem/options.py": 4,
     "sshade/proxy/binding_file.py": 1,
     "sshade/solver/constraints.py": 2,
-    "sshade/solver/local_global.py": 4,
 }
 
 

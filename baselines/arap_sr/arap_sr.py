@@ -41,9 +41,11 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.problem.options import Start
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
+from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
-from sshade.solver.run import Stop, initial_guess, run
+from sshade.solver.run import run
 
 #: Number of differences that the acceleration keeps.
 WINDOW = 5

@@ -33,12 +33,14 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
 from sshade.method.regions import HandleRegions, all_on_targets
 from sshade.problem.options import Start
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
 from sshade.proxy.sample import proxy_vertices
+from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.laplacian import laplacian_matrix
-from sshade.solver.run import Stop, initial_guess, run
+from sshade.solver.run import run
 
 
 def deformation_graph(

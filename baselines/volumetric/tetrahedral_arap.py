@@ -24,8 +24,9 @@ from baselines.volumetric.coarse_tetrahedra import TetrahedraOptions, coarse_tet
 from baselines.volumetric.node_handles import node_handles, on_targets
 from sshade.core.progress import Progress, silent
 from sshade.problem.options import Start
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.run import Stop, run
+from sshade.solver.run import run
 
 
 def tetrahedral_arap(

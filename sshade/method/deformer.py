@@ -18,7 +18,8 @@ from sshade.method.proxies import Proxies
 from sshade.method.regions import all_on_targets, has_regions
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.majority import HandleGroups, MajorityMotion
-from sshade.problem.options import Options, accepted, checked, require_method, resolve
+from sshade.problem.options import accepted, checked, require_method, resolve
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.frames import checked_out
 
@@ -180,7 +181,12 @@ class Deformer:
             ``energy`` of the proxies.
         """
         handles = self._at(targets, rotations)
-        stop = self._stopping(tolerance, max_iterations, out)
+        self._require_out(out)
+        own = self._options.stop
+        stop = Stop(
+            own.tolerance if tolerance is None else tolerance,
+            own.max_iterations if max_iterations is None else max_iterations,
+        )
         self._last_handles = handles
         return self._deformed(handles, stop, out)
 
@@ -208,20 +214,16 @@ class Deformer:
         if self._groups is not None:  # the motion of a drag may lag as well
             motion = self._groups.motion(handles.target)
             self._last_majority, handles = (motion, handles.target), handles.following(motion)
-        stop = self._stopping(SETTLED * self._options.tolerance, None, out)
+        self._require_out(out)
+        stop = replace(self._options.stop, tolerance=SETTLED * self._options.tolerance)
         return self._deformed(handles, stop, out, settle=True)
 
-    def _stopping(
-        self, tolerance: float | None, max_iterations: int | None, out: np.ndarray | None
-    ) -> Options:
-        """Return the options with another stopping rule; None keeps the option's value. Check `out`, too."""
+    def _require_out(self, out: np.ndarray | None) -> None:
         if out is not None:
             checked_out(out, self.mesh.V.shape if self._shape is None else self._shape.V.shape)
-        names = {"tolerance": tolerance, "max_iterations": max_iterations}
-        return replace(self._options, **checked(names, names, subject="Deformer"))
 
     def _deformed(
-        self, handles: Handles, options: Options, out: np.ndarray | None, *, settle: bool = False
+        self, handles: Handles, stop: Stop, out: np.ndarray | None, *, settle: bool = False
     ) -> DeformationResult:
         task, shape = self._task.at(handles), self._shape
         whole = shape is None or len(shape.V) == self.mesh.n
@@ -229,7 +231,7 @@ class Deformer:
             result = all_on_targets(task)
         else:
             own = out if whole else None
-            result = self._proxies.deform(handles, options=options, settle=settle, team=self._team, out=own)
+            result = self._proxies.deform(handles, stop=stop, settle=settle, team=self._team, out=own)
         if (majority := handles.majority) is not None:
             result = replace(result, facts=replace(result.facts, inertia=majority.state))
         if shape is not None and not whole:

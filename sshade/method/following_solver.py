@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -13,12 +11,15 @@ from sshade.core.progress import silent
 from sshade.core.threads import Later
 from sshade.mesh.mesh import Mesh
 from sshade.method.start import solve_from_start, solver_threads
-from sshade.problem.options import ENERGY, MATRIX, Options
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.problem.options import Options
+from sshade.problem.stop import Stop
+from sshade.problem.task import DeformationTask, Handles
+from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import Following
-from sshade.solver.local_global import LocalGlobal, Prepared, solve_task
-from sshade.solver.run import Aim
+from sshade.solver.local_global import Prepared, solve_task
+from sshade.solver.solution import Solution
+from sshade.solver.system import System
 
 
 class FollowingSolver:
@@ -37,13 +38,13 @@ class FollowingSolver:
     """
 
     def __init__(self, proxy: Mesh, handles: Handles, options: Options) -> None:
-        self._proxy, self._options = proxy, options
+        self._proxy = proxy
+        self._options = options
         #: Handles whose rotations the attachment knows. A new one needs another attachment.
         self._rotated = handles.has_rotation
         self._attachment = Attachment(proxy, handles, options.attachment)
-        vertex, stiffness = self._attachment.vertex, self._attachment.stiffness
-        self._solver = LocalGlobal(proxy, vertex, stiffness=stiffness, **options.subset(MATRIX))
-        self._solver.factorise()
+        self._system = System(proxy, self._attachment.vertex, options, stiffness=self._attachment.stiffness)
+        self._system.factorise()
         self.reset()
 
     @property
@@ -69,38 +70,49 @@ class FollowingSolver:
 
     def _take(self, handles: Handles) -> None:
         attachment = Attachment(self._proxy, handles, self._options.attachment)
-        self._solver = self._solver.with_handles(attachment.vertex, stiffness=attachment.stiffness)
-        self._attachment, self._rotated, self._following = attachment, handles.has_rotation, None
+        self._system = self._system.with_handles(attachment.vertex, stiffness=attachment.stiffness)
+        self._attachment = attachment
+        self._rotated = handles.has_rotation
+        self._following = None
 
-    def __call__(self, handles: Handles, *, volume_goal: float, **stop: Any) -> DeformationResult:
+    def __call__(self, handles: Handles, *, volume_goal: float, stop: Stop) -> Solution:
         if (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         aim = Aim(targets, handles.prescribed_rotations, fraction, volume_goal, handles.majority)
-        energy: dict[str, Any] = self._options.subset(ENERGY)
-        energy["workers"] = solver_threads(self._options, self._proxy.n)
+        options, workers = self._options, solver_threads(self._options, self._proxy.n)
         if self._following is None and self._last is not None:
-            at = Aim(self._last[0][self._solver.index])
-            self._following = Following(self._solver, *self._last, at, **energy)
+            at = Aim(self._last[0][self._system.handles.index])
+            self._following = Following(self._system, *self._last, at, options, workers=workers)
         try:
             if self._following is None:
-                result = self._first(handles, aim, replace(self._options, **stop))
-                R = result.extra["rotations"]
-                self._following = Following(self._solver, result.vertices, R, aim, **energy)
+                found = self._first(handles, aim, stop)
+                V, R = found.positions, found.rotations
+                assert R is not None
+                self._following = Following(self._system, V, R, aim, options, workers=workers)
             else:
-                result = self._following.solve(aim, **stop).result()
+                found = self._following.solve(aim, stop)
         except FloatingPointError:  # the positions are of no use to the next solve
             self.reset()
             raise
-        self._last = result.vertices, result.extra["rotations"]
-        return result
+        assert found.rotations is not None
+        self._last = found.positions, found.rotations
+        return found
 
-    def _first(self, handles: Handles, aim: Aim, options: Options) -> DeformationResult:
+    def _first(self, handles: Handles, aim: Aim, stop: Stop) -> Solution:
         """Solve as the method does, with the factorisation."""
-        task, prepared = DeformationTask("drag", self._proxy, handles), Prepared(self._solver, aim)
+        options = self._options
+        task, prepared = DeformationTask("drag", self._proxy, handles), Prepared(self._system, aim)
         workers = solver_threads(options, self._proxy.n)
         solve = partial(solve_task, prepared=Later(lambda: prepared), options=options, workers=workers)
         if not options.coarser_start:
-            return solve(task, tolerance=options.tolerance, progress=silent)
-        reports = {"progress": silent, "coarser_progress": silent}
-        return solve_from_start(task, options, solve, volume_goal=aim.volume_goal, **reports)
+            return solve(task, stop=stop, progress=silent)
+        return solve_from_start(
+            task,
+            options,
+            solve,
+            volume_goal=aim.volume_goal,
+            stop=stop,
+            progress=silent,
+            coarser_progress=silent,
+        )

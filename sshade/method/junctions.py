@@ -83,9 +83,11 @@ def deform_joined(
     on_proxy = handles.sampled(handle[samples[on]], number[on], parts.V)
     free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, coarse=None)
     start = None if guess is None else guess[samples[one]]
-    solved = OnceSolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))(on_proxy)
+    solver = OnceSolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))
+    solved = solver(on_proxy, volume_goal=1.0, stop=free.stop)
+    assert solved.rotations is not None
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
-    return binding.carry(solved.vertices[number], rotations=solved.extra["rotations"][number])[0]
+    return binding.carry(solved.positions[number], rotations=solved.rotations[number])[0]
 
 
 def _sampled(parts: Mesh, first: np.ndarray, options: Options) -> Sampling:

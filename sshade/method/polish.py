@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -12,13 +11,15 @@ from sshade.core.progress import Progress, renamed
 from sshade.core.threads import Pending, available_cpus
 from sshade.mesh.adjacency import vertex_graph
 from sshade.method.regions import HandleRegions, has_regions
-from sshade.problem.options import ENERGY, Options
+from sshade.problem.options import Options
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
-from sshade.solver.local_global import LocalGlobal, Prepared, prepare
+from sshade.solver.aim import Aim
+from sshade.solver.local_global import Prepared, prepare, project, solve
 from sshade.solver.quasi_newton import WINDOW_OF_POLISH
-from sshade.solver.run import Aim, Solution
-from sshade.solver.system import give_back
+from sshade.solver.solution import Solution
+from sshade.solver.system import System, give_back
 
 
 def set_up(task: DeformationTask, options: Options) -> Prepared:
@@ -65,27 +66,28 @@ def polished(
     progress("polish", 0, options.polish_iterations, "preparing")
     prepared = ready.result()
     begun = perf_counter()
-    energy = {**options.subset(ENERGY), "workers": options.workers or available_cpus()}
+    workers = options.workers or available_cpus()
     turns = _rotations_near_handles(task, samples=proxy.facts.samples)
     aim = replace(prepared.aim, prescribed=turns)
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
-    solution = prepared.solver.solve(
+    solution = solve(
+        prepared.system,
         aim,
+        options,
         start=start.pop(),  # so that the solver can free it
-        tolerance=options.tolerance,
-        max_iterations=options.polish_iterations,
+        stop=Stop(options.tolerance, options.polish_iterations),
         window=WINDOW_OF_POLISH,
+        workers=workers,
         progress=renamed(progress, "polish"),
-        **energy,
     )
     if has_regions(task.mesh, task.handles.index, options):
         progress("regions", 0, 1)
         graph, samples = vertex_graph(task.mesh), proxy.facts.samples
         regions = HandleRegions(task.mesh, task.handles, vertices=samples, graph=graph)
         turned = regions.on_targets(solution.positions, task.handles)
-        solution = _solution_at(prepared.solver, solution, turned, aim, energy)
+        solution = _solution_at(prepared.system, solution, turned, aim, options, workers)
         progress("regions", 1, 1)
     seconds = {
         "proxy": arrived - begin,
@@ -98,10 +100,10 @@ def polished(
         proxy_iterations=proxy.iterations,
         residual=solution.residual,
         energy=solution.energy,
-        volume_error=solution.volume_error,
-        area_error=solution.area_error,
-        volume_constraint=solution.volume_constraint,
-        area_constraint=solution.area_constraint,
+        volume_error=solution.constraints.volume_error,
+        area_error=solution.constraints.area_error,
+        volume_constraint=solution.constraints.volume_constraint,
+        area_constraint=solution.constraints.area_constraint,
     )
     converged = solution.converged or None
     return DeformationResult(solution.positions, solution.iterations, converged, seconds, facts=facts)
@@ -122,11 +124,24 @@ def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.
 
 
 def _solution_at(
-    solver: LocalGlobal, solution: Solution, V: np.ndarray, aim: Aim, energy: dict[str, Any]
+    system: System, solution: Solution, V: np.ndarray, aim: Aim, options: Options, workers: int
 ) -> Solution:
     """A solution at other positions, projected onto the constraints; the record of the iteration stays."""
-    exact = {name: energy[name] for name in ("volume", "area", "workers")}
-    V = solver.project(V, volume_goal=aim.volume_goal, **exact)
-    after = solver.solve(aim, start=V, rotations=solution.rotations, max_iterations=0, **energy)
-    kept = "iterations", "residual", "residual_curve", "converged", "rejected"
-    return after._replace(**{name: getattr(solution, name) for name in kept})
+    V = project(system, V, options, volume_goal=aim.volume_goal, workers=workers)
+    after = solve(
+        system,
+        aim,
+        options,
+        start=V,
+        rotations=solution.rotations,
+        stop=Stop(options.tolerance, 0),
+        workers=workers,
+    )
+    return replace(
+        after,
+        iterations=solution.iterations,
+        residual=solution.residual,
+        residual_curve=solution.residual_curve,
+        converged=solution.converged,
+        rejected=solution.rejected,
+    )

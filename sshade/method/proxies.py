@@ -16,6 +16,7 @@ from sshade.core.threads import ThreadTeam, available_cpus, in_threads, number_o
 from sshade.mesh.mesh import Mesh
 from sshade.method.proxy import Proxy, Shared, corrects_volume
 from sshade.problem.options import Options
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, Handles, joined
 
 #: Number of mesh vertices from which on several threads prolong N' to M'.
@@ -83,7 +84,7 @@ class Proxies:
         self,
         handles: Handles,
         *,
-        options: Options | None = None,
+        stop: Stop | None = None,
         guess: np.ndarray | None = None,
         settle: bool = True,
         team: ThreadTeam | None = None,
@@ -96,8 +97,8 @@ class Proxies:
         ----------
         handles : Handles
             Of M, at their targets.
-        options : Options, optional
-            With another stopping rule.
+        stop : Stop, optional
+            By default the options' own.
         guess : (n, 3) float64, optional
             Shape in which the proxies start.
         settle : bool
@@ -109,18 +110,23 @@ class Proxies:
         progress : Progress
             Of proxies that are not kept.
         """
-        options = options or self._options
+        options = self._options
+        stop = stop or options.stop
         if self.kept and guess is not None:
             self.reset(guess)
         shared = self._shared
         with ThreadTeam(1 if team else self.carriers) as own_team:
-            work: dict[str, Any] = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
-            work |= {"settle": settle, "team": team or own_team}
+            team = team or own_team
             if options.samplings == 1:
-                results = [self._proxy(guess, progress, 0).deform(handles, out=out, **work)]
+                proxy = self._proxy(guess, progress, 0)
+                results = [proxy.deform(handles, stop=stop, settle=settle, team=team, out=out)]
                 V = results[0].vertices
             else:
-                run = partial(self._deformed, handles, guess, progress, work)
+
+                def run(number: int) -> DeformationResult:
+                    proxy = self._proxy(guess, progress, number)
+                    return proxy.deform(handles, stop=stop, settle=settle, team=team)
+
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
                     V, results = mean_of(pool.map(run, range(options.samplings)))
         # With a corrected volume, each M' is on its targets.
@@ -133,16 +139,6 @@ class Proxies:
         if self.kept:
             return self.kept[number]
         return Proxy(self._shared, self._options, number, guess=guess, progress=progress)
-
-    def _deformed(
-        self,
-        handles: Handles,
-        guess: np.ndarray | None,
-        progress: Progress,
-        work: dict[str, Any],
-        number: int,
-    ) -> DeformationResult:
-        return self._proxy(guess, progress, number).deform(handles, **work)
 
     def reset(self, guess: np.ndarray | None = None) -> None:
         """Let kept proxies start at a shape (n, 3) of M, or as the method does."""

@@ -10,9 +10,9 @@ deformation via local representations", algorithm 1.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,12 @@ from sshade.method.regions import HandleRegions, Sampler, sample_with_handles
 from sshade.method.start import OnceSolver, ProxySolver
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
+from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, Handles
 from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
+from sshade.solver.solution import Solution
 
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves,
 #: whether for the volume or for handles.
@@ -37,11 +39,6 @@ VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
-#: Facts of a solver that become facts of the deformation.
-OF_SOLVER = (
-    *("coarser_iterations", "residual", "energy"),
-    *("volume_error", "area_error", "volume_constraint", "area_constraint"),
-)
 
 
 class Shared:
@@ -205,7 +202,7 @@ class Proxy:
         """Go on with a placement and a solver of :meth:`rebound`."""
         self._place, self._solver, self._following = place, solver, solver
 
-    def solve(self, handles: Handles, *, tolerance: float, max_iterations: int) -> DeformationResult:
+    def solve(self, handles: Handles, stop: Stop) -> Solution:
         """Solve N for handles of M at their targets.
 
         Raises
@@ -213,12 +210,11 @@ class Proxy:
         InputError
             Where the handles cannot be placed on N.
         """
-        stop: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
         on_proxy = self._place(handles)
         if self._binding is not None:
-            return self._solver(on_proxy, volume_goal=self._goal, **stop)
+            return self._solver(on_proxy, volume_goal=self._goal, stop=stop)
         with beside(self._bind, size=self._shared.mesh.n) as binding:
-            solved = self._solver(on_proxy, volume_goal=self._goal, **stop)
+            solved = self._solver(on_proxy, volume_goal=self._goal, stop=stop)
             self._binding = binding.result()
         return solved
 
@@ -226,8 +222,7 @@ class Proxy:
         self,
         handles: Handles,
         *,
-        tolerance: float,
-        max_iterations: int,
+        stop: Stop,
         settle: bool = True,
         team: ThreadTeam,
         out: np.ndarray | None = None,
@@ -243,9 +238,8 @@ class Proxy:
         ----------
         handles : Handles
             Of M.
-        tolerance : float
-        max_iterations : int
-            Of all solves together.
+        stop : Stop
+            Its number of iterations is for all solves together.
         settle : bool
             Solve again at once where M' needs a correction. A first deformation always does; a later one
             without `settle` leaves the correction to the next call.
@@ -257,16 +251,16 @@ class Proxy:
         regions, corrects = self._shared.regions, corrects_volume(self._options)
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
-        best, smallest, was_exact, found = None, inf, False, dict[str, Any]()
+        best, smallest, was_exact, coarser = None, inf, False, None
         for _ in range(1 + VOLUME_ROUNDS if settle or self.at_start else 1):
             begin = perf_counter()
-            left = int(max_iterations - iterations)
-            solved = self.solve(handles, tolerance=tolerance, max_iterations=left)
+            left = replace(stop, max_iterations=int(stop.max_iterations - iterations))
+            solved = self.solve(handles, left)
             seconds["solve"] += perf_counter() - begin
             iterations += solved.iterations
-            exact, R = solved.extra.get("volume_constraint") == "exact", solved.extra.get("rotations")
+            exact, R = solved.constraints.volume_constraint == "exact", solved.rotations
             begin = perf_counter()
-            V, degenerate = self.binding.carry(solved.vertices, rotations=R, team=team, out=out)
+            V, degenerate = self.binding.carry(solved.positions, rotations=R, team=team, out=out)
             V = regions.on_targets(V, handles) if corrects else V
             deficit = regions.volume_deficit(V) if corrects else 0.0
             missing = abs(deficit) / scale
@@ -274,7 +268,8 @@ class Proxy:
             worse = missing > max(smallest, VOLUME_ERROR)
             if best is not None and (worse or (was_exact and not exact)):
                 break  # the last shape was better
-            found |= solved.extra
+            found = solved if coarser is None else replace(solved, coarser_iterations=coarser)
+            coarser = found.coarser_iterations
             best, smallest, was_exact = (V, solved.converged, degenerate), missing, exact
             # Only an exact constraint can be given another goal; N then has a volume.
             again = missing > VOLUME_ERROR and exact
@@ -284,7 +279,7 @@ class Proxy:
                 self._goal = goal if again else self._goal
             missed = self._place.learn(handles, V)  # also corrects where the next solve puts the targets
             again |= missed > MET * self._shared.mesh.diagonal
-            if not again or iterations >= max_iterations:
+            if not again or iterations >= stop.max_iterations:
                 break
             if V is out:  # the next solve takes this array again
                 best = (V.copy(), *best[1:])
@@ -297,7 +292,13 @@ class Proxy:
             added_samples=self.sampling.added,
             degenerate_frames=degenerate,
             faces_without_area=self._shared.faces_without_area,
-            **{name: found[name] for name in OF_SOLVER if name in found},
+            coarser_iterations=found.coarser_iterations,
+            residual=found.residual,
+            energy=found.energy,
+            volume_error=found.constraints.volume_error,
+            area_error=found.constraints.area_error,
+            volume_constraint=found.constraints.volume_constraint,
+            area_constraint=found.constraints.area_constraint,
         )
         if self._following is None:
             seconds = {"remesh": self.sampling_seconds, **self.binding.seconds, **seconds}

@@ -18,7 +18,7 @@ from concurrent.futures import CancelledError
 from dataclasses import replace
 from functools import partial
 from threading import Event
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -29,10 +29,12 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.regions import HandleRegions, sample_with_handles
 from sshade.problem.options import Options
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.problem.stop import Stop
+from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.solver.local_global import prepare, solve_task
+from sshade.solver.solution import Solution
 
 log = logging.getLogger(__name__)
 
@@ -52,25 +54,23 @@ GUIDE_AREA = 1.0
 class Solve(Protocol):
     """Solves the task of a proxy, from the task's guess if it has one.
 
-    If `softened`, the guess is near the minimum: see :meth:`sshade.solver.local_global.LocalGlobal.solve`.
+    If `softened`, the guess is near the minimum: see :func:`sshade.solver.local_global.solve`.
     """
 
     def __call__(
-        self, task: DeformationTask, *, tolerance: float, progress: Progress, softened: bool = False
-    ) -> DeformationResult: ...
+        self, task: DeformationTask, *, stop: Stop, progress: Progress, softened: bool = False
+    ) -> Solution: ...
 
 
 class ProxySolver(Protocol):
-    """Solves a proxy for handles on it: ``solver(handles, volume_goal=, tolerance=, max_iterations=)``.
+    """Solves a proxy for handles on it.
 
     The goal is the volume of N', as a multiple of the volume of N. Each solve starts from the result of the
     last one. To try another method on the proxy, pass it as the option `coarse`. To try another solver, make
     it in :class:`sshade.method.proxy.Proxy` in place of :class:`OnceSolver`.
     """
 
-    def __call__(
-        self, handles: Handles, *, volume_goal: float, tolerance: float, max_iterations: int
-    ) -> DeformationResult: ...
+    def __call__(self, handles: Handles, *, volume_goal: float, stop: Stop) -> Solution: ...
 
 
 class OnceSolver:
@@ -95,25 +95,35 @@ class OnceSolver:
         progress: Progress = silent,
         coarser_progress: Progress = silent,
     ) -> None:
-        self._proxy, self._options, self._guess = proxy, options, guess
-        self._progress, self._coarser_progress = progress, coarser_progress
+        self._proxy = proxy
+        self._options = options
+        self._guess = guess
+        self._progress = progress
+        self._coarser_progress = coarser_progress
 
-    def __call__(self, handles: Handles, *, volume_goal: float = 1.0, **stop: Any) -> DeformationResult:
+    def __call__(self, handles: Handles, *, volume_goal: float, stop: Stop) -> Solution:
         task = DeformationTask("proxy", self._proxy, handles, guess=self._guess)
-        if (method := self._options.coarse) is not None:
-            return method(task, seed=self._options.seed, progress=self._progress)
-        options = replace(self._options, **stop)
+        options, progress = self._options, self._progress
+        if options.coarse is not None:
+            return Solution.of_method(options.coarse(task, seed=options.seed, progress=progress))
         workers = solver_threads(options, self._proxy.n)
         set_up = partial(prepare, task, options, volume_goal=volume_goal)
         with beside(set_up, size=self._proxy.n) as prepared:
             solve: Solve = partial(solve_task, prepared=prepared, options=options, workers=workers)
             if self._guess is None and options.coarser_start:
-                reports = {"progress": self._progress, "coarser_progress": self._coarser_progress}
-                result = solve_from_start(task, options, solve, volume_goal=volume_goal, **reports)
+                found = solve_from_start(
+                    task,
+                    options,
+                    solve,
+                    volume_goal=volume_goal,
+                    stop=stop,
+                    progress=progress,
+                    coarser_progress=self._coarser_progress,
+                )
             else:
-                result = solve(task, tolerance=options.tolerance, progress=self._progress)
-        self._guess = result.vertices
-        return result
+                found = solve(task, stop=stop, progress=progress)
+        self._guess = found.positions
+        return found
 
 
 def solver_threads(options: Options, n: int) -> int:
@@ -130,9 +140,10 @@ def solve_from_start(
     solve: Solve,
     *,
     volume_goal: float,
+    stop: Stop,
     progress: Progress,
     coarser_progress: Progress,
-) -> DeformationResult:
+) -> Solution:
     """Solve a proxy from a coarser proxy, or from the lower of two starts.
 
     Parameters
@@ -145,24 +156,19 @@ def solve_from_start(
         The solver of the proxy.
     volume_goal : float
         Volume of N', as a multiple of the volume of N.
+    stop : Stop
     progress, coarser_progress : Progress
         Of the solves on the proxy and on the coarser proxy.
-
-    Returns
-    -------
-    DeformationResult
-        As of `solve`. ``extra`` has ``coarser_iterations``, 0 without a coarser proxy.
     """
-    tolerance = options.tolerance
-    if (rough := coarser_start(task, options, coarser_progress)) is not None:
-        near = replace(task, guess=rough.vertices)
-        result = solve(near, tolerance=tolerance, progress=progress, softened=True)
-        return replace(result, extra={**result.extra, "coarser_iterations": rough.iterations})
-    result = lowest(task, options, solve, volume_goal=volume_goal, tolerance=tolerance, progress=progress)
-    return replace(result, extra={**result.extra, "coarser_iterations": 0.0})
+    if (rough := coarser_start(task, options, stop, coarser_progress)) is not None:
+        near = replace(task, guess=rough.positions)
+        found = solve(near, stop=stop, progress=progress, softened=True)
+        return replace(found, coarser_iterations=rough.iterations)
+    found = lowest(task, options, solve, volume_goal=volume_goal, stop=stop, progress=progress)
+    return replace(found, coarser_iterations=0.0)
 
 
-def coarser_start(task: DeformationTask, options: Options, progress: Progress) -> DeformationResult | None:
+def coarser_start(task: DeformationTask, options: Options, stop: Stop, progress: Progress) -> Solution | None:
     """Deform N through a coarser proxy, at its own volume; return None where that does not help."""
     mesh, handles = task.mesh, task.handles
     size = max(mesh.n // RATIO, ROOM * len(handles))
@@ -174,21 +180,27 @@ def coarser_start(task: DeformationTask, options: Options, progress: Progress) -
         regions = HandleRegions(mesh, handles, vertices=vertices, graph=vertex_graph(mesh))
         sampling, place = sample_with_handles(mesh, regions, (options.seed, 0))
         coarser = DeformationTask("coarser", proxy_mesh(mesh, sampling), place(handles))
-        frames, tolerance = frame_maker("blended", mesh), ROUGH * options.tolerance
+        frames = frame_maker("blended", mesh)
         with (
             beside(partial(bind_proxy, mesh, sampling, frames=frames), size=mesh.n) as binding,
             beside(partial(prepare, coarser, options), size=coarser.mesh.n) as prepared,
         ):
             workers = solver_threads(options, coarser.mesh.n)
             solve: Solve = partial(solve_task, prepared=prepared, options=options, workers=workers)
-            goal = {"volume_goal": 1.0, "tolerance": tolerance}
-            rough = lowest(coarser, options, solve, **goal, progress=progress)
-            V, _ = binding.result().carry(rough.vertices, rotations=rough.extra.get("rotations"))
+            rough = lowest(
+                coarser,
+                options,
+                solve,
+                volume_goal=1.0,
+                stop=replace(stop, tolerance=ROUGH * stop.tolerance),
+                progress=progress,
+            )
+            V, _ = binding.result().carry(rough.positions, rotations=rough.rotations)
         V = regions.on_targets(V, handles)
     except InputError as error:
         log.info("solved without a coarser proxy of %d vertices: %s", size, error)
         return None
-    return replace(rough, vertices=V)
+    return replace(rough, positions=V)
 
 
 def lowest(
@@ -197,36 +209,41 @@ def lowest(
     solve: Solve,
     *,
     volume_goal: float,
-    tolerance: float,
+    stop: Stop,
     progress: Progress,
-) -> DeformationResult:
-    """Solve from the minimum of the guide energy and from the plain start, and return the better result.
+) -> Solution:
+    """Solve from the minimum of the guide energy and from the plain start, and return the better solution.
 
     Without a guide energy, solve from the plain start. An error of one solve, such as an interrupt, ends the
     other at its next report of progress.
     """
     if not options.guide_attachment:
-        return solve(task, tolerance=tolerance, progress=progress)
-    guide = replace(options, attachment=options.guide_attachment, stiffness=1.0)
-    guide = replace(guide, area=min(options.area, GUIDE_AREA))
+        return solve(task, stop=stop, progress=progress)
+    guide = replace(
+        options,
+        attachment=options.guide_attachment,
+        stiffness=1.0,
+        area=min(options.area, GUIDE_AREA),
+    )
     failed, n = Event(), task.mesh.n
     report = partial(_report_unless, failed, progress)
-    with beside(partial(solve, task, tolerance=tolerance, progress=report), size=n) as started:
+    with beside(partial(solve, task, stop=stop, progress=report), size=n) as started:
         try:
             at_guide = solve_task(
                 task,
                 prepared=Later(partial(prepare, task, guide, volume_goal=volume_goal)),
                 options=guide,
                 workers=solver_threads(options, n),
-                tolerance=tolerance,
+                stop=stop,
                 progress=progress,
             )
-            guided = solve(replace(task, guess=at_guide.vertices), tolerance=tolerance, progress=progress)
+            guided = solve(replace(task, guess=at_guide.positions), stop=stop, progress=progress)
             plain = started.result()
         except BaseException:
             failed.set()
             raise
-    return plain if plain.extra["energy"] < CLEARLY_LOWER * guided.extra["energy"] else guided
+    assert plain.energy is not None and guided.energy is not None
+    return plain if plain.energy < CLEARLY_LOWER * guided.energy else guided
 
 
 def _report_unless(

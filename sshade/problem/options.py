@@ -18,8 +18,9 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from sshade.core.errors import InputError, meant
+from sshade.problem.stop import Stop
 
-Energy = Literal["spokes", "spokes_and_rims"]
+Elements = Literal["spokes", "spokes_and_rims"]
 Start = Literal["rest", "rigid"]
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
@@ -159,6 +160,11 @@ class Options:
     def subset(self, names: Iterable[str]) -> dict[str, Any]:
         """Return some options by name."""
         return {name: getattr(self, name) for name in names}
+
+    @property
+    def stop(self) -> Stop:
+        """When a solve stops."""
+        return Stop(self.tolerance, self.max_iterations)
 
     def of_proxy(self) -> Options:
         """Return the options of the proxy solve, which in ``fine`` differ from the options of the polish."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,6 +80,24 @@ FACES = 65_536
 Solves = Callable[[np.ndarray, np.ndarray], None]
 
 
+class ConstraintReport(NamedTuple):
+    """How well a deformed shape keeps its volume and area.
+
+    Attributes
+    ----------
+    volume_error, area_error : float or None
+        Relative; NaN if the rest shape has no volume or no area, None if unknown.
+    volume_constraint, area_constraint : str or None
+        "free", "weighted", "exact", or "infeasible" if the error of an exact constraint is above
+        :data:`REACHED`. The volume may be "off: " and the reason.
+    """
+
+    volume_error: float | None = None
+    area_error: float | None = None
+    volume_constraint: str | None = None
+    area_constraint: str | None = None
+
+
 class ConstrainedSurface:
     """The faces of a mesh in the solver's order, with their volume and area at rest.
 
@@ -121,29 +139,27 @@ class ConstrainedSurface:
         origin = P[self.F[0, 0]]
         return sum(_over(team, volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
 
-    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> dict[str, Any]:
-        """Describe volume and area at positions P (n, 3) after a solve with these weights and this goal.
-
-        Returns
-        -------
-        dict
-            `volume_error`, `area_error`: relative, NaN if the rest shape has no volume or no area.
-            `volume_constraint`, `area_constraint`: "free", "weighted", "exact", or "infeasible" if the
-            error of an exact constraint is above :data:`REACHED`. The volume may be "off: " and the reason.
-        """
-        now, facts = self.measure(P, ThreadTeam(1)), dict[str, Any]()
-        cases = (
-            ("volume", volume, volume_goal, self.without_volume),
-            ("area", area, 1.0, self.rest[AREA] == 0),
+    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> ConstraintReport:
+        """Describe volume and area at positions P (n, 3) after a solve with these weights and this goal."""
+        now = self.measure(P, ThreadTeam(1))
+        without_area = self.rest[AREA] == 0
+        volume_error = (
+            math.nan if self.without_volume else float(abs(now[VOLUME] / self.rest[VOLUME] - volume_goal))
         )
-        for q, (name, weight, goal, without) in enumerate(cases):
-            error = math.nan if without else float(abs(now[q] / self.rest[q] - goal))
-            reached = "exact" if error <= REACHED else "infeasible"
-            state = "free" if weight == 0 else "weighted" if weight < math.inf else reached
-            facts |= {f"{name}_error": error, f"{name}_constraint": state}
-        if volume > 0 and self.without_volume:
-            facts["volume_constraint"] = f"off: {self.without_volume}"
-        return facts
+        area_error = math.nan if without_area else float(abs(now[AREA] / self.rest[AREA] - 1.0))
+        off = f"off: {self.without_volume}" if volume > 0 and self.without_volume else ""
+        return ConstraintReport(
+            volume_error, area_error, off or _state(volume, volume_error), _state(area, area_error)
+        )
+
+
+def _state(weight: float, error: float) -> str:
+    """Return the state of a constraint of which a relative error is left."""
+    if weight == 0:
+        return "free"
+    if weight < math.inf:
+        return "weighted"
+    return "exact" if error <= REACHED else "infeasible"
 
 
 class Constraints:

@@ -7,22 +7,17 @@ import numpy as np
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.options import Options
+from sshade.solver.aim import Aim
 from sshade.solver.constraints import Constraints
 from sshade.solver.factorisation import Factorised, Linear
 from sshade.solver.quasi_newton import QuasiNewton
-from sshade.solver.run import Aim, largest_move
+from sshade.solver.run import largest_move
 from sshade.solver.system import System
-from sshade.solver.terms import Pulls, Term
-from sshade.solver.terms.arap import Arap
-from sshade.solver.terms.bending import Bending
-from sshade.solver.terms.inertia import Inertia
-from sshade.solver.terms.struts import Strutting
+from sshade.solver.terms import Arap
 
 
 class Energy:
     """The energy of a bound system under given targets: the sum of its terms.
-
-    The name of its first term, "spokes" or "spokes_and_rims", is a :data:`sshade.problem.options.Energy`.
 
     Parameters
     ----------
@@ -33,6 +28,8 @@ class Energy:
 
     Attributes
     ----------
+    terms : list of Term
+        With the state of this solve; the first one overwrites covariances and forces.
     R : (n, 9) float64
         Rotation matrices of the last local step, row by row, in the solver's order.
     forces : (n, 3) float64
@@ -41,48 +38,32 @@ class Energy:
     """
 
     def __init__(self, system: System, options: Options, *, team: ThreadTeam) -> None:
-        n, ranges = system.mesh.n, system.ranges
-        self._system, self._ranges, self._team = system, ranges, team
-        self._arap = Arap(system.elements, ranges, system.rest, options)
-        self._pulls = Pulls(system.springs, ranges, corners=system.corners)
-        #: The first term overwrites covariances and forces.
-        self._terms: list[Term] = [self._arap, self._pulls]
-        if system.plate:
-            self._terms.insert(1, Bending(system.plate, ranges))
-        if system.struts:
-            self._terms.append(Strutting(system.struts, ranges))
-        self._inertia: Inertia | None = None
-        if system.inertia is not None:
-            mesh = system.mesh
-            self._inertia = Inertia(
-                system.inertia,
-                (mesh.V - mesh.origin)[system.vertex],
-                origin=mesh.origin,
-                area=mesh.area,
-                ranges=ranges,
-                corners=system.corners,
-            )
-            self._terms.append(self._inertia)
-        self._Q, self.R, self.forces = np.tile([1.0, 0, 0, 0], (n, 1)), np.empty((n, 9)), np.empty((n, 3))
+        n = system.mesh.n
+        self._system = system
+        self._ordered = system.ordered
+        self._team = team
+        self.terms = [term.begun(options) for term in system.terms]
+        self._Q = np.tile([1.0, 0, 0, 0], (n, 1))
+        self.R = np.empty((n, 9))
+        self.forces = np.empty((n, 3))
 
     @property
     def weight(self) -> np.ndarray | None:
         """(m,) strain weights of the triangles at the last local step; None for the quadratic energy."""
-        return self._arap.weight
+        return next(term.weight for term in self.terms if isinstance(term, Arap))
 
     def aim(self, aim: Aim) -> None:
         """Set the targets of handles and the motions to follow."""
-        self._pulls.aim(aim.targets - self._system.mesh.origin, aim.fraction)
-        if self._inertia:
-            self._inertia.aim(aim.majority)
+        for term in self.terms:
+            term.aim(aim)
         vertex, rotations = aim.prescribed or (np.empty(0, dtype=np.int64), np.empty((0, 3, 3)))
-        order = np.argsort(self._system.place[vertex])
-        rotations = np.array(rotations, dtype=np.float64)[order]
-        self._prescribed = self._system.place[vertex][order], rotations
+        place = self._ordered.place[vertex]
+        order = np.argsort(place)
+        self._prescribed = place[order], np.array(rotations, dtype=np.float64)[order]
 
     def begin_with(self, rotations: np.ndarray) -> None:
         """Begin the search for rotations at the rotations (n, 3, 3) of the mesh's vertices."""
-        self._Q[:] = quaternions(rotations)[0][self._system.vertex]
+        self._Q[:] = quaternions(rotations)[0][self._ordered.vertex]
 
     def local_step(self, u: np.ndarray) -> float:
         """Fit the rotations to positions u (n, 3), and compute the forces there.
@@ -95,28 +76,28 @@ class Energy:
 
         def fit(number: int) -> float:
             energy = 0.0
-            for term in self._terms:
+            for term in self.terms:
                 energy += term.local(number, u, self.R)
             energy -= 2.0 * self._rotate(number)
-            for term in self._terms:
+            for term in self.terms:
                 term.turn(number, self.R)
             return energy
 
         def force(number: int) -> float:
             energy = 0.0
-            for term in self._terms:
+            for term in self.terms:
                 energy += term.forces(number, u, self.R, self.forces)
             return energy
 
         # The sum of the fits is the quadratic energy without a constant, the rest energy. With strain weights
         # the energy is known only after the forces.
-        quadratic = sum(self._team(fit, len(self._ranges)))
-        total = sum(self._team(force, len(self._ranges)))
+        quadratic = sum(self._team(fit, len(self._ordered.ranges)))
+        total = sum(self._team(force, len(self._ordered.ranges)))
         return quadratic if self.weight is None else total - self._system.rest_energy
 
     def _rotate(self, number: int) -> float:
         """Replace covariances S in R by rotations, fitted or prescribed; return ``sum tr(R S)``."""
-        _, first, end = self._ranges[number]
+        _, first, end = self._ordered.ranges[number]
         place, rotations = self._prescribed
         own = slice(*np.searchsorted(place, (first, end)))
         place, rotations = place[own], rotations[own]
@@ -187,7 +168,9 @@ class Descent:
         accelerate_last: bool = False,
         softened: bool = False,
     ) -> None:
-        self._system, self.energy, self._team = system, Energy(system, options, team=team), team
+        self._system = system
+        self.energy = Energy(system, options, team=team)
+        self._team = team
         self.constraints = Constraints(
             system.surface,
             options.volume,
@@ -196,7 +179,9 @@ class Descent:
             team=team,
             single=system.multigrid and not system.exact_steps,
         )
-        self.u, self._g, self._accelerate_last = u, np.empty_like(u), accelerate_last
+        self.u = u
+        self._g = np.empty_like(u)
+        self._accelerate_last = accelerate_last
         self._softened = softened
         self._made: Linear | None = None
         self._quasi_newton: QuasiNewton | None = None
@@ -226,8 +211,7 @@ class Descent:
     def _linear(self) -> Linear:
         """The linear solve, made when the first strain weights are known."""
         if self._made is None:
-            weight, softened = self.energy.weight, self._softened
-            self._made = self._system.linear(weight, team=self._team, softened=softened)
+            self._made = self._system.linear(self.energy.terms, team=self._team, softened=self.softens)
         return self._made
 
     def step(self) -> float:
@@ -243,7 +227,7 @@ class Descent:
     @property
     def softens(self) -> bool:
         """Whether the linear solve has the Laplacian with strain weights, by a factorisation of its own."""
-        return self._softened and self._system.softens(self.energy.weight)
+        return self._softened and not self._system.multigrid and self.energy.weight is not None
 
     def _solve(self, B: np.ndarray, X: np.ndarray) -> None:
         """Write directions M B_q to X_q, for B and X (q, n, 3)."""

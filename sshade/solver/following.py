@@ -12,63 +12,65 @@ these modes.
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
-from sshade.problem.options import ENERGY, complete
+from sshade.problem.options import Options
+from sshade.problem.stop import Stop
+from sshade.solver.aim import Aim
 from sshade.solver.descent import Descent
-from sshade.solver.local_global import LocalGlobal
+from sshade.solver.local_global import solution_of
 from sshade.solver.quasi_newton import WINDOW_OF_DRAG
-from sshade.solver.run import Aim, Solution, Stop, run
+from sshade.solver.run import run
+from sshade.solver.solution import Solution
+from sshade.solver.system import System
 
 #: Least number of iterations of a solve whose targets have moved, if its cutoff allows.
 LEAST = 2
 
 
 class Following:
-    """A :class:`LocalGlobal` solver, and the state that goes from solve to solve.
+    """A system, and the state that goes from solve to solve.
 
     Parameters
     ----------
-    solver : LocalGlobal
+    system : System
         With a factorisation.
     positions : (n, 3) float64
     rotations : (n, 3, 3) float64
         First iterate, as of a solution. Hard handles are first put on their targets.
     aim : Aim
         With the targets there.
+    options : Options
+        Weights of the constraints, and softening.
     workers : int
         Threads that share each iteration; no influence on the result.
-    **energy
-        See :data:`sshade.problem.options.ENERGY`.
-
-    Raises
-    ------
-    InputError
-        As :meth:`LocalGlobal.solve`.
     """
 
     def __init__(
         self,
-        solver: LocalGlobal,
+        system: System,
         positions: np.ndarray,
         rotations: np.ndarray,
         aim: Aim,
+        options: Options,
         *,
         workers: int = 1,
-        **energy: Any,
     ) -> None:
-        assert solver.matrix is not None and solver.factorised is not None
-        self.solver, self._options, self._team = solver, complete(energy, ENERGY), ThreadTeam(workers)
-        self._factorised = solver.factorised
+        assert system.factorised is not None
+        self._system = system
+        self._options = options
+        self._team = ThreadTeam(workers)
+        self._factorised = system.factorised
+        handles = system.handles
         #: Columns of the matrix for the hard handles: how their moves pull on all vertices.
-        self._to_handles = solver.matrix[:, solver.index[solver.hard]][solver.vertex]
+        self._to_handles = system.matrix[:, handles.index[handles.hard]][system.ordered.vertex]
         self._state = Descent(
-            solver,
-            self._options,
-            solver.to_system(positions, aim.targets),
+            system,
+            options,
+            system.to_system(positions, aim.targets),
             team=self._team,
             window=WINDOW_OF_DRAG,
             single=True,
@@ -82,20 +84,20 @@ class Following:
         #: Whether the constraints have directions from an earlier solve.
         self._has_directions = False
 
-    def solve(self, aim: Aim, *, tolerance: float = 1e-5, max_iterations: int = 1000) -> Solution:
-        """Solve from where the last solve ended; parameters as of :meth:`LocalGlobal.solve`."""
+    def solve(self, aim: Aim, stop: Stop) -> Solution:
+        """Solve from where the last solve ended."""
         state, targets = self._state, aim.targets
         state.aim(aim)
         moved = not np.array_equal(targets, self._targets)
-        if max_iterations > 0:
+        if stop.max_iterations > 0:
             self._predict(targets, aim.fraction)
-        state.begin(tolerance)
-        stop = Stop(tolerance, max_iterations, least_iterations=LEAST if moved else 1)
-        return self.solver.solution(state, run(state, stop), targets, self._options)
+        state.begin(stop.tolerance)
+        done = run(state, replace(stop, least_iterations=LEAST if moved else 1))
+        return solution_of(self._system, state, done, targets, self._options)
 
     def _predict(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Repeat a fraction of the last move of the shape, from -1 to 1, and go on to the targets."""
-        solver, state, u = self.solver, self._state, self._state.u
+        handles, state, u = self._system.handles, self._state, self._state.u
         last, move = self._targets - self._last_targets, targets - self._targets
         square = float((last * last).sum())
         repeated = float(np.clip((move * last).sum() / square, -1.0, 1.0)) if square > 0 else 0.0
@@ -104,13 +106,14 @@ class Following:
         self._last_targets, self._targets = self._targets, targets
         if repeated:
             u += repeated * step
-        springs, fixed = solver.springs, targets[solver.hard] - solver.mesh.origin
-        stiffness = springs.stiffness if fraction is None else springs.stiffness * fraction[springs.handle]
-        B = -(self._to_handles @ (fixed - u[solver.fixed]))
-        B[springs.place] += stiffness[:, None] * (move - repeated * last)[springs.handle]
+        fixed, stiffness = targets[handles.hard] - self._system.mesh.origin, handles.stiffness
+        if fraction is not None:
+            stiffness = stiffness * fraction[handles.soft]
+        B = -(self._to_handles @ (fixed - u[handles.fixed]))
+        B[handles.pulled] += stiffness[:, None] * (move - repeated * last)[handles.soft]
         self._factorised.solve(B, step, self._team)
         u += step
-        u[solver.fixed] = fixed
+        u[handles.fixed] = fixed
         if self._has_directions:
             state.restore()
         else:

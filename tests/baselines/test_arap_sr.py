@@ -11,7 +11,7 @@ from defaust.sources.generated.lattices import bar
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.problem.task import DeformationTask, Handles
-from sshade.solver.run import initial_guess
+from sshade.solver.aim import initial_guess
 from tests.shapes import bumpy, held_ends, jittered, strip
 from tests.sshade.naive import svd_rotations
 

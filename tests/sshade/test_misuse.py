@@ -9,11 +9,11 @@ import pytest
 import sshade
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.files.task_files import write_handles
+from sshade.problem.stop import Stop
 from sshade.proxy.binding_file import save_binding
 from sshade.proxy.sample import sample_proxy
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim
 from tests.shapes import bumpy
+from tests.sshade.solver.solver import Solver
 
 BODY = bumpy(2)
 HELD = np.array([0, 3, 7, 20])
@@ -47,8 +47,8 @@ WRONG = {
     "flat positions": (lambda: Handles.from_positions(BODY, np.zeros(9), np.zeros(9)), "of shape"),
     "mask as ids": (lambda: sample_proxy(BODY, 40, first=[True, False]), "integers"),
     "no seed": (lambda: sample_proxy(BODY, 40, seed=None), "a seed is 0 or a positive integer"),
-    "id twice": (lambda: LocalGlobal(BODY, [3, 3]), "given twice"),
-    "tolerance": (lambda: LocalGlobal(BODY, HELD).solve(Aim(TARGETS), tolerance=np.nan), "tolerance must be"),
+    "id twice": (lambda: Solver(BODY, [3, 3]), "given twice"),
+    "tolerance": (lambda: Stop(tolerance=np.nan), "tolerance must be"),
     "key": (lambda: write_handles("x.json", task().handles, about={"author": "me"}), "there is no key"),
     "soft group": (
         lambda: write_handles("x.json", Handles(HELD, TARGETS, weight=[1.0, 2.0, 1.0, 1.0])),

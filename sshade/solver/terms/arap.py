@@ -36,20 +36,28 @@ P. Schroeder, "A simple geometric model for elastic deformations", 2010 (spokes 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel, subroutine
 from sshade.problem.options import Options
-from sshade.solver.laplacian import Ranges
-from sshade.solver.terms import Term
+from sshade.solver.bound_handles import BoundHandles
+from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.terms.term import Term
 
 #: Triangles that are worked on together; their intermediate values stay in the first-level cache.
 LANES = 128
 #: Stands for weights of 1.
 UNWEIGHTED = np.empty(0)
+#: Least strain weight of a triangle in the metric of a V-cycle or a softened Laplacian. Weights change during
+#: a solve, because strain moves. A step descends while each weight is less than twice its value in the
+#: metric. Values from 0.1 to 0.5 were tried: smaller ones save little time in V-cycles, and led softened
+#: Laplacians to other minima.
+LEAST_WEIGHT = 0.25
 
 
 class Edges(NamedTuple):
@@ -138,27 +146,15 @@ class Triangles(NamedTuple):
         _triangle_forces(*self, P, R, B, first, end)
 
 
-Elements = Edges | Triangles
-
-
 class Arap(Term):
-    """The edges or triangles of one solve; a :class:`sshade.solver.terms.Term`.
+    """The edges or triangles of the energy; see :class:`sshade.solver.terms.term.Term`.
 
-    Parameters
-    ----------
-    elements : Edges or Triangles
-        In the order of their lowest vertices.
-    ranges : Ranges
-        See :func:`sshade.solver.laplacian.vertex_ranges`.
-    rest : (m,) float64
-        6 A of each triangle.
-    options : Options
-        `stiffness`, `strain` and `strain_limit`: c, e and d above.
+    The options `stiffness`, `strain` and `strain_limit` are c, e and d above.
 
     Attributes
     ----------
     weight : (m,) float64 or None
-        Strain weights of the triangles at the last local step; None for the quadratic energy.
+        Strain weights of the triangles at the last local step of a solve; None for the quadratic energy.
 
     Raises
     ------
@@ -166,28 +162,58 @@ class Arap(Term):
         When edges should soften.
     """
 
-    def __init__(self, elements: Elements, ranges: Ranges, rest: np.ndarray, options: Options) -> None:
-        self._elements, self._ranges, self._rest, self._options = elements, ranges, rest, options
+    option = "stiffness"
+    rigid = True
+    _softening: tuple[float, float, float]
+
+    def __init__(self, ordered: OrderedMesh) -> None:
+        self._ordered = ordered
+        self._elements: Edges | Triangles
+        if ordered.corners == 2:
+            E = ordered.V[ordered.elements[:, 0]] - ordered.V[ordered.elements[:, 1]]
+            self._elements = Edges(ordered.elements, (ordered.H * E)[:, None], ordered.H)
+        else:
+            self._elements = Triangles(ordered.elements, ordered.V, ordered.H)
+        self.rest_energy = float(ordered.rest.sum())
         self.weight: np.ndarray | None = None
+
+    @classmethod
+    def bound(cls, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self:
+        return cls(ordered)
+
+    def with_handles(self, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self:
+        return self
+
+    def matrix(self, order: Order) -> csr_array:
+        """Return the Laplacian; during a solve in the solver's order, with the present strain weights."""
+        if order == "mesh":
+            return self._ordered.laplacian.copy()
+        weight = None if self.weight is None else np.maximum(self.weight, LEAST_WEIGHT)
+        return self._ordered.weighted_laplacian(weight)
+
+    def begun(self, options: Options) -> Self:
+        term = copy(self)
+        term._softening = options.stiffness, options.strain**-2, options.strain_limit**-2
         if options.stiffness < 1.0:
-            if not isinstance(elements, Triangles):
+            if not isinstance(self._elements, Triangles):
                 raise InputError("only triangles soften: use the energy spokes_and_rims, or a stiffness of 1")
-            self.weight = np.ones(len(rest))
+            term.weight = np.ones(len(self._ordered.rest))
+        return term
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        own, first, end = self._ranges[number]
+        own, first, end = self._ordered.ranges[number]
         weight = UNWEIGHTED if self.weight is None else self.weight[own]
         return self._elements.part(own).covariances(P, S, first, end, weight)
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         """Write forces to B and renew the strain weights, in one pass over the triangles."""
-        own, first, end = self._ranges[number]
-        part, options = self._elements.part(own), self._options
+        own, first, end = self._ordered.ranges[number]
+        part = self._elements.part(own)
         if self.weight is None:
             part.forces(P, R, B, first, end)
             return 0.0
-        parameters = options.stiffness, options.strain**-2, options.strain_limit**-2
-        return _weighted_forces(*part, self._rest[own], P, R, *parameters, self.weight[own], B, first, end)
+        rest, weight = self._ordered.rest[own], self.weight[own]
+        return _weighted_forces(*part, rest, P, R, *self._softening, weight, B, first, end)
 
 
 @subroutine(fastmath={"contract"})

@@ -22,16 +22,19 @@ curvature energies", 2007 (the squared Laplacian as bending energy).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from copy import copy
+from typing import Self
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sshade.core.kernels import kernel
 from sshade.mesh.mesh import Mesh
-from sshade.solver.laplacian import Ranges
+from sshade.problem.options import Options
+from sshade.solver.bound_handles import BoundHandles
 from sshade.solver.multigrid import compressed_rows
-from sshade.solver.terms import Term
+from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.terms.term import Term
 
 #: Sum of a vertex's absolute weights beyond which its energy fades. (L v)_i of slivers is no curvature.
 STEEP = 20.0
@@ -75,61 +78,64 @@ def bending_matrix(laplacian: csr_array, stiffness: np.ndarray) -> csr_array:
     return csr_array(rows.T @ (diags_array(stiffness[some]) @ rows))
 
 
-class Plate(NamedTuple):
-    """The bending energy of a bound problem, in the solver's order of vertices.
-
-    Attributes
-    ----------
-    laplacian : (n, n) csr_array
-        L.
-    stiffness : (n,) float64
-        See :func:`bending_stiffness`.
-    rest : (n, 3) float64
-        L v.
-    corners : int
-        Number of times that the as-rigid-as-possible energy counts each edge.
-    """
-
-    laplacian: csr_array
-    stiffness: np.ndarray
-    rest: np.ndarray
-    corners: int
-
-    @property
-    def rest_energy(self) -> float:
-        """Energy of all vertices in one point; unit length^2."""
-        # No dot product: BLAS would start threads that spin for a while beside ours.
-        return self.corners * float((self.stiffness[:, None] * self.rest**2).sum())
-
-
 class Bending(Term):
-    """The bending energy of one solve; a :class:`sshade.solver.terms.Term`.
+    """The bending energy; see :class:`sshade.solver.terms.term.Term`.
 
     Parameters
     ----------
-    plate : Plate
-    ranges : Ranges
-        See :func:`sshade.solver.laplacian.vertex_ranges`.
+    ordered : OrderedMesh
+    fixed : (h,) int
+        Fixed vertices of the mesh.
+    length : float
+        Option `bending`: l, as a fraction of the square root of the mesh's area.
     """
 
-    def __init__(self, plate: Plate, ranges: Ranges) -> None:
-        self._plate, self._ranges = plate, ranges
-        self._rows = compressed_rows(plate.laplacian)
+    option = "bending"
+    rigid = True
+    _W: np.ndarray
+
+    def __init__(self, ordered: OrderedMesh, fixed: np.ndarray, length: float) -> None:
+        mesh, laplacian = ordered.mesh, ordered.laplacian
+        self._ordered = ordered
+        self._stiffness_in_mesh = bending_stiffness(
+            mesh, laplacian, fixed, length * float(np.sqrt(mesh.area))
+        )
+        self._stiffness = self._stiffness_in_mesh[ordered.vertex]
+        self._laplacian = laplacian[ordered.vertex][:, ordered.vertex]
+        self._laplacian.sort_indices()
+        self._rest = self._laplacian @ (mesh.V - mesh.origin)[ordered.vertex]
+        # No dot product: BLAS would start threads that spin for a while beside ours.
+        self.rest_energy = ordered.corners * float((self._stiffness[:, None] * self._rest**2).sum())
+        self._rows = compressed_rows(self._laplacian)
+
+    @classmethod
+    def bound(cls, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self | None:
+        fixed = handles.index[handles.hard]
+        return cls(ordered, fixed, options.bending) if options.bending > 0 else None
+
+    def matrix(self, order: Order) -> csr_array:
+        if order == "mesh":
+            return bending_matrix(self._ordered.laplacian, self._stiffness_in_mesh)
+        return bending_matrix(self._laplacian, self._stiffness)
+
+    def begun(self, options: Options) -> Self:
+        term = copy(self)
         #: L P after the local step, and D (R L v - L P) after the rotation fit.
-        self._W = np.empty_like(plate.rest)
+        term._W = np.empty_like(self._rest)
+        return term
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        plate, (_, first, end) = self._plate, self._ranges[number]
-        weights = plate.stiffness, plate.rest, float(plate.corners)
-        return _covariances(*self._rows, *weights, P, S, self._W, first, end)
+        _, first, end = self._ordered.ranges[number]
+        weight = float(self._ordered.corners)
+        return _covariances(*self._rows, self._stiffness, self._rest, weight, P, S, self._W, first, end)
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        _, first, end = self._ranges[number]
-        _turn(self._plate.stiffness, self._plate.rest, R, self._W, first, end)
+        _, first, end = self._ordered.ranges[number]
+        _turn(self._stiffness, self._rest, R, self._W, first, end)
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        plate, (_, first, end) = self._plate, self._ranges[number]
-        return plate.corners * _add_forces(*self._rows, plate.stiffness, self._W, B, first, end)
+        _, first, end = self._ordered.ranges[number]
+        return self._ordered.corners * _add_forces(*self._rows, self._stiffness, self._W, B, first, end)
 
 
 @kernel(fastmath={"contract"})

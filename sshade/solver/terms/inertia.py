@@ -18,64 +18,66 @@ S. Geman, D. E. McClure, "Statistical methods for tomographic image reconstructi
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 
 from sshade.core.kernels import kernel
-from sshade.problem.majority import MajorityMotion
-from sshade.solver.laplacian import Ranges
-from sshade.solver.terms import Term
+from sshade.problem.options import Options
+from sshade.solver.aim import Aim
+from sshade.solver.bound_handles import BoundHandles
+from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.terms.term import Term
 
 
 class Inertia(Term):
-    """The inertia of one solve; a :class:`sshade.solver.terms.Term`.
+    """The inertia; see :class:`sshade.solver.terms.term.Term`.
 
     Parameters
     ----------
-    stiffness : (n,) float64
-        Of each vertex in the solver's order; 0 for hard handles.
-    rest : (n, 3) float64
-        Rest positions relative to `origin`, as all positions here.
-    origin : (3,) float64
-    area : float
-        Of the mesh, which may be a piece of the whole.
-    ranges : Ranges
-        See :func:`sshade.solver.laplacian.vertex_ranges`.
-    corners : int
-        Number of times that the energy counts each edge.
+    ordered : OrderedMesh
+        Of the mesh, or of a piece of it.
+    fixed : (h,) int
+        Places of the hard handles, which have none.
+    weight : float
+        Option `inertia`.
     """
 
-    def __init__(
-        self,
-        stiffness: np.ndarray,
-        rest: np.ndarray,
-        *,
-        origin: np.ndarray,
-        area: float,
-        ranges: Ranges,
-        corners: int,
-    ) -> None:
-        self._stiffness, self._rest, self._ranges, self._corners = stiffness, rest, ranges, corners
-        self._origin, self._area = origin, area
-        self.aim(None)
+    option = "inertia"
+    rigid = False
 
-    def aim(self, majority: MajorityMotion | None) -> None:
-        """Set the motion of the next solve; without one the term is off."""
+    def __init__(self, ordered: OrderedMesh, fixed: np.ndarray, weight: float) -> None:
+        mesh, self._ordered = ordered.mesh, ordered
+        self._stiffness = (weight * mesh.vertex_areas / mesh.area)[ordered.vertex]
+        self._stiffness[fixed] = 0.0
+        self._rest = (mesh.V - mesh.origin)[ordered.vertex]
+
+    @classmethod
+    def bound(cls, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self | None:
+        return cls(ordered, handles.fixed, options.inertia) if options.inertia > 0 else None
+
+    def matrix(self, order: Order) -> np.ndarray:
+        return self._ordered.in_order(self._stiffness, order)
+
+    def aim(self, aim: Aim) -> None:
+        """Take the majority motion; without one the term is off."""
         self._fraction, self._per_square, self._R, self._t = 0.0, 1.0, np.eye(3), np.zeros(3)
-        if majority is not None:
+        if (majority := aim.majority) is not None:
+            mesh = self._ordered.mesh
             # A piece counts by its part of the area. Both sides of a one-sided surface count once.
-            self._fraction = majority.certainty * min(1.0, self._area / majority.area)
+            self._fraction = majority.certainty * min(1.0, mesh.area / majority.area)
             self._per_square, self._R = majority.reach**-2, np.ascontiguousarray(majority.rotation)
-            self._t = majority.moved(self._origin[None])[0] - self._origin
+            self._t = majority.moved(mesh.origin[None])[0] - mesh.origin
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        return self._corners * self._fraction * _energy(*self._arguments(number, P))
+        return self._ordered.corners * self._fraction * _energy(*self._arguments(number, P))
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
         energy = _add_forces(*self._arguments(number, P), self._fraction, B)
-        return self._corners * self._fraction * energy
+        return self._ordered.corners * self._fraction * energy
 
     def _arguments(self, number: int, P: np.ndarray) -> tuple[object, ...]:
-        _, first, end = self._ranges[number]
+        _, first, end = self._ordered.ranges[number]
         return self._stiffness, self._rest, self._R, self._t, self._per_square, P, first, end
 
 

@@ -20,7 +20,8 @@ J. Ma, S. W. Bae, S. Choi, "3D medial axis point approximation using nearest nei
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from copy import copy
+from typing import Self
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -28,8 +29,10 @@ from scipy.spatial import cKDTree
 
 from sshade.core.threads import available_cpus
 from sshade.mesh.mesh import Mesh, unit_rows
-from sshade.solver.laplacian import Ranges
-from sshade.solver.terms import Term
+from sshade.problem.options import Options
+from sshade.solver.bound_handles import BoundHandles
+from sshade.solver.ordered_mesh import Order, OrderedMesh
+from sshade.solver.terms.term import Term
 
 #: Largest number of balls at a vertex; about 10 are usual.
 BALLS = 40
@@ -106,86 +109,70 @@ def _along_rays(
     return found
 
 
-class Struts(NamedTuple):
-    """The struts of a bound problem, by the places of their first vertices.
-
-    Attributes
-    ----------
-    first, second : (s,) int64
-        Places of both vertices. No two struts have one first vertex.
-    ends : (2, s) int64
-        The vertices of the mesh.
-    stiffness : (s,) float64
-    rest : (s, 3) float64
-        First minus second vertex.
-    corners : int
-        Number of times that the as-rigid-as-possible energy counts each edge.
-    """
-
-    first: np.ndarray
-    second: np.ndarray
-    ends: np.ndarray
-    stiffness: np.ndarray
-    rest: np.ndarray
-    corners: int
-
-    @classmethod
-    def of(cls, mesh: Mesh, place: np.ndarray, weight: float, corners: int) -> Struts:
-        """Join the opposite vertices of a mesh; `place` (n,) is each vertex in the solver's order."""
-        i, j = opposite_vertices(mesh)
-        order = np.argsort(place[i])
-        i, j = i[order], j[order]
-        rest = mesh.V[i] - mesh.V[j]
-        stiffness = weight * mesh.vertex_areas[i] / np.einsum("pd,pd->p", rest, rest)
-        return cls(place[i], place[j], np.stack([i, j]), stiffness, rest, corners)
-
-    def matrix(self, n: int, *, ends: np.ndarray | None = None) -> csr_array:
-        """Return the matrix (n, n) of the struts, in the mesh's order, or for other ids `ends` (2, s)."""
-        i, j = self.ends if ends is None else ends
-        k = self.stiffness
-        entries = np.concatenate([k, k, -k, -k]), (np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i]))
-        return csr_array(coo_array(entries, shape=(n, n)))
-
-    @property
-    def rest_energy(self) -> float:
-        """Energy of all vertices in one point; unit length^2."""
-        return self.corners * float((self.stiffness[:, None] * self.rest**2).sum())
-
-
-class Strutting(Term):
-    """The struts of one solve; a :class:`sshade.solver.terms.Term`.
+class Struts(Term):
+    """The struts; see :class:`sshade.solver.terms.term.Term`. No two struts have one first vertex.
 
     Parameters
     ----------
-    struts : Struts
-    ranges : Ranges
-        See :func:`sshade.solver.laplacian.vertex_ranges`.
+    ordered : OrderedMesh
+    weight : float
+        Option `thickness`.
     """
 
-    def __init__(self, struts: Struts, ranges: Ranges) -> None:
-        self._struts = struts
-        self._by_second = np.argsort(struts.second, kind="stable")
-        second = struts.second[self._by_second]
-        self._first_in = [slice(*np.searchsorted(struts.first, own[1:])) for own in ranges]
-        self._second_in = [self._by_second[slice(*np.searchsorted(second, own[1:]))] for own in ranges]
+    option = "thickness"
+    rigid = True
+    _W: np.ndarray
+
+    def __init__(self, ordered: OrderedMesh, weight: float) -> None:
+        mesh, self._ordered = ordered.mesh, ordered
+        i, j = opposite_vertices(mesh)
+        order = np.argsort(ordered.place[i])
+        #: The two vertices of each strut, by the place of the first.
+        self._ends = np.stack([i[order], j[order]])
+        self._first, self._second = ordered.place[self._ends]
+        self._rest = mesh.V[self._ends[0]] - mesh.V[self._ends[1]]
+        square = np.einsum("pd,pd->p", self._rest, self._rest)
+        self._stiffness = weight * mesh.vertex_areas[self._ends[0]] / square
+        self.rest_energy = ordered.corners * float((self._stiffness[:, None] * self._rest**2).sum())
+        by_second = np.argsort(self._second, kind="stable")
+        second = self._second[by_second]
+        self._first_in = [slice(*np.searchsorted(self._first, own[1:])) for own in ordered.ranges]
+        self._second_in = [by_second[slice(*np.searchsorted(second, own[1:]))] for own in ordered.ranges]
+
+    @classmethod
+    def bound(cls, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self | None:
+        return cls(ordered, options.thickness) if options.thickness > 0 else None
+
+    def with_handles(self, ordered: OrderedMesh, handles: BoundHandles, options: Options) -> Self:
+        return self
+
+    def matrix(self, order: Order) -> csr_array:
+        i, j = self._ordered.numbers(self._ends, order)
+        k, n = self._stiffness, self._ordered.mesh.n
+        entries = np.concatenate([k, k, -k, -k]), (np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i]))
+        return csr_array(coo_array(entries, shape=(n, n)))
+
+    def begun(self, options: Options) -> Self:
+        term = copy(self)
         #: Strut vectors after the local step, then the forces of the struts.
-        self._W = np.empty_like(struts.rest)
+        term._W = np.empty_like(self._rest)
+        return term
 
     def local(self, number: int, P: np.ndarray, S: np.ndarray) -> float:
-        own, struts = self._first_in[number], self._struts
-        place, weight = struts.first[own], struts.corners * struts.stiffness[own]
-        self._W[own] = arm = P[place] - P[struts.second[own]]
-        S[place] += (weight[:, None, None] * struts.rest[own][:, :, None] * arm[:, None]).reshape(-1, 9)
+        own = self._first_in[number]
+        place, weight = self._first[own], self._ordered.corners * self._stiffness[own]
+        self._W[own] = arm = P[place] - P[self._second[own]]
+        S[place] += (weight[:, None, None] * self._rest[own][:, :, None] * arm[:, None]).reshape(-1, 9)
         return float((weight[:, None] * arm * arm).sum())
 
     def turn(self, number: int, R: np.ndarray) -> None:
-        own, struts = self._first_in[number], self._struts
-        turned = np.einsum("pab,pb->pa", R[struts.first[own]].reshape(-1, 3, 3), struts.rest[own])
-        self._W[own] = struts.stiffness[own][:, None] * (turned - self._W[own])
+        own = self._first_in[number]
+        turned = np.einsum("pab,pb->pa", R[self._first[own]].reshape(-1, 3, 3), self._rest[own])
+        self._W[own] = self._stiffness[own][:, None] * (turned - self._W[own])
 
     def forces(self, number: int, P: np.ndarray, R: np.ndarray, B: np.ndarray) -> float:
-        own, others, struts = self._first_in[number], self._second_in[number], self._struts
-        B[struts.first[own]] += self._W[own]
-        np.subtract.at(B, struts.second[others], self._W[others])
-        energy = (self._W[own] ** 2).sum(axis=1) / struts.stiffness[own]
-        return struts.corners * float(energy.sum())
+        own, others = self._first_in[number], self._second_in[number]
+        B[self._first[own]] += self._W[own]
+        np.subtract.at(B, self._second[others], self._W[others])
+        energy = (self._W[own] ** 2).sum(axis=1) / self._stiffness[own]
+        return self._ordered.corners * float(energy.sum())

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from baselines.accelerated import local_global
-from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.core.progress import silent
 from sshade.method import start
 from sshade.method.start import OnceSolver, lowest
 from sshade.problem.options import Options
+from sshade.problem.stop import Stop
 from sshade.solver.local_global import solve_task
+from sshade.solver.solution import Solution
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
 
@@ -22,10 +24,11 @@ SOLVER = partial(local_global, volume=np.inf, start="rest", max_iterations=5000)
 OPTIONS = Options(volume=np.inf, max_iterations=5000, coarser_start=True)
 
 
-def solve(task, *, volume_goal=1.0, **changes) -> DeformationResult:
+def solve(task, *, volume_goal=1.0, **changes) -> Solution:
     """Solve a task as a proxy's."""
-    solver = OnceSolver(task.mesh, replace(OPTIONS, **changes), guess=task.guess)
-    return solver(task.handles, volume_goal=volume_goal)
+    options = replace(OPTIONS, **changes)
+    solver = OnceSolver(task.mesh, options, guess=task.guess)
+    return solver(task.handles, volume_goal=volume_goal, stop=options.stop)
 
 
 @pytest.fixture
@@ -44,10 +47,10 @@ def test_it_ends_in_the_same_minimum_with_fewer_iterations(task, always):
     assert fast(task, vertices=task.mesh.n // 2).facts.coarser_iterations > 0
     alone = SOLVER(task, tolerance=1e-7)
     found = solve(task, tolerance=1e-7)
-    assert found.converged and found.extra["coarser_iterations"] > 5
+    assert found.converged and found.coarser_iterations > 5
     assert found.iterations < alone.iterations
-    assert found.extra["energy"] == pytest.approx(alone.extra["energy"], rel=1e-6)
-    assert np.abs(found.vertices - alone.vertices).max() < 1e-4 * task.mesh.diagonal
+    assert found.energy == pytest.approx(alone.extra["energy"], rel=1e-6)
+    assert np.abs(found.positions - alone.vertices).max() < 1e-4 * task.mesh.diagonal
 
 
 @pytest.mark.parametrize(
@@ -67,8 +70,8 @@ def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(
     index, V = np.arange(0, task.mesh.n, step), bent(task.mesh.V)
     task = replace(task, handles=Handles(index, V[index]), guess=V if guess else None)
     found, alone = solve(task), SOLVER(task)
-    assert np.array_equal(found.vertices, alone.vertices)
-    assert found.extra.get("coarser_iterations") == (None if guess else 0.0)
+    assert np.array_equal(found.positions, alone.vertices)
+    assert found.coarser_iterations == (None if guess else 0.0)
     assert ("solved without a coarser proxy" in caplog.text) == (smallest < step and not guess)
 
 
@@ -83,7 +86,7 @@ def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, gui
 
     monkeypatch.setattr(start, "solve_task", spy)
     found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
-    assert Mesh(found.vertices, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
+    assert Mesh(found.positions, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
     assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
 
 
@@ -97,16 +100,16 @@ def test_the_guide_decides_unless_another_start_ends_clearly_lower(monkeypatch, 
 
     def solver(task, *, options, **_):
         if options.attachment == options.guide_attachment:
-            return DeformationResult(task.mesh.V + far, iterations=1, converged=True)
+            return Solution(task.mesh.V + far, None, 1, True)
         own = task.guess is None
         V = task.mesh.V if own else task.guess
         begun.append((task.mesh.n, own))
-        return DeformationResult(V, iterations=1, converged=True, extra={"energy": ratio if own else 1.0})
+        return Solution(V, None, 1, True, energy=ratio if own else 1.0)
 
     monkeypatch.setattr(start, "solve_task", solver)
     found = solve(task, guide_attachment=3.0)
     own_wins = ratio < 0.9
-    moved = np.linalg.norm(found.vertices - task.mesh.V, axis=1)
+    moved = np.linalg.norm(found.positions - task.mesh.V, axis=1)
     if levels == 1:
         assert np.allclose(moved, 0 if own_wins else 3)
         assert sorted(begun) == [(task.mesh.n, False), (task.mesh.n, True)]  # at the same time
@@ -132,5 +135,5 @@ def test_an_interrupt_of_one_start_ends_the_other(task, monkeypatch):
     monkeypatch.setattr(start, "solve_task", interrupted)
     with pytest.raises(KeyboardInterrupt):
         guided = replace(OPTIONS, guide_attachment=3.0)
-        lowest(task, guided, endless, volume_goal=1.0, tolerance=1e-5, progress=silent)
+        lowest(task, guided, endless, volume_goal=1.0, stop=Stop(), progress=silent)
     assert len(reports) < 1000

@@ -7,10 +7,10 @@ from scipy.sparse.linalg import splu
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim
+from sshade.solver.aim import Aim
 from tests.shapes import bumpy, held_ends
 from tests.sshade.naive import TASKS, Naive, vertex_areas
+from tests.sshade.solver.solver import Solver
 
 LENGTH = 0.05
 
@@ -49,7 +49,7 @@ class NaiveBending(Naive):
 @pytest.mark.parametrize("name", TASKS)
 def test_plain_iterations_equal_the_definition(name, energy):
     task = TASKS[name]
-    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy, bending=LENGTH)
+    solver = Solver(task.mesh, task.handles.index, energy=energy, bending=LENGTH)
     naive, U = NaiveBending(task, energy, LENGTH), task.mesh.V
     assert 0 < np.count_nonzero(naive.share) < task.mesh.n
     for iterations in range(1, 5):

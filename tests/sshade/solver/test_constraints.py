@@ -13,13 +13,17 @@ from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, InputError, Mesh
 from sshade.core.threads import ThreadTeam
 from sshade.problem.options import Options
+from sshade.problem.stop import Stop
+from sshade.solver.aim import Aim
 from sshade.solver.constraints import AREA, CLOSE, EVERY, EVERY_OF_BOTH, ConstrainedSurface, Constraints
 from sshade.solver.descent import Descent
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim, Solution, Stop, run
+from sshade.solver.run import run
+from sshade.solver.solution import Solution
+from sshade.solver.system import System
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus
 from tests.sshade.naive import TASKS, Naive
+from tests.sshade.solver.solver import Solver
 
 BAR, STRIP = TASKS["bar"], TASKS["strip"]
 #: Weights (volume, area) with at least one exact constraint.
@@ -34,7 +38,7 @@ def solve(
     volume_goal: float = 1.0,
     **options,
 ):
-    solver = LocalGlobal(task.mesh, task.handles.index, energy=energy)
+    solver = Solver(task.mesh, task.handles.index, energy=energy)
     aim = Aim(task.handles.target, volume_goal=volume_goal)
     return solver.solve(aim, volume=weights[0], area=weights[1], **options)
 
@@ -168,8 +172,8 @@ def test_another_volume_than_that_at_rest_can_be_the_one_to_hold(name, goal):
     task = SHAPES[name]
     held, pressed = (solve(task, weights, volume_goal=goal) for weights in ((inf, 0.5), (100.0, 0)))
     volume = measured(held.positions, task.mesh.F)[0] / measured(task.mesh.V, task.mesh.F)[0]
-    assert volume == pytest.approx(goal, rel=1e-6) and held.volume_constraint == "exact"
-    assert pressed.volume_constraint == "weighted" and pressed.volume_error < 0.01
+    assert volume == pytest.approx(goal, rel=1e-6) and held.constraints.volume_constraint == "exact"
+    assert pressed.constraints.volume_constraint == "weighted" and pressed.constraints.volume_error < 0.01
 
 
 @pytest.mark.parametrize("kind", EXACT)
@@ -180,8 +184,8 @@ def test_exact_constraints_are_exact(name, kind):
     assert held.converged and held.energy > free.energy
     assert np.array_equal(held.positions[task.handles.index], task.handles.target)
     error = np.abs(measured(held.positions, task.mesh.F) / measured(task.mesh.V, task.mesh.F) - 1)
-    for q, state in enumerate((held.volume_constraint, held.area_constraint)):
-        worst = (held.volume_error, held.area_error)[q]
+    for q, state in enumerate((held.constraints.volume_constraint, held.constraints.area_constraint)):
+        worst = (held.constraints.volume_error, held.constraints.area_error)[q]
         assert worst == pytest.approx(error[q], rel=1e-3, abs=1e-13)
         assert (state == "exact") == (EXACT[kind][q] == inf) and (state == "free") == (EXACT[kind][q] == 0)
         assert worst <= CLOSE if state == "exact" else worst > 1e-4
@@ -192,22 +196,22 @@ def test_exact_constraints_are_exact(name, kind):
 def test_a_solve_that_ends_early_is_led_back(weights, tolerance):
     for iterations in range(1, 12):
         solution = solve(BAR, weights, max_iterations=iterations, tolerance=tolerance)
-        assert not weights[0] or solution.volume_error <= CLOSE
-        assert weights[1] < inf or solution.area_error <= CLOSE
-    assert solution.volume_constraint == ("exact" if weights[0] else "free")
+        assert not weights[0] or solution.constraints.volume_error <= CLOSE
+        assert weights[1] < inf or solution.constraints.area_error <= CLOSE
+    assert solution.constraints.volume_constraint == ("exact" if weights[0] else "free")
 
 
 @pytest.mark.parametrize("weights", [(inf, 0), (0, inf), (inf, 0.5), (inf, inf)])
 def test_the_corrected_energy_depends_on_small_errors_to_second_order(weights):
-    solver = LocalGlobal(BAR.mesh, BAR.handles.index)
-    u, options = solver.to_system(BAR.mesh.V, BAR.handles.target), Options(volume=weights[0], area=weights[1])
-    state = Descent(solver, options, u, team=ThreadTeam(1), window=5)
+    system = System(BAR.mesh, BAR.handles.index)
+    u, options = system.to_system(BAR.mesh.V, BAR.handles.target), Options(volume=weights[0], area=weights[1])
+    state = Descent(system, options, u, team=ThreadTeam(1), window=5)
     state.aim(Aim(BAR.handles.target))
     state.begin(1e-11)
     assert run(state, Stop(1e-11)).converged
     constraints, G = state.constraints, np.zeros((sum(weight > 0 for weight in weights), *u.shape))
     constraints.write_gradients(u, G)
-    G[:, solver.fixed] = 0.0
+    G[:, system.handles.fixed] = 0.0
 
     def changes(step: float) -> np.ndarray:
         found = []
@@ -228,7 +232,9 @@ def test_the_energy_has_the_penalty_in_it():
     naive = Naive(BAR, "spokes_and_rims")
     solution = solve(BAR, (0.4, 0.2))
     rest = 6.0 * BAR.mesh.area  # each of a triangle's three cells counts twice the area
-    penalty = rest / 2 * (0.4 * solution.volume_error**2 + 0.2 * solution.area_error**2)
+    penalty = (
+        rest / 2 * (0.4 * solution.constraints.volume_error**2 + 0.2 * solution.constraints.area_error**2)
+    )
     elastic = naive.energy(solution.positions, naive.rotations(solution.positions))
     assert solution.energy == pytest.approx(elastic + penalty, rel=1e-9)
     assert penalty > 1e-3 * solution.energy
@@ -256,8 +262,8 @@ def test_an_area_out_of_reach_is_said_to_be_and_weighted(name, accelerate):
     task = inflated if name == "sphere" else pulled(BAR, 1.5)
     solution = solve(task, (inf, inf), accelerate=accelerate, tolerance=1e-8)
     assert solution.converged
-    assert solution.volume_constraint == "exact" and solution.volume_error <= CLOSE
-    assert solution.area_constraint == "infeasible" and solution.area_error > 1e-3
+    assert solution.constraints.volume_constraint == "exact" and solution.constraints.volume_error <= CLOSE
+    assert solution.constraints.area_constraint == "infeasible" and solution.constraints.area_error > 1e-3
     weighted = solve(task, (inf, 1.0), accelerate=accelerate, tolerance=1e-8)
     assert np.abs(solution.positions - weighted.positions).max() < 1e-5
     assert solution.energy == pytest.approx(weighted.energy, rel=1e-9)
@@ -280,18 +286,20 @@ def test_without_an_inside_the_volume_stays_free(reason):
     free, held, with_area = (
         solve(task, given, max_iterations=10) for given in ((0, 0), (inf, 0), (inf, inf))
     )
-    assert free.volume_constraint == "free"
-    assert held.volume_constraint == with_area.volume_constraint == f"off: {reason}"
-    assert math.isnan(free.volume_error) and math.isnan(held.volume_error)
-    assert np.array_equal(free.positions, held.positions) and with_area.area_error <= CLOSE
+    assert free.constraints.volume_constraint == "free"
+    assert held.constraints.volume_constraint == with_area.constraints.volume_constraint == f"off: {reason}"
+    assert math.isnan(free.constraints.volume_error) and math.isnan(held.constraints.volume_error)
+    assert np.array_equal(free.positions, held.positions) and with_area.constraints.area_error <= CLOSE
 
 
 def test_what_cannot_be_constrained_is_said_or_refused():
     mesh = bumpy(1)
     everything = DeformationTask("all", mesh, Handles(np.arange(mesh.n), 1.1 * mesh.V))
     solution = solve(everything, (inf, inf))
-    assert solution.volume_constraint == solution.area_constraint == "infeasible"
-    assert solution.volume_error == pytest.approx(1.1**3 - 1) and solution.area_error == pytest.approx(0.21)
+    assert solution.constraints.volume_constraint == solution.constraints.area_constraint == "infeasible"
+    assert solution.constraints.volume_error == pytest.approx(
+        1.1**3 - 1
+    ) and solution.constraints.area_error == pytest.approx(0.21)
     both = beside(mesh, shifted(mesh, 5))
     task = DeformationTask("two", both, Handles([0, mesh.n], both.V[[0, mesh.n]] + 0.1))
     with pytest.raises(InputError, match="need a connected mesh"):
@@ -302,7 +310,7 @@ def test_what_cannot_be_constrained_is_said_or_refused():
 
 
 def test_one_solver_holds_different_things_at_once():
-    solver, targets = LocalGlobal(BAR.mesh, BAR.handles.index), BAR.handles.target
+    solver, targets = Solver(BAR.mesh, BAR.handles.index), BAR.handles.target
 
     def run(weights) -> Solution:
         return solver.solve(Aim(targets), volume=weights[0], area=weights[1], max_iterations=12)

@@ -7,11 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import Handles
+from sshade.problem.options import Options
+from sshade.problem.stop import Stop
+from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
 from sshade.solver.following import LEAST, Following
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim
 from tests.shapes import tube
+from tests.sshade.solver.solver import Solver
 from tests.sshade.solver.test_attachment import two_patches
 
 BAR = tube(24, 60, length=6.0)
@@ -30,8 +32,8 @@ def attachment() -> Attachment:
 
 
 @pytest.fixture(scope="module")
-def solver(attachment) -> LocalGlobal:
-    return LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness)
+def solver(attachment) -> Solver:
+    return Solver(BAR, attachment.vertex, stiffness=attachment.stiffness)
 
 
 def at(attachment: Attachment, angle: float) -> Aim:
@@ -39,21 +41,21 @@ def at(attachment: Attachment, angle: float) -> Aim:
     return Aim(target, fraction=fraction)
 
 
-def begun(solver: LocalGlobal, attachment: Attachment) -> Following:
+def begun(solver: Solver, attachment: Attachment) -> Following:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
-    return Following(solver, BAR.V, still, at(attachment, 0.0), **ENERGY)
+    return Following(solver.system, BAR.V, still, at(attachment, 0.0), Options(**ENERGY))
 
 
 def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment):
     following = begun(solver, attachment)
     for angle in np.linspace(0.02, 0.4, 20):
-        last = following.solve(at(attachment, angle), tolerance=1e-4)
+        last = following.solve(at(attachment, angle), Stop(1e-4))
     assert last.iterations == LEAST  # the last move is repeated
-    end = following.solve(at(attachment, 0.4), tolerance=1e-9)
+    end = following.solve(at(attachment, 0.4), Stop(1e-9))
     anew = solver.solve(at(attachment, 0.4), start=last.positions, tolerance=1e-9, **ENERGY)
     assert end.converged and anew.converged and end.energy == pytest.approx(anew.energy, rel=1e-6)
     assert np.abs(end.positions - anew.positions).max() < 1e-5 * BAR.diagonal
-    assert end.area_error < 1e-6 and end.area_constraint == "exact"
+    assert end.constraints.area_error < 1e-6 and end.constraints.area_constraint == "exact"
     assert np.array_equal(end.positions[attachment.vertex[:18]], handles_at(0.4).target)
 
 
@@ -61,8 +63,8 @@ def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solv
     """The harmonic extension of a shift is the shift, for hard handles and for vertices with full pull."""
     following, shift = begun(solver, attachment), np.array([0.3, -0.2, 0.5]) * BAR.diagonal
     start = at(attachment, 0.0)
-    before = following.solve(start, tolerance=1e-9)
-    after = following.solve(replace(start, targets=start.targets + shift), tolerance=1e-4)
+    before = following.solve(start, Stop(1e-9))
+    after = following.solve(replace(start, targets=start.targets + shift), Stop(1e-4))
     assert after.residual_curve[0] < 1e-8
     assert np.abs(after.positions - before.positions - shift).max() < 1e-7 * BAR.diagonal
 
@@ -70,11 +72,11 @@ def test_targets_that_are_shifted_take_the_shape_along_before_any_iteration(solv
 def test_targets_that_stop_are_not_overshot_and_those_that_turn_back_lead_back(solver, attachment):
     following = begun(solver, attachment)
     for angle in (0.1, 0.2):
-        following.solve(at(attachment, angle), tolerance=1e-7)
-    stopped = following.solve(at(attachment, 0.2), tolerance=1e-7)
+        following.solve(at(attachment, angle), Stop(1e-7))
+    stopped = following.solve(at(attachment, 0.2), Stop(1e-7))
     assert stopped.iterations <= 3  # the last moving step needs more
     for angle in (0.1, 0.0):
-        back = following.solve(at(attachment, angle), tolerance=1e-8)
+        back = following.solve(at(attachment, angle), Stop(1e-8))
     assert np.abs(back.positions - BAR.V).max() < 1e-5 * BAR.diagonal
 
 
@@ -83,7 +85,7 @@ def test_a_fraction_of_a_pull_is_a_weaker_pull_in_the_same_system(solver, attach
     target, fraction = attachment.pulls(handles_at(0.5).target)
     fraction = np.where(np.isinf(attachment.stiffness), 1.0, 0.3)
     weaker_pull = solver.solve(Aim(target, fraction=fraction), tolerance=1e-10, max_iterations=3000)
-    weaker = LocalGlobal(BAR, attachment.vertex, stiffness=attachment.stiffness * fraction)
+    weaker = Solver(BAR, attachment.vertex, stiffness=attachment.stiffness * fraction)
     expected = weaker.solve(Aim(target), tolerance=1e-10, max_iterations=3000)
     full = solver.solve(Aim(target), tolerance=1e-10, max_iterations=3000)
     assert weaker_pull.energy == pytest.approx(expected.energy, rel=1e-9)

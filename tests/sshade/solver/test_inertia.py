@@ -10,11 +10,15 @@ import sshade
 from eval.metrics import Deformed
 from sshade import DeformationTask, Deformer, Handles, Mesh
 from sshade.problem.majority import LEAST, HandleGroups, MajorityMotion
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim
+from sshade.problem.options import Options
+from sshade.solver import local_global
+from sshade.solver.aim import Aim
+from sshade.solver.bound_handles import BoundHandles
+from sshade.solver.ordered_mesh import OrderedMesh
 from sshade.solver.terms.inertia import Inertia
 from tests.shapes import beside, block, held_ends, of_all, rotation, shifted, tube
 from tests.sshade.naive import Naive
+from tests.sshade.solver.solver import Solver
 
 
 def doll(cells: int) -> Mesh:
@@ -57,18 +61,19 @@ def some_motion() -> MajorityMotion:
 
 
 def one_term(motion: MajorityMotion) -> tuple[Inertia, np.ndarray]:
-    n, stiffness = DOLL.n, np.random.default_rng(1).random(DOLL.n)
-    about = {"origin": DOLL.origin, "area": DOLL.area, "ranges": [(slice(0), 0, n)], "corners": 3}
-    term = Inertia(stiffness, DOLL.V - DOLL.origin, **about)
-    term.aim(motion)
-    return term, stiffness
+    options = Options(inertia=2.5)
+    ordered = OrderedMesh(DOLL, "spokes_and_rims")
+    term = Inertia.bound(ordered, BoundHandles.of(ordered, np.array([0]), None), options).begun(options)
+    term.aim(Aim(np.zeros((1, 3)), majority=motion))
+    return term, term.matrix("mesh")
 
 
 def test_the_forces_are_the_gradient_of_the_formula():
     motion = some_motion()
     term, stiffness = one_term(motion)
-    P = motion.moved(DOLL.V) - DOLL.origin + np.random.default_rng(0).normal(size=(DOLL.n, 3)) * motion.reach
-    x = ((P + DOLL.origin - motion.moved(DOLL.V)) ** 2).sum(axis=1)
+    U = motion.moved(DOLL.V) + np.random.default_rng(0).normal(size=(DOLL.n, 3)) * motion.reach
+    x = ((U - motion.moved(DOLL.V)) ** 2).sum(axis=1)
+    P = (U - DOLL.origin)[OrderedMesh(DOLL, "spokes_and_rims").vertex]
     energy, B = term.local(0, P, np.empty(0)), np.zeros_like(P)
     assert energy == pytest.approx(3 * 0.7 * (stiffness * x / (1 + x / motion.reach**2)).sum(), rel=1e-12)
     assert term.forces(0, P, np.empty(0), B) == pytest.approx(energy, rel=1e-12)
@@ -83,7 +88,7 @@ def test_an_independent_minimiser_ends_at_the_same_shape(multigrid):
     task = arms_moved(doll(1), 0.1)
     mesh, weight = task.mesh, 3.0
     motion, naive = majority_of(task), Naive(task, "spokes_and_rims")
-    solver = LocalGlobal(mesh, task.handles.index, inertia=weight, multigrid=multigrid, exact_steps=20)
+    solver = Solver(mesh, task.handles.index, inertia=weight, multigrid=multigrid, exact_steps=20)
     stop = {"tolerance": 1e-9, "max_iterations": 3000}
     ours = solver.solve(Aim(task.handles.target, majority=motion), **stop)
     stiffness = (weight * mesh.vertex_areas / mesh.area)[naive.free]
@@ -212,13 +217,13 @@ def test_all_pieces_of_a_mesh_have_one_motion():
     result = sshade.deform(joint, inertia=0.5)
     assert result.facts.inertia == "on"
     seen = []
-    solve = LocalGlobal.solve
+    solve = local_global.solve
 
-    def watched(self, aim, **more):
+    def watched(system, aim, *given, **more):
         seen.append(aim.majority)
-        return solve(self, aim, **more)
+        return solve(system, aim, *given, **more)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(LocalGlobal, "solve", watched)
+        patch.setattr(local_global, "solve", watched)
         sshade.deform(joint, inertia=0.5)
     assert len(seen) >= 2 and seen[0] is not None and all(motion is seen[0] for motion in seen)

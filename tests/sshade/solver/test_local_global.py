@@ -8,11 +8,12 @@ from scipy.spatial.transform import Rotation
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles
 from sshade.mesh.rotations import fit_rotations
+from sshade.solver.aim import Aim
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim, largest_move
+from sshade.solver.run import largest_move
 from tests.shapes import bumpy, icosphere, jittered, rotation, strip, tube
 from tests.sshade.naive import TASKS, Naive, svd_rotations
+from tests.sshade.solver.solver import Solver
 
 ENERGIES = ("spokes", "spokes_and_rims")
 EXACT = 1e-12  # as a fraction of the diagonal
@@ -37,8 +38,8 @@ def task(request) -> DeformationTask:
     return TASKS[request.param]
 
 
-def solver_of(task: DeformationTask, energy: str = "spokes_and_rims", **options) -> LocalGlobal:
-    return LocalGlobal(task.mesh, task.handles.index, energy=energy, **options)
+def solver_of(task: DeformationTask, energy: str = "spokes_and_rims", **options) -> Solver:
+    return Solver(task.mesh, task.handles.index, energy=energy, **options)
 
 
 @pytest.mark.parametrize("energy", ENERGIES)
@@ -190,9 +191,7 @@ def test_weights_are_libigls():
 def test_iterates_that_overflow():
     mesh = icosphere(0)
     with pytest.raises(FloatingPointError, match="not finite after"), np.errstate(all="ignore"):
-        LocalGlobal(mesh, np.array([0, 1, 2])).solve(
-            Aim(np.array([[1e300, 0, 0], [0, -1e300, 0], [0, 0, 1e300]]))
-        )
+        Solver(mesh, np.array([0, 1, 2])).solve(Aim(np.array([[1e300, 0, 0], [0, -1e300, 0], [0, 0, 1e300]])))
 
 
 @pytest.mark.parametrize(
@@ -217,13 +216,13 @@ def test_ranges_and_workers_change_no_bit(monkeypatch, energy, options):
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, energy, bending):
     mesh, index = task.mesh, task.handles.index
-    solver = LocalGlobal(mesh, index, energy=energy, bending=bending)
+    solver = Solver(mesh, index, energy=energy, bending=bending)
     before = solver.solve(Aim(task.handles.target), max_iterations=5).positions
     others = np.concatenate([index[::2], np.setdiff1d(np.arange(mesh.n), index)[::9]])
     stiffness = np.where(np.arange(len(others)) % 3 == 0, 0.7, np.inf)
     target = mesh.V[others] + 0.1 * mesh.diagonal * (np.arange(len(others)) % 2)[:, None]
     shared = solver.with_handles(others, stiffness=stiffness)
-    anew = LocalGlobal(mesh, others, energy=energy, stiffness=stiffness, bending=bending)
+    anew = Solver(mesh, others, energy=energy, stiffness=stiffness, bending=bending)
     pair = [s.solve(Aim(target), max_iterations=5) for s in (shared, anew)]
     np.testing.assert_array_equal(*(solution.positions for solution in pair))
     assert pair[0].energy == pair[1].energy

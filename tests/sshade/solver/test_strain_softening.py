@@ -3,10 +3,10 @@ import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, InputError, Mesh
+from sshade.solver.aim import Aim
 from sshade.solver.laplacian import half_cotangents
-from sshade.solver.local_global import LocalGlobal
-from sshade.solver.run import Aim
 from tests.sshade.naive import TASKS
+from tests.sshade.solver.solver import Solver
 
 SOFT = {"stiffness": 0.2, "strain": 0.03}
 LIMITED = {**SOFT, "strain_limit": 0.12}
@@ -47,8 +47,8 @@ def softened_energy(mesh: Mesh, U: np.ndarray, R: np.ndarray, **soft: float) -> 
     return float((rest * penalty(triangle_energies(mesh, U, R) / rest, **soft)).sum())
 
 
-def solver_of(task: DeformationTask) -> LocalGlobal:
-    return LocalGlobal(task.mesh, task.handles.index)
+def solver_of(task: DeformationTask) -> Solver:
+    return Solver(task.mesh, task.handles.index)
 
 
 def test_the_energy_is_that_of_the_definition(task, soft):

@@ -1,0 +1,145 @@
+"""Every term of the energy: its forces are its gradient, its matrix bounds its curvature in both orders.
+
+A new term in :data:`sshade.solver.terms.TERMS` is tested without a change of this file.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.sparse import diags_array
+from scipy.spatial.transform import Rotation
+
+from sshade.problem.majority import HandleGroups
+from sshade.problem.options import Options, described
+from sshade.solver.aim import Aim
+from sshade.solver.bound_handles import BoundHandles
+from sshade.solver.ordered_mesh import OrderedMesh
+from sshade.solver.system import System, assembled
+from sshade.solver.terms import TERMS, Arap
+from tests.shapes import bumpy, jittered, rotation
+
+MESH = jittered(bumpy(3), 0.02)
+#: Four groups at the ends of two axes; three of them stay, and some handles are soft.
+GROUPS = [np.argsort(sign * MESH.V[:, axis])[:6] for axis in (0, 2) for sign in (1, -1)]
+INDEX = np.concatenate(GROUPS)
+GROUP = np.repeat(np.arange(4), 6)
+TARGET = MESH.V[INDEX] + (GROUP == 3)[:, None] * np.array([0.3, 0.1, 0.4])
+STIFFNESS = np.where(np.arange(len(INDEX)) % 3 == 0, 0.7, np.inf)
+#: Options that turn each term on beside the plain energy; softening is a variant of the first term.
+CASES = [(term, {}) for term in TERMS] + [(Arap, {"stiffness": 0.3, "strain": 0.05})]
+
+
+def on(term, options: dict) -> Options:
+    """Return options that turn a term on, by an ordinary weight."""
+    interval = described()[term.option].interval
+    return Options(**({term.option: 0.3} if interval.startswith("[0") else {}) | options)
+
+
+@pytest.fixture(params=CASES, ids=lambda case: " ".join([case[0].__name__, *case[1]]))
+def case(request):
+    """A term in a solve, at random positions and rotations."""
+    kind, changes = request.param
+    options = on(kind, changes)
+    ordered = OrderedMesh(MESH, "spokes_and_rims")
+    bound = kind.bound(ordered, BoundHandles.of(ordered, INDEX, STIFFNESS), options)
+    assert bound is not None, f"{kind.__name__} stays off with {options}"
+    term = bound.begun(options)
+    majority = HandleGroups(MESH, INDEX, GROUP).motion(TARGET)
+    term.aim(Aim(TARGET, fraction=np.ones(len(INDEX)), majority=majority))
+    rng = np.random.default_rng(0)
+    P = ordered.V - MESH.origin + 0.05 * rng.normal(size=(MESH.n, 3))
+    R = Rotation.from_rotvec(0.3 * rng.normal(size=(MESH.n, 3))).as_matrix().reshape(-1, 9)
+    return SimpleNamespace(kind=kind, bound=bound, term=term, ordered=ordered, P=P, R=R)
+
+
+def evaluated(case, P: np.ndarray, R: np.ndarray) -> SimpleNamespace:
+    """Return the energy at P and R by both methods of a term, and the forces."""
+    S, B, ranges = np.zeros((MESH.n, 9)), np.zeros((MESH.n, 3)), range(len(case.ordered.ranges))
+    fitted = sum(case.term.local(number, P, S) for number in ranges)
+    trace = np.einsum("nij,nji->", R.reshape(-1, 3, 3), S.reshape(-1, 3, 3))
+    for number in ranges:
+        case.term.turn(number, R)
+    direct = sum(case.term.forces(number, P, R, B) for number in ranges)
+    quadratic = fitted - 2 * trace + case.term.rest_energy
+    energy = direct if getattr(case.term, "weight", None) is not None else quadratic
+    return SimpleNamespace(energy=energy, quadratic=quadratic, direct=direct, B=B)
+
+
+def as_matrix(term, order: str):
+    matrix = term.matrix(order)
+    return diags_array(matrix).tocsr() if matrix.ndim == 1 else matrix
+
+
+def directions(count: int = 4) -> np.ndarray:
+    return np.random.default_rng(1).normal(size=(count, MESH.n, 3))
+
+
+def test_the_forces_are_the_gradient_of_the_energy(case):
+    B, corners, h = evaluated(case, case.P, case.R).B, case.ordered.corners, 1e-5
+    for D in directions():
+        up, down = (evaluated(case, case.P + sign * h * D, case.R).energy for sign in (1, -1))
+        slope = (up - down) / (2 * h)
+        assert slope == pytest.approx(-2 * corners * float((B * D).sum()), rel=1e-5, abs=1e-7)
+    assert np.abs(B).max() > 1e-6
+
+
+def test_both_methods_give_one_energy(case):
+    found = evaluated(case, case.P, case.R)
+    if case.kind is Arap:  # without strain weights it returns 0, and with them the quadratic energy is larger
+        assert found.direct <= found.quadratic
+    else:
+        assert found.direct == pytest.approx(found.quadratic, rel=1e-9)
+
+
+def test_the_matrix_bounds_the_energy(case):
+    """The bound holds for steps of any length; for a quadratic term it is the energy itself."""
+    here, corners, M = evaluated(case, case.P, case.R), case.ordered.corners, as_matrix(case.bound, "solver")
+    quadratic = case.kind is not Arap or case.term.weight is None
+    for length, D in zip((1e-2, 0.1, 1.0, 10.0), directions(), strict=True):
+        D = length * D
+        step = corners * float((D * (M @ D)).sum() - 2 * (D * here.B).sum())
+        there, slack = evaluated(case, case.P + D, case.R).energy, 1e-9 * (1 + abs(here.energy) + abs(step))
+        assert there <= here.energy + step + slack
+        if quadratic and case.kind.__name__ != "Inertia":  # concave in the squared distance
+            assert there == pytest.approx(here.energy + step, abs=slack)
+
+
+def test_the_matrix_has_one_content_in_both_orders(case):
+    mesh, solver = (as_matrix(case.bound, order) for order in ("mesh", "solver"))
+    place = case.ordered.place
+    assert abs(solver).max() > 0
+    assert abs(mesh - solver[place][:, place]).max() <= 1e-12 * abs(solver).max()
+    system = System(MESH, INDEX, on(case.kind, {}), stiffness=STIFFNESS)
+    assert case.kind in map(type, system.terms)
+    for order in ("mesh", "solver"):
+        without = [term for term in system.terms if type(term) is not case.kind]
+        if case.kind is not Arap:
+            rest = assembled(system.terms, order) - assembled(without, order)
+            assert abs(rest - (mesh if order == "mesh" else solver)).max() <= 1e-9 * abs(solver).max()
+
+
+def test_a_rigid_motion_keeps_the_energy_of_terms_that_say_so(case):
+    Q, t = rotation(7), np.array([0.3, -0.2, 0.5])
+    turned = np.einsum("ab,nbc->nac", Q, case.R.reshape(-1, 3, 3)).reshape(-1, 9)
+    before = evaluated(case, case.P, case.R).energy
+    after = evaluated(case, case.P @ Q.T + t, np.ascontiguousarray(turned)).energy
+    assert (after == pytest.approx(before, rel=1e-9)) == case.kind.rigid
+
+
+def test_two_solves_of_one_term_share_no_state(case):
+    other = SimpleNamespace(**vars(case) | {"term": case.bound.begun(on(case.kind, {}))})
+    other.term.aim(Aim(TARGET + 1.0, fraction=np.full(len(INDEX), 0.5)))
+    before = evaluated(case, case.P, case.R)
+    evaluated(other, 2.0 * case.P, case.R)
+    after = evaluated(case, case.P, case.R)
+    assert before.energy == after.energy and np.array_equal(before.B, after.B)
+
+
+def test_other_handles_give_the_term_of_a_new_binding(case):
+    options = on(case.kind, {})
+    fewer = BoundHandles.of(case.ordered, INDEX[::2], STIFFNESS[::2])
+    rebound = case.bound.with_handles(case.ordered, fewer, options)
+    anew = case.kind.bound(case.ordered, fewer, options)
+    for order in ("mesh", "solver"):
+        assert abs(as_matrix(rebound, order) - as_matrix(anew, order)).max() == 0.0
