@@ -113,7 +113,7 @@ def _with_pyvista(path: Path) -> MeshFile:
     """Read the surface of a data set. Data at the points and cells of triangles alone are written again."""
     import pyvista
 
-    from sshade.files.objects import mesh_in  # imports large libraries
+    from sshade.files.objects import mesh_in, outer_triangles  # imports large libraries
     from sshade.mesh.surface import single_steps
 
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as caught:
@@ -129,25 +129,17 @@ def _with_pyvista(path: Path) -> MeshFile:
             raise ValueError(f"a cell has a point with an id outside of 0 to {data.n_points - 1}")
     V, is_surface = np.array(data.points, dtype=np.float64), isinstance(data, pyvista.PolyData)
     rounding = single_steps(V) if data.points.dtype == np.float32 else None
-    outer = data
-    if not is_surface:
-        outer = data.extract_surface(nonlinear_subdivision=0, algorithm="dataset_surface")
-    F = outer.triangulate().faces.reshape(-1, 4)[:, 1:].astype(np.int64)
-    if not is_surface and len(F):
-        F = np.asarray(outer.point_data["vtkOriginalPointIds"], dtype=np.int64)[F]
+    F, all_triangles = outer_triangles(data)
     of_points, of_cells, space = data.point_data, data.cell_data, ""
     title = reader.GetHeader() if path.suffix.lower() == ".vtk" else ""
     if declared := DECLARED.search(title.encode()):
         space = declared[1].decode()
     elif "SPACE" in data.field_data:
         space = str(data.field_data["SPACE"][0])
-    other_cells = not outer.is_all_triangles or outer.n_cells != data.n_cells
     holds = present(
-        point_data=len(of_points), cell_data=len(of_cells), other_cells_than_triangles=other_cells
+        point_data=len(of_points), cell_data=len(of_cells), other_cells_than_triangles=not all_triangles
     )
-    if is_surface and not other_cells and (found := mesh_in(data)):
-        normals = of_points.active_normals_name or of_cells.active_normals_name
-        notes = ("outputs lack its normals",) if normals else ()
+    if is_surface and all_triangles and (found := mesh_in(data)):
 
         def content(posed: np.ndarray, output: Path) -> bytes:
             moved = found.moved(posed)
@@ -158,7 +150,7 @@ def _with_pyvista(path: Path) -> MeshFile:
                 moved.field_data["SPACE"] = [space]
             return _bytes(output, moved.save)
 
-        return MeshFile(V, F, holds, (".vtp", ".vtk"), content, notes, rounding, space=space)
+        return MeshFile(V, F, holds, (".vtp", ".vtk"), content, rounding=rounding, space=space)
     suffixes = () if holds or space else (path.suffix.lower(),)
     return MeshFile(V, F, holds, suffixes, _anew(F), rounding=rounding, stored=None, space=space)
 

@@ -72,10 +72,11 @@ def deform(
         Rest positions, in any unit of length.
     F : (m, 3) int
         Triangles, counter-clockwise seen from outside.
-    mesh : Mesh, trimesh.Trimesh, trimesh.Scene or pyvista.PolyData
+    mesh : Mesh, trimesh.Trimesh, trimesh.Scene, or pyvista.PolyData, UnstructuredGrid or StructuredGrid
         A trimesh, or another object with ``vertices``, ``faces`` and ``copy``, is copied with its texture,
         colours and metadata. A scene, as ``trimesh.load`` makes it from a .glb, has one mesh; `bc` and the
-        deformation are in the coordinates of the scene. A PolyData has triangles; its normals are dropped.
+        deformation are in the coordinates of the scene. A PolyData has triangles. Of a grid of PyVista the
+        outer surface is deformed; points inside stay.
     task : DeformationTask
     b : (k,) int or (n,) bool
         Handle vertices: their ids, or a mask of all vertices.

@@ -66,17 +66,22 @@ def test_points_alone_are_read(here):
 
 
 @pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
-def test_data_at_points_and_cells_stay_and_normals_of_the_rest_shape_do_not(here, suffix):
+def test_data_at_points_and_cells_stay_and_normals_turn(here, suffix):
     surface().compute_normals(split_vertices=False, inplace=False).save(f"a{suffix}")
     file = read_file(f"a{suffix}")
     assert file.holds == ("point data", "cell data") and not file.lost(f"b{suffix}")
-    assert file.notes == ("outputs lack its normals",)
     assert np.array_equal(file.rounding, np.full(3, np.spacing(np.float32(300), dtype=np.float32)))
     write_file(f"b{suffix}", file, 2 * V)
     after = pyvista.read(f"b{suffix}")
     assert np.array_equal(after.points, 2 * V) and np.array_equal(after.regular_faces, F)
-    assert sorted(after.array_names) == ["label", "patient", "pressure"]
+    assert sorted(after.array_names) == ["Normals", "Normals", "label", "patient", "pressure"]
     assert np.array_equal(after["pressure"], np.arange(len(V))) and after["label"][-1] == len(F) - 1
+    turn = rotation(1)
+    write_file(f"b{suffix}", file, V @ turn.T)
+    before, after = pyvista.read(f"a{suffix}"), pyvista.read(f"b{suffix}")
+    for name in ("point_data", "cell_data"):
+        old, new = (getattr(mesh, name).active_normals for mesh in (before, after))
+        np.testing.assert_allclose(new, old @ turn.T, atol=1e-3)
 
 
 def test_the_surface_of_a_volume_has_the_ids_of_the_file(here):
