@@ -35,7 +35,7 @@ from eval.rows.files import write_text
 from eval.rows.store import VALID
 from eval.run.attempt import Attempt, attempt
 from eval.run.config import read_choice, resolved, source_of, task_of, with_truth
-from eval.run.run import without_name
+from eval.run.run import given
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 
@@ -188,8 +188,7 @@ def run_method(method: str, golden: GoldenFile) -> Found:
         settings = [text for pattern, text in small.items() if fnmatch(method, pattern)]
         config = resolved("method", read_choice(" ".join([method, *settings])))
         found.versions = {"version": config.get("version", 1), "measures": MEASURES}
-        given = without_name(case.loaded)
-        done = attempt(config, given, seed=0)
+        done = attempt(config, given(case.loaded), seed=0)
         found.status, found.reason = done.facts["status"], done.facts["reason"]
         if done.vertices is None:
             break
@@ -201,16 +200,16 @@ def run_method(method: str, golden: GoldenFile) -> Found:
             name: _rounded(value, DIGITS) for name in compared if (value := values[name]) is not None
         }
         if case.timed:
-            found.time = _in_iterations(done, given)
+            found.time = _in_iterations(done, case.loaded)
             if golden.too_slow(found):  # the machine may have been busy
-                found.time = _in_iterations(attempt(config, given, seed=0), given)
+                found.time = _in_iterations(attempt(config, given(case.loaded), seed=0), case.loaded)
     return found
 
 
 def _in_iterations(done: Attempt, task: Task) -> float:
     """Return the time of a run as a number of iterations of libigl's Elastic, which is timed now."""
     config = resolved("method", read_choice(f"{CLOCK} max_iterations={ITERATIONS} tolerance=0"))
-    clock = attempt(config, task, seed=0).facts
+    clock = attempt(config, given(task), seed=0).facts
     return done.facts["seconds.total"] / (clock["seconds.solve"] / clock["iterations"])
 
 

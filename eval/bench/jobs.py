@@ -132,7 +132,7 @@ def _job(call_of: Callable[..., Callable[[], Row]], method: TimedMethod, task: T
 def _call_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
     """Return the call of a method; an extrapolated one runs :data:`BLOCK` of its iterations."""
     label, config, limit = method.label, method.config, None
-    require_kind(instantiate({**config, "_partial_": True}), task, target=config["_target_"])
+    require_kind(instantiate({**config, "_partial_": True}), type(task), target=config["_target_"])
     if method.extrapolated:
         limit = config.get("max_iterations") or 0
         if "tolerance" not in config or limit <= BLOCK:

@@ -88,10 +88,10 @@ def write_run(
 def write_row(folder: str | os.PathLike[str], row: Row) -> None:
     """Write the row of a run folder; the other files stay."""
     with replacing(Path(folder, "row.json")) as temporary:
-        plain = {name: row[name] for name in in_order(row)}
+        cells = {name: row[name] for name in in_order(row)}
         # JSON has no infinity, but parameters of methods can be infinite.
-        plain |= {name: str(value) for name, value in row.items() if value in _INFINITIES.values()}
-        temporary.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n")
+        cells |= {name: str(value) for name, value in row.items() if value in _INFINITIES.values()}
+        temporary.write_text(json.dumps(cells, indent=1, allow_nan=False) + "\n")
 
 
 def read_row(folder: str | os.PathLike[str]) -> Row | None:
@@ -105,7 +105,26 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
         raise DamagedRun(f"{path}: not a row ({error})") from error
     if problem := row_problem(row):
         raise DamagedRun(f"{path}: not a row ({problem})")
-    return {n: value if is_text(n) else _INFINITIES.get(value, value) for n, value in row.items()}
+    return {n: plain(value if is_text(n) else _INFINITIES.get(value, value)) for n, value in row.items()}
+
+
+def is_scalar(value: Any) -> bool:
+    """Whether a value fits into a cell of a row."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value is None or isinstance(value, (bool, int, float, str))
+
+
+def plain(value: Any) -> Any:
+    """Return a scalar as a value that every file of rows can hold: a Python type, None for NaN."""
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, str):
+        return printable(value)
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def printable(text: str) -> str:
+    """Return a text with its lone surrogates, such as parts of names that are not UTF-8, as ``\\udc80``."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def row_problem(row: Any) -> str:

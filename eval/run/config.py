@@ -139,11 +139,9 @@ def _loaded(source: str) -> Task:
     return task_of(json.loads(source), truth=False)
 
 
-def load_case(config: RunConfig, *, anew: bool = False) -> Task:
-    """Load the task of a run, without truth. The last task stays in memory, unless it is loaded `anew`."""
+def load_case(config: RunConfig) -> Task:
+    """Load the task of a run, without truth. The last task stays in memory, and no method gets it."""
     check_root(config.dataset)
-    if anew:
-        _loaded.cache_clear()
     return _loaded(json.dumps(config.source))
 
 

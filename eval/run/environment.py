@@ -75,12 +75,17 @@ def method_facts(name: str, config: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When a setting is NaN, which no row can hold, or the version is no number from 1 on.
+        When a setting is NaN, which no row can hold, or has the name of another column, or the version is no
+        number from 1 on.
     """
     plain, version = settings(config), config.get("version", 1)
     if type(version) is not int or version < 1:
         raise InputError(f"method.version={version} does not fit; it takes a number from 1 on")
     facts = {"method.name": name, "method.hash": config_hash(plain), "method.version": version}
+    if taken := [name for name in ("name", "hash") if name in plain]:
+        raise InputError(
+            f"a method cannot have the parameter {taken[0]!r}, which is a column of rows; rename it"
+        )
     facts |= flat(plain, "method")
     for setting, value in facts.items():
         if isinstance(value, float) and math.isnan(value):

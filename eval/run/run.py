@@ -1,16 +1,19 @@
 """The loop over rows: a configuration becomes a task, a method, times, measures, a row.
 
-The method is given the task without its name and its meta data. The truth is loaded when the method has
-returned.
+The method is given a copy of the task, without its name and its meta data. The truth is loaded when the
+method has returned.
 """
 
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from eval.metrics import MEASURES, Task, measure
 from eval.rows.splits import require_split
@@ -19,19 +22,22 @@ from eval.rows.store import (
     VALID,
     DamagedRun,
     Row,
+    is_scalar,
+    plain,
     read_row,
     require_vertices,
     run_folder,
     write_run,
 )
-from eval.run.attempt import NOTHING, WROTE, Attempt, attempt, attempt_fresh, is_scalar
+from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh
 from eval.run.config import RunConfig, load_case, with_truth
 from eval.run.environment import digest, environment, method_facts, task_checksum, task_facts
-from eval.run.targets import instantiate, require_kind
+from eval.run.targets import is_ours
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.problem.task import DeformationTask
+from sshade.mesh.mesh import Mesh
+from sshade.problem.task import DeformationTask, TransferTask
 
 
 class Outcome(NamedTuple):
@@ -53,6 +59,7 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     The clock times the method only. A method that raises leaves a row with status ``failed``. A method whose
     extra is not installed leaves a row with status ``skipped``. Both are run again next time. A row with
     status ``timeout`` is run again with a longer limit only. A damaged row is made again, with a note.
+    Methods that are not the project's run in a new process.
 
     Parameters
     ----------
@@ -72,7 +79,7 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     progress("reading", 1, 1)
     if not config.dataset.get("tag"):  # a tagged dataset gets a separate table
         require_split(task.name, config.run.split)
-    fresh = _require_method(config, task) and (config.run.fresh or config.run.time_limit is not None)
+    fresh = config.run.fresh or config.run.time_limit is not None or not is_ours(config.method)
     row = identity(config, task)
     folder = run_folder(config.runs, row)
     if not config.run.force and (stored := _stored(folder, config, task)) is not None:
@@ -80,14 +87,12 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
     row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
     row["env.time_limit"] = config.run.time_limit
-    shown = without_name(task)
+    copied = given(task)
     if fresh:
         limit = config.run.time_limit
-        done = attempt_fresh(config.method, shown, seed=config.seed, time_limit=limit, progress=progress)
+        done = attempt_fresh(config.method, copied, seed=config.seed, time_limit=limit, progress=progress)
     else:
-        done = attempt(config.method, shown, seed=config.seed, progress=progress)
-    if done.facts["reason"] == WROTE:
-        task = load_case(config, anew=True)
+        done = attempt(config.method, copied, seed=config.seed, progress=progress)
     task = with_truth(task, config.source)
     done = _measured(done, task, progress)
     row |= meta_facts(task) | done.facts
@@ -95,22 +100,23 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     return Outcome(row, folder)
 
 
-def without_name(task: Task) -> Task:
-    """Return the task that a method is given: with a hash as its name, and without facts."""
-    return replace(task, name=task_checksum(task), meta={})
+def given(task: Task) -> Task:
+    """Return what a method is given: meshes and arrays of its own, a hash as name, and no facts.
 
-
-def _require_method(config: RunConfig, task: Task) -> bool:
-    """Raise InputError on a mistake in a method's configuration; return whether the method can run.
-
-    A method whose library is missing cannot, and needs no new process to be skipped.
+    What a method leaves in a mesh thus changes neither the measures nor the run of another method.
     """
-    try:
-        call = instantiate({**config.method, "_partial_": True})
-    except ImportError:
-        return False
-    require_kind(call, task, target=config.method["_target_"])
-    return True
+    name = task_checksum(task)
+    mesh = _anew(task.mesh)
+    if isinstance(task, TransferTask):
+        rest = mesh if task.rest is task.mesh else _anew(task.rest)
+        return replace(task, name=name, mesh=mesh, rest=rest, posed=np.array(task.posed), meta={})
+    handles, guess = deepcopy(task.handles), deepcopy(task.guess)
+    return replace(task, name=name, mesh=mesh, handles=handles, guess=guess, meta={})
+
+
+def _anew(mesh: Mesh) -> Mesh:
+    """Return a mesh with arrays of its own, and without the properties that a mesh keeps."""
+    return Mesh(np.array(mesh.V), np.array(mesh.F))
 
 
 def identity(config: RunConfig, task: Task) -> Row:
@@ -138,7 +144,7 @@ def identity(config: RunConfig, task: Task) -> Row:
 
 def meta_facts(task: Task) -> Row:
     """Return the columns ``task.meta.*``."""
-    return {f"task.meta.{name}": value for name, value in task.meta.items() if is_scalar(value)}
+    return {f"task.meta.{name}": plain(value) for name, value in task.meta.items() if is_scalar(value)}
 
 
 def _stored(folder: Path, config: RunConfig, task: Task) -> Row | None:

@@ -23,6 +23,8 @@ from eval import PACKAGES
 from sshade.core.errors import InputError, meant
 from sshade.problem.options import checked
 
+#: Packages of the project's methods. All other methods run in processes of their own.
+OURS = ("sshade", "baselines")
 #: Keys of a method's configuration that are not parameters of its function.
 OWN_KEYS = ("_target_", "_partial_", "warm_up", "note", "version")
 
@@ -87,13 +89,19 @@ def search_here() -> None:
     sys.path.extend(folder for folder in (str(PACKAGES), os.getcwd()) if folder not in sys.path)
 
 
-def require_kind(method: Callable[..., Any], task: Any, *, target: str) -> None:
-    """Raise InputError if the type hint of a method's parameter `task` excludes a task."""
+def is_ours(config: Mapping[str, Any]) -> bool:
+    """Whether all functions that a method's configuration names are the project's."""
+    parts = [value for value in config.values() if isinstance(value, Mapping)]
+    return str(config.get("_target_", OURS[0])).split(".")[0] in OURS and all(map(is_ours, parts))
+
+
+def require_kind(method: Callable[..., Any], kind: type, *, target: str) -> None:
+    """Raise InputError if the type hint of a method's parameter `task` excludes a kind of tasks."""
     wanted = parameter_hints(method.func if isinstance(method, partial) else method).get("task", Any)
-    if wanted is not Any and isinstance(wanted, type) and not isinstance(task, wanted):
+    if wanted is not Any and isinstance(wanted, type) and not issubclass(kind, wanted):
         raise InputError(
-            f"{target} takes a {wanted.__name__}, but {task.name} is a {type(task).__name__}; methods for "
-            "pose transfers are method=transfer/..., for tasks that a dataset with an edit gives"
+            f"{target} takes a {wanted.__name__}, but the case is a {kind.__name__}; methods for pose "
+            "transfers are method=transfer/..., for tasks that a dataset with an edit gives"
         )
 
 

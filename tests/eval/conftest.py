@@ -12,6 +12,8 @@ from eval.run.warmup import tiny_task
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 
+#: Packages whose methods run in the process of the tests.
+OURS = ("sshade", "baselines", "eval_cases")
 METHODS = {
     "arap": {"_target_": "baselines.arap.arap", "max_iterations": 5, "note": "five <iterations> & no more"},
     "learned": {"_target_": "eval_cases.with_options"},
@@ -21,6 +23,12 @@ METHODS = {
 }
 
 
+@pytest.fixture
+def in_process(monkeypatch):
+    """Let methods of the tests run in this process, as methods of the project do."""
+    monkeypatch.setattr("eval.run.targets.OURS", OURS)
+
+
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory) -> Path:
     """Run a small experiment with results, a failure and a skipped run; return the CSV of its rows.
@@ -28,11 +36,13 @@ def tiny(tmp_path_factory) -> Path:
     The rows and the run folders lie in the folder `out` where the commands put them.
     """
     out = tmp_path_factory.mktemp("tiny") / "out"
-    for angle in (10.0, 40.0):
-        source = {"_target_": "eval_cases.bumpy_task", "level": 2, "angle": angle}
-        for method, config in METHODS.items():
-            task = bumpy_task(level=2, angle=angle)
-            run(task, config, name=method, root=out / "runs" / "tiny", source=source)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eval.run.targets.OURS", OURS)
+        for angle in (10.0, 40.0):
+            source = {"_target_": "eval_cases.bumpy_task", "level": 2, "angle": angle}
+            for method, config in METHODS.items():
+                task = bumpy_task(level=2, angle=angle)
+                run(task, config, name=method, root=out / "runs" / "tiny", source=source)
     write_csv(out / "rows" / "tiny.csv", collect(out / "runs" / "tiny"))
     return out / "rows" / "tiny.csv"
 

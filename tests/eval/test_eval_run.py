@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from time import sleep
 
 import numpy as np
@@ -12,6 +13,8 @@ from eval_cases import bumpy_task, run
 import eval.run.attempt as attempt_module
 import eval.run.run as run_module
 from eval.metrics import METRICS, measure
+from eval.rows.collect import collect
+from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, run_folders
 from eval.run import environment
 from sshade.core.errors import InputError
@@ -19,6 +22,8 @@ from sshade.core.progress import silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 from tests.shapes import bumpy
+
+pytestmark = pytest.mark.usefixtures("in_process")
 
 ARAP = {"_target_": "baselines.arap.arap", "max_iterations": 5, "warm_up": {"max_iterations": 1}}
 STRETCHING = {"_target_": "eval_cases.stretching", "factor": 2.0}
@@ -78,36 +83,48 @@ def resulting(V, **facts) -> DeformationResult:
         (lambda V: resulting(1e200 * V), "coordinates up to"),
         (lambda V: sys.exit(3), "SystemExit: 3"),
         (lambda V: None, "returned NoneType"),
-        (lambda V: resulting(V, iterations="many"), "ValueError: "),
+        (lambda V: resulting(V, iterations="many"), "iterations is 'many'; it takes a number from 0 on"),
+        (lambda V: resulting(V, iterations=np.nan), "iterations is nan"),
+        (lambda V: resulting(V, seconds={"solve": np.nan}), "seconds['solve'] is nan"),
+        (lambda V: resulting(V, seconds={"solve": -1.0}), "seconds['solve'] is -1.0"),
+        (lambda V: resulting(V, seconds={"total": 0.0}), "seconds['total'], which the evaluator measures"),
+        (lambda V: resulting(V, converged="yes"), "converged is 'yes'; it takes True, False or None"),
+        (lambda V: resulting(V, extra={"peak_mib": 1.0}), "extra['peak_mib'], which the evaluator measures"),
+        (lambda V: resulting(V, extra={"options": {"name": "fast"}}), "extra['options'] has 'name'"),
+        (lambda V: resulting(V, extra={"options": "fast"}), "takes a mapping"),
+        (lambda V: Path("/\udc80").read_text(), "No such file or directory: '/\\udc80'"),
     ],
 )
 def test_a_method_without_a_usable_result_leaves_a_failed_row(task, tmp_path, monkeypatch, method, reason):
     monkeypatch.setattr("eval_cases.stretching", lambda task, *, seed, progress=silent: method(task.mesh.V))
+    monkeypatch.setattr(attempt_module, "is_ours", lambda method: False)
     done = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path)
     assert done.row["status"] == "failed" and reason in done.row["reason"]
     assert not any(name.startswith("metric.") for name in done.row) and not done.row.get("env.warmed_up")
     assert not (done.folder / "vertices.npy").exists()
+    write_csv(tmp_path / "rows.csv", collect(tmp_path))
+    assert records(read_csv(tmp_path / "rows.csv"))[0]["reason"] == done.row["reason"]
 
 
-def test_what_a_method_leaves_behind_changes_neither_result_nor_name_nor_clock(task, tmp_path, monkeypatch):
-    """A thread of the method may write into the array that the method returned."""
+def test_a_thread_of_a_method_that_writes_into_its_result_changes_no_measure(task, tmp_path, monkeypatch):
     kept = task.mesh.V.copy()
-    claims = {"name": "fast", "target": "sshade.deform", "version": 9, "hash": "0", "note": "best"}
-
-    def method(task, *, seed, progress=silent):
-        seconds = {"cpu": 0.0, "total": 0.0, "solve": 1.0}
-        return resulting(kept, extra={"options": claims}, seconds=seconds)
 
     def measured(task, vertices):
         kept[:] = 2 * task.mesh.V
         return measure(task, vertices)
 
-    monkeypatch.setattr("eval_cases.stretching", method)
+    monkeypatch.setattr("eval_cases.stretching", lambda task, *, seed, progress=silent: resulting(kept))
     monkeypatch.setattr(run_module, "measure", measured)
     row = run(task, {"_target_": "eval_cases.stretching", "warm_up": None}, name="s", root=tmp_path).row
-    assert row["metric.volume"] == 0 and (row["method.name"], row["method.version"]) == ("s", 1)
-    assert row["method.target"] == "eval_cases.stretching" and "method.note" not in row
-    assert row["seconds.solve"] == 1.0 and row["seconds.total"] > 0 < row["seconds.cpu"]
+    assert row["metric.volume"] == 0
+
+
+def test_an_old_row_with_a_lone_surrogate_is_collected(task, tmp_path):
+    folder = run(task, {"_target_": "eval_cases.failing"}, name="f", root=tmp_path).folder
+    text = (folder / "row.json").read_text()
+    (folder / "row.json").write_text(text.replace("always fails", "\\udc80 \\u00e4"))
+    write_csv(tmp_path / "rows.csv", collect(tmp_path))
+    assert read_csv(tmp_path / "rows.csv")["reason"].tolist() == ["ArithmeticError: this method \\udc80 ä"]
 
 
 def test_the_key_follows_configuration_versions_task_and_seed(task, tmp_path, monkeypatch):
@@ -170,6 +187,7 @@ def known_task(level: int) -> DeformationTask:
         ({}, {"_target_": "test_eval_run.known_task", "level": 2}, "known_task gives the true pose before"),
         ({"version": 0}, None, "method.version=0 does not fit"),
         ({"factor": np.nan}, None, "method.factor is NaN"),
+        ({"name": "fast"}, None, "a method cannot have the parameter 'name'"),
     ],
 )
 def test_a_configuration_that_no_run_can_follow_is_refused(task, tmp_path, method, source, words):

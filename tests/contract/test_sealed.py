@@ -1,0 +1,135 @@
+"""Methods of others look for the true pose, or attack measures, clocks and other methods, in vain."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baselines.identity import identity
+from defaust.build.dataset import build
+from defaust.tasks import load_task
+from eval.main import main
+from eval.metrics import measure
+from eval.rows.collect import collect
+from eval.rows.frame import records
+from eval.run.environment import digest
+from sshade.files.meshes import read_mesh
+from tests.defaust.toy import OPTIONS, Balls
+from tests.full import few
+
+#: `peeking` lists what it was given, and all arrays of positions that it can reach: in objects that the
+#: garbage collector knows, in modules and their caches, and in the local variables of its callers.
+METHODS = """
+import gc
+import json
+import os
+import sys
+import time
+
+import numpy as np
+
+import eval.metrics
+import eval.run.attempt
+from eval.run.environment import digest
+from sshade import DeformationResult
+
+
+def reachable():
+    frame, todo = sys._getframe(), [*gc.get_objects(), *sys.modules.values()]
+    while frame is not None:
+        todo.extend(frame.f_locals.values())
+        frame = frame.f_back
+    seen = {}
+    while todo:
+        thing = todo.pop()
+        if id(thing) not in seen:
+            seen[id(thing)] = thing
+            todo.extend(gc.get_referents(thing))
+            if issubclass(type(thing), np.ndarray) and thing.base is not None:
+                todo.append(thing.base)
+    return seen.values()
+
+
+def peeking(task, *, seed, progress):
+    arrays = [x for x in reachable() if issubclass(type(x), np.ndarray) and x.ndim == 2 and x.shape[1] == 3]
+    found = {digest(np.asarray(x, dtype=float).tobytes()) for x in arrays if x.dtype.kind == "f"}
+    shown = {"truth": task.truth, "name": task.name, "meta": dict(task.meta), "found": sorted(found)}
+    with open(f"shown_{seed}.json", "w") as file:
+        json.dump(shown, file)
+    return at_rest(task)
+
+
+def at_rest(task):
+    return DeformationResult(task.mesh.V, iterations=0, converged=None)
+
+
+def ending(task, *, seed, progress):
+    os._exit(0)
+
+
+def leaving(task, *, seed, progress):
+    \"\"\"End the process, while a child of it keeps the connection to the evaluator open.\"\"\"
+    if os.fork() == 0:
+        time.sleep(20)
+    os._exit(0)
+
+
+def poisoning(task, *, seed, progress):
+    for thing in (task, task.mesh, task.handles):
+        vars(thing).update(diagonal=1e9, n=1, index=np.zeros(1, dtype=int))
+    vars(task.mesh)["V"] = np.zeros(task.mesh.V.shape)
+    return at_rest(task)
+
+
+def lying(task, *, seed, progress):
+    time.sleep(0.5)
+    for name, metric in eval.metrics.METRICS.items():
+        vars(metric)["function"] = lambda deformed: 0.0
+    eval.run.attempt.perf_counter = eval.run.attempt.process_time = time.perf_counter = lambda: 1.0
+    return at_rest(task)
+"""
+SWEEP = "run -m --config-dir conf dataset.root=balls subject=1 pose=2 method="
+
+
+@pytest.fixture
+def balls(here):
+    """A dataset whose poses are not rigid, and the methods; they are in the working folder."""
+    build(Balls(stretch=1.5), here / "balls", options=OPTIONS, workers=1)
+    (here / "mymethods.py").write_text(METHODS)
+    (here / "conf/method").mkdir(parents=True)
+    for name in ("peeking", "ending", "leaving", "poisoning", "lying"):
+        text = f"_target_: mymethods.{name}\n_partial_: true\nwarm_up: null\n"
+        (here / f"conf/method/{name}.yaml").write_text(text)
+    return here / "balls"
+
+
+@pytest.mark.parametrize("resolution", few(["high", "low"], "high"))
+def test_no_method_finds_the_truth_in_its_process(balls, resolution):
+    assert main([*SWEEP.split()[:-1], "method=peeking", "seed=0,1", f"dataset.resolution={resolution}"]) == 0
+    task = load_task(balls, subject=1, pose=2, resolution=resolution)
+    registered = read_mesh(balls / "subject_01/pose_2_low.ply")
+    answers = {digest(np.ascontiguousarray(V).tobytes()) for V in (task.truth, registered.V)}
+    for seed in (0, 1):  # the truth of the first run has been in memory before the second
+        (row,) = [json.loads(p.read_text()) for p in balls.parent.rglob(f"seed_{seed}_*/row.json")]
+        shown = json.loads((balls.parent / f"shown_{seed}.json").read_text())
+        assert digest(task.mesh.V.tobytes()) in shown["found"]
+        assert not answers & set(shown["found"])
+        assert (shown["truth"], shown["name"], shown["meta"]) == (None, row["task.checksum"], {})
+        # The result is the rest shape, and the row tells how far it is from the truth.
+        assert row["metric.truth_distance"] > 1 and row["task.meta.posed_by"] == task.meta["posed_by"]
+
+
+def test_no_method_changes_measures_clocks_or_other_runs(balls, capfd):
+    names = ["ending", "leaving", "poisoning", "lying", "identity"]
+    assert main(f"{SWEEP}{','.join(names)}".split()) == 1
+    lines = capfd.readouterr().out.splitlines()
+    assert len(lines) == 5 and lines[0].startswith("[1/5] ending on ")
+    assert "failed (the process ended with exit code 0)" in lines[0] and "exit code 0" in lines[1]
+    rows = {row["method.name"]: row for row in records(collect(balls.parent / "out/runs/single"))}
+    assert [rows[name]["status"] for name in names] == ["failed", "failed", "ok", "ok", "ok"]
+    task = load_task(balls, subject=1, pose=2)
+    moved = identity(task).vertices
+    for name, V in {"poisoning": 0 * abs(task.mesh.V), "lying": task.mesh.V, "identity": moved}.items():
+        measured = measure(task, V)
+        assert {metric: rows[name][f"metric.{metric}"] for metric in measured} == measured
+    assert 0.5 < rows["lying"]["seconds.total"] < 5 and rows["identity"]["seconds.total"] > 0
