@@ -108,11 +108,11 @@ robustness: $(READY)
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt \
 	  -e '.[bench,torch,neo-hookean]'
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -n 2 --dist loadfile
+	$(BIN)/coverage run -m pytest -n 2 --dist loadfile --timeout=600
 	$(BIN)/coverage combine -q
 	for package in sshade baselines defaust eval; do \
 	  $(BIN)/coverage report --skip-covered --include="$$package/*" --fail-under=93 || exit 1; done
-	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2
+	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2 --timeout=3600
 
 ablations: $(READY) $(QUICK)/dataset.json
 	$(foreach name,$(ABLATIONS),$(BIN)/sshade-eval run -m $($(name)) run.experiment=$(name) &&) true

@@ -16,15 +16,17 @@ from defaust.sources.source import read_asset
 from defaust.sources.synthetic import SHA256, SyntheticBodies
 from defaust.tasks import load_task
 from tests.defaust.toy import change
+from tests.full import few
 from tools.bake.bodies import add_poses, without_reaches
 
 BODIES, NEW = SyntheticBodies(), NewBodies()
+#: Sources, each with a subject and the steps of subdivision.
+BUILT = {"new": (NEW, 12, 0), "noisy": (NoisyBodies(noise=4.0), 5, 0), "animals": (Animals(), 1, 1)}
 
 
-@pytest.mark.parametrize(
-    ("source", "subject"), [*((BODIES, s) for s in BODIES.subjects), *((NEW, s) for s in NEW.subjects)]
-)
-def test_bodies_are_closed_and_in_correspondence(source, subject):
+@pytest.mark.parametrize("subject", few([*BODIES.subjects, *NEW.subjects], 4, 12))
+def test_bodies_are_closed_and_in_correspondence(subject):
+    source = BODIES if subject in BODIES.subjects else NEW
     rest, *posed = [source.rest(subject), *(source.posed(subject, pose) for pose in source.poses(subject))]
     assert 1.4 < np.ptp(rest.V[:, 1]) < 1.95
     crossed = [self_intersecting(mesh).mean() for mesh in (rest, *posed)]
@@ -52,6 +54,7 @@ def test_bones_follow_the_chain_and_a_twist_does_not_collapse():
     np.testing.assert_allclose(apply_motions(blended, np.array([[0.5, 1.0, 0]])), [[0.5, 0, 1]], atol=1e-8)
 
 
+@pytest.mark.full
 def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
     arrays = read_asset("bodies", sha256=SHA256)
     first = arrays | {name: arrays[name][:1] for name in ("offset", "joints", "rotations", "shifts")}
@@ -62,12 +65,9 @@ def test_the_shipped_poses_can_be_baked_again_from_the_shipped_bodies():
         np.testing.assert_allclose(again[name], first[name], atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("source", "subject", "steps"),
-    [(NEW, 12, 0), (NoisyBodies(noise=4.0), 5, 0), (Animals(), 1, 1)],
-    ids=["new", "noisy", "animals"],
-)
-def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(source, subject, steps, tmp_path):
+@pytest.mark.parametrize("name", few(BUILT, "noisy"))
+def test_a_build_is_sound_and_high_and_low_resolution_have_one_true_pose(name, tmp_path):
+    source, subject, steps = BUILT[name]
     options = BuildOptions(subjects=(subject,), target_vertices=8000, ls3_steps=steps)
     build(source, tmp_path / "out", options=options, workers=1)
     assert verify(tmp_path / "out") == []

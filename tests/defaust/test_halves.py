@@ -49,6 +49,7 @@ def test_held_out_bodies_are_other_bodies_than_those_of_tuning_cases(cases):
         assert apart > SAME_BODY, (s, t)
 
 
+@pytest.mark.full
 def test_no_held_out_pose_turns_the_surface_as_a_tuning_pose_does(cases):
     tuning, held_out = (
         {(pose.name, s): normals(source, s, pose) for (source, s), own in half.items() for pose in own}

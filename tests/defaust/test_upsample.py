@@ -34,12 +34,11 @@ def test_counts_topology_and_shape(ball, target, steps):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the variable is for the C library of Linux")
-@pytest.mark.parametrize("byte", ["1", "255"])
-def test_what_memory_held_before_changes_nothing(byte):
+def test_what_memory_held_before_changes_nothing():
     code = "from defaust.build.upsample import *; from tests.shapes import bumpy; import sys; " + (
         "sys.stdout.buffer.write(upsample(bumpy(4), BuildOptions(target_vertices=500)).mesh.V.tobytes())"
     )
-    environment = {**os.environ, "MALLOC_PERTURB_": byte, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "MALLOC_PERTURB_": "255", "PYTHONPATH": str(Path(__file__).parents[2])}
     found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
     expected = upsample(bumpy(4), BuildOptions(target_vertices=500)).mesh.V
     assert np.array_equal(np.frombuffer(found.stdout).reshape(-1, 3), expected)

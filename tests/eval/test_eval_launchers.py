@@ -13,6 +13,7 @@ NEEDS = {
     "ray": "hydra_plugins.hydra_ray_launcher",
 }
 JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+LOST = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
 RUNS = ["-m", "dataset=bumpy", "method=failing,identity"]
 
 
@@ -24,11 +25,12 @@ def basic(tmp_path_factory):
     return done, collect(folder / "out/runs/single")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("launcher", "options"),
     [
         ("joblib", ["hydra.launcher.n_jobs=2"]),
-        pytest.param("submitit_local", [], marks=pytest.mark.full),
+        ("submitit_local", []),
         ("ray", ["+hydra.launcher.ray.init.num_cpus=2", "hydra.launcher.ray.init.address=local"]),
     ],
 )
@@ -44,10 +46,20 @@ def test_another_launcher_gives_the_same_rows(tmp_path, basic, launcher, options
     assert rows["env.jobs"].tolist() == [2, 2]
 
 
-def test_a_lost_worker_is_told(tmp_path):
+@pytest.mark.full
+def test_a_lost_worker_ends_a_sweep(tmp_path):
     pytest.importorskip(NEEDS["joblib"], reason="the extra joblib is not installed")
     done = run_program(tmp_path, "-m", "dataset=bumpy", "method=dying", "seed=0,1", *JOBLIB)
-    assert done.returncode == 1
-    told = "failed: a worker was lost (TerminatedWorkerError); the same command goes on from there"
-    assert told in done.stderr.splitlines()
-    assert "Traceback" not in done.stderr
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert LOST in done.stderr.splitlines()
+
+
+def test_a_lost_worker_is_told_in_one_line(tmp_path, monkeypatch):
+    executor = pytest.importorskip("joblib.externals.loky.process_executor")
+
+    def lost(*_, **__):
+        raise executor.TerminatedWorkerError("a long story")
+
+    monkeypatch.setattr("eval.run.app._run_hydra", lost)
+    done = run_eval(tmp_path, "-m", "dataset=bumpy", "method=identity")
+    assert (done.returncode, done.stderr) == (1, f"{LOST}\n")
