@@ -35,6 +35,9 @@ ON_TARGET = 1e-6
 MISSED = 1e-4
 #: Rounding of positions that is worth a note, as a fraction of the bounding-box diagonal.
 COARSE = 1e-6
+#: Length of triangles that are long, as a fraction of the diagonal, and least number of triangles that a bend
+#: between fixed and moved handles needs.
+LONG, STEPS = 0.03, 3
 #: Largest number of vertices that a note names.
 NAMED = 10
 
@@ -244,6 +247,8 @@ def handle_notes(
             f"{merged} merged with another position of the group at the same vertex; the vertex goes to the "
             f"mean of their targets, at most {apart} from each target"
         )
+    if note := _long_triangles(handles, mesh):
+        found.append(note)
     turned = []
     for group in file.groups:
         if group.motion is not None and group.motion.center is None and not group.motion.is_translation:
@@ -257,3 +262,25 @@ def handle_notes(
             'of the bounding box of its vertices; "center": "centroid" moves them about their mean'
         )
     return found
+
+
+def _long_triangles(handles: Handles, mesh: Mesh) -> str:
+    """Return a sentence if the triangles that deform are long; empty if they are not."""
+    fixed, moved = (mesh.V[handles.index[handles.dynamic == moves]] for moves in (False, True))
+    if not (len(fixed) and len(moved)):
+        return ""
+    group = np.full(mesh.n, -1)
+    group[handles.index] = handles.group
+    first = group[mesh.F[:, :1]]
+    free = (first < 0)[:, 0] | (group[mesh.F] != first).any(axis=1)
+    P, area = mesh.V[mesh.F[free]], mesh.face_areas[free]
+    if not area.any():
+        return ""
+    length = float(np.average(np.linalg.norm(P - P[:, [1, 2, 0]], axis=2).max(axis=1), weights=area))
+    distance = float(cKDTree(fixed).query(moved)[0].min())
+    if length <= max(LONG * mesh.diagonal, distance / STEPS):
+        return ""
+    return (
+        f"the triangles between the handles are {length:.3g} long in the mean, and fixed and moved handles "
+        f"are {distance:.3g} apart; a surface bends at its vertices alone: subdivide it, or it may crumple"
+    )

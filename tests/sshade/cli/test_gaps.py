@@ -1,14 +1,16 @@
-"""Parts that come apart are named: by the file, by a handle group, or by a vertex."""
+"""Notes on what a surface cannot do: parts that come apart, and triangles too long to bend."""
 
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
-from tests.shapes import beside, shifted, tube
+from sshade.files.task_files import write_handles
+from tests.shapes import beside, block, end_handles, icosphere, shifted, tube
 from tests.write import obj
 
 TUBE = tube(12, 8, length=2.0)
@@ -58,3 +60,24 @@ def test_a_chain_of_tubes_that_overlap_reports_where_it_opens(here, suffix, name
     if suffix == ".ply":  # of all poses, the widest gap
         assert main(["deform", "chain.ply", "pose_2.json", "pose.json", "-o", "out_%d.ply"]) == 0
         assert "came apart by up to 24 %" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("mesh", "long"),
+    [
+        (trimesh.creation.box((1, 1, 6)), True),
+        (trimesh.creation.cylinder(1, 6, sections=12), True),
+        (block(np.ones((1, 1, 6)), cells=4), False),
+        (tube(24, 40), False),
+        (icosphere(2), False),
+    ],
+    ids=["box", "cylinder", "fine box", "fine tube", "ball"],
+)
+def test_triangles_that_are_too_long_to_bend_are_named(here, mesh, long, capsys):
+    """The long sides of the box are two triangles each."""
+    V, F = (mesh.vertices, mesh.faces) if long else (mesh.V, mesh.F)
+    write_mesh("a.ply", V, F)
+    write_handles("a.json", end_handles(V, share=0.15))
+    assert main(["deform", "a.ply", "a.json", "-o", "b.ply"]) == 0
+    said = capsys.readouterr().err
+    assert ("a surface bends at its vertices alone: subdivide it" in said) == long
