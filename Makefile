@@ -39,9 +39,9 @@ ablation_projection := experiment=ablation method=ablation/paper method.projecti
 ablation_touching   := dataset=hairpin dataset.gap=0.01,0.02,0.05,0.1 method=ablation/paper \
   method.projection=fan,surface proxy.vertices=500
 ablation_handles    := experiment=ablation method=ablation/paper method.handle_mode=samples,nearest
-ablation_function   := experiment=ablation method.frame_function=extent,best,x,y,z
-ablation_frames     := experiment=ablation method.frames=triangle,affine,blended,blended_affine \
-  method.samplings=1,5 label='paper-$${method.frames}-$${method.samplings}'
+ablation_function   := experiment=ablation method=ablation/paper method.frame_function=extent,best,x,y,z
+ablation_frames     := experiment=ablation method=ablation/paper method.samplings=1,5 \
+  method.frames=triangle,affine,blended,blended_affine label='paper-$${method.frames}-$${method.samplings}'
 ablation_coarse     := experiment=ablation \
   method@method.coarse=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr
 TRANSFERS := isometric pose_transfer
@@ -151,7 +151,7 @@ verify = { $(BIN)/sshade-eval run -m $($(2)) dataset.root=$(VERIFY)/$(1) run.exp
 
 table1_lowres := experiment=table1 pose=all dataset.resolution=low method=arap,elastic,arap_sr
 table1 := experiment=table1 pose=all method=arap,elastic,arap_sr,implicit_arap_cpu,paper_plain
-isometric := experiment=isometric run.split=both pose=all method.frames=triangle method.samplings=10
+isometric := experiment=isometric method=transfer/paper run.split=both pose=all method.frames=triangle method.samplings=10
 
 docs: $(READY) $(QUICK)/dataset.json
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[bench,docs]'

@@ -14,7 +14,6 @@ from sshade.method.deform import deform_task
 from sshade.problem.handle_checks import ids_of
 from sshade.problem.options import accepted, require_method, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
-from sshade.proxy.binding import vertex_values
 
 ShapeT = TypeVar("ShapeT")
 
@@ -151,9 +150,6 @@ def deform(
         b = ids_of(b, len(opened.V))
         if rotations is not None and np.ndim(rotations) == 2:
             rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))
-        values = options.get("frame_function")
-        if values is not None and not isinstance(values, str):
-            options["frame_function"] = opened.surface.picked(vertex_values(values, len(opened.V)))
         handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
         task = opened.task("mesh", opened.on_surface(handles), refuse_unconstrained=refuse_unconstrained)
         return opened.moved(result_of(task, run(task, **options)).vertices)

@@ -18,7 +18,6 @@ from sshade.method.junctions import deform_joined
 from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationTask, Handles
-from sshade.proxy.binding import vertex_values
 from sshade.proxy.sample import least_vertices, proxy_vertices, shared_vertices
 
 
@@ -178,8 +177,6 @@ class ComponentSet:
             changes["volume"] = 0.0
             if self._options.thickness:
                 changes["thickness"] = 0.0
-        if not isinstance(function := self._options.frame_function, str):
-            changes["frame_function"] = vertex_values(function, len(self._number))[origin]
         guess = None if guess is None else guess[origin]
         return DeformationTask("component", shape, handles, guess=guess), changes
 

@@ -86,7 +86,7 @@ def deform_joined(
     solver = OnceSolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))
     solved = solver(on_proxy, volume_goal=1.0, stop=free.stop)
     assert solved.rotations is not None
-    binding = bind_proxy(parts, sampling, frames=frame_maker("blended", parts))
+    binding = bind_proxy(parts, sampling, frames=frame_maker("blended"))
     return binding.carry(solved.positions[number], rotations=solved.rotations[number])[0]
 
 

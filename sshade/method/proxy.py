@@ -69,7 +69,7 @@ class Shared:
     Raises
     ------
     InputError
-        On another mesh, or a frame function that does not fit the mesh.
+        On another mesh.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Shared:
     ) -> None:
         self.mesh, self.sample, self.projection = mesh, sample, projection
         self.faces_without_area = int(mesh.without_area.sum())
-        self.frames = frame_maker(options.frames, mesh, frame_function=options.frame_function)
+        self.frames = frame_maker(options.frames)
         begin = perf_counter()
         self._graph = vertex_graph(mesh)
         self.graph_seconds = perf_counter() - begin

@@ -180,7 +180,7 @@ def coarser_start(task: DeformationTask, options: Options, stop: Stop, progress:
         regions = HandleRegions(mesh, handles, vertices=vertices, graph=vertex_graph(mesh))
         sampling, place = sample_with_handles(mesh, regions, (options.seed, 0))
         coarser = DeformationTask("coarser", proxy_mesh(mesh, sampling), place(handles))
-        frames = frame_maker("blended", mesh)
+        frames = frame_maker("blended")
         with (
             beside(partial(bind_proxy, mesh, sampling, frames=frames), size=mesh.n) as binding,
             beside(partial(prepare, coarser, options), size=coarser.mesh.n) as prepared,

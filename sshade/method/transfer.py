@@ -71,7 +71,7 @@ def transfer(
     cut = cut_surface(task.rest)
     rest, posed = cut.mesh, task.posed[cut.origin]
     edited = None if task.mesh.V is task.rest.V else task.mesh.V[cut.origin]
-    frames = frame_maker(resolved.frames, rest, frame_function=resolved.frame_function)
+    frames = frame_maker(resolved.frames)
     begin = perf_counter()
     graph = vertex_graph(rest)
     graph_seconds = perf_counter() - begin

@@ -49,10 +49,7 @@ class Options:
         blended frames need one proxy.
     frames : str or FrameMaker
         Local frames that prolong the proxy's deformation to the mesh: rigid frames of its triangles as in
-        the paper, affine maps of its triangles, or frames at its vertices blended over each triangle.
-    frame_function : str or (n,) float64
-        Scalar whose gradient directs triangle frames: the coordinate of largest extent, the steepest
-        coordinate in each triangle, or a named coordinate. Change it to compare; blended frames ignore it.
+        the paper, or frames at its vertices blended over each triangle.
     workers : int, optional
         Number of threads; by default two for each CPU for samplings, one for each CPU for a single proxy and
         the polish. Results do not depend on it.
@@ -129,8 +126,7 @@ class Options:
     vertices: int = _option(6000, "[1, inf)")
     coarser: int = _option(4, "[1, inf)")
     samplings: int = _option(5, "[1, inf)", "paper fast")
-    frames: Any = _option("triangle", "triangle affine blended blended_affine", "paper fast")
-    frame_function: Any = _option("extent", "extent best x y z", "paper fast")
+    frames: Any = _option("triangle", "triangle blended", "paper fast")
     workers: int | None = _option(None, "[1, inf)")
     seed: int = _option(0, "[0, inf)")
     volume: float = _option(0.0, "[0, inf]")
@@ -180,7 +176,7 @@ ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
 MATRIX = ("bending", "thickness", "inertia")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Proxy": ("vertices", "coarser", "samplings", "frames", "frame_function", "workers", "seed"),
+    "Proxy": ("vertices", "coarser", "samplings", "frames", "workers", "seed"),
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", *MATRIX),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "accelerate"),

@@ -24,7 +24,6 @@ def bind(
     first: np.ndarray | None = None,
     seed: int | tuple[int, ...] = 0,
     frames: FrameKind | FrameMaker = "triangle",
-    frame_function: str | np.ndarray = "extent",
     graph: VertexGraph | None = None,
 ) -> Binding:
     """Sample a mesh M to a proxy N, project M onto N and encode M in N's frames.
@@ -33,7 +32,7 @@ def bind(
     ----------
     mesh : Mesh
         M: manifold and oriented; one component, if there is `first`.
-    vertices, coarser, frames, frame_function
+    vertices, coarser, frames
         See :class:`sshade.problem.options.Options`.
     first : (h,) int, optional
         Vertices of M that become the first vertices of N.
@@ -45,13 +44,12 @@ def bind(
     Raises
     ------
     InputError
-        See :func:`sshade.proxy.sample.sample_proxy`, :func:`sshade.proxy.binding.frame_maker` and
-        :func:`sshade.proxy.triangle.frame_values`.
+        See :func:`sshade.proxy.sample.sample_proxy` and :func:`sshade.proxy.binding.frame_maker`.
     """
     require_mesh(mesh, "bind")
     sizes = checked({"vertices": vertices, "coarser": coarser}, ("vertices", "coarser"), subject="bind")
     vertices, coarser = sizes["vertices"], sizes["coarser"]
-    maker = frame_maker(frames, mesh, frame_function=frame_function)
+    maker = frame_maker(frames)
     begin = perf_counter()
     count = proxy_vertices(vertices, mesh.n, 0 if first is None else len(first), coarser=coarser)
     if first is None and mesh.connectivity.components > 1:

@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sshade.core.errors import InputError
 from sshade.core.threads import ThreadTeam
@@ -17,60 +16,35 @@ from sshade.proxy.blended import BlendedFrames
 from sshade.proxy.frames import FrameMaker, Frames, checked_out
 from sshade.proxy.projection import Projection, Projector, project_to_fans
 from sshade.proxy.sample import Sampling, proxy_mesh
-from sshade.proxy.triangle import AffineFrames, TriangleFrames
+from sshade.proxy.triangle import TriangleFrames
 
-FrameKind = Literal["triangle", "affine", "blended", "blended_affine"]
+FrameKind = Literal["triangle", "blended"]
 
 
-def frame_maker(
-    frames: FrameKind | FrameMaker, mesh: Mesh, *, frame_function: str | np.ndarray = "extent"
-) -> FrameMaker:
+def frame_maker(frames: FrameKind | FrameMaker) -> FrameMaker:
     """Return a function that makes frames of a named kind.
 
     Parameters
     ----------
-    frames : {"triangle", "affine", "blended", "blended_affine"} or FrameMaker
-        ``triangle``: the paper's rigid frames. ``affine``: affine maps of triangles (both
-        :mod:`sshade.proxy.triangle`). ``blended`` and ``blended_affine``: frames at the proxy's
-        vertices, blended over each triangle, that turn, or turn and stretch (:mod:`sshade.proxy.blended`).
-        A function is returned itself.
-    mesh : Mesh
-        M.
-    frame_function : {"extent", "best", "x", "y", "z"} or (n,) float64
-        f of ``triangle`` frames, by name or by the value at each vertex of M; see
-        :func:`sshade.proxy.triangle.frame_values`.
+    frames : {"triangle", "blended"} or FrameMaker
+        ``triangle``: the paper's rigid frames (:mod:`sshade.proxy.triangle`). ``blended``: frames at the
+        proxy's vertices, blended over each triangle (:mod:`sshade.proxy.blended`). A function is returned
+        itself.
 
     Raises
     ------
     InputError
-        On an unknown name, or a wrong number of values.
+        On an unknown name.
     """
-    if not isinstance(frame_function, str):
-        frame_function = vertex_values(frame_function, mesh.n)
     if callable(frames):
         return frames
-
-    def triangle(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
-        f = frame_function if isinstance(frame_function, str) else frame_function[samples]
-        return TriangleFrames.at_rest(proxy, f)
-
     makers: dict[str, FrameMaker] = {
-        "triangle": triangle,
-        "affine": lambda proxy, _: AffineFrames(proxy),
+        "triangle": lambda proxy, _: TriangleFrames.at_rest(proxy),
         "blended": lambda proxy, _: BlendedFrames(proxy),
-        "blended_affine": lambda proxy, _: BlendedFrames(proxy, stretch=True),
     }
     if frames not in makers:
         raise InputError(f"unknown frames {frames!r}; use one of {', '.join(makers)}")
     return makers[frames]
-
-
-def vertex_values(frame_function: ArrayLike, n: int) -> np.ndarray:
-    """Return the values (n,) of a frame function at the vertices; raise InputError on another shape."""
-    values = np.asarray(frame_function)
-    if values.shape != (n,):
-        raise InputError(f"a frame function needs {n} values, one a vertex, not {values.shape}")
-    return values
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from sshade.core.atomic import INCOMPLETE, expecting, naming, read_npz, replacin
 from sshade.core.errors import InputError
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.proxy.binding import Binding, FrameKind, bind_proxy, frame_maker
+from sshade.proxy.frames import FrameMaker
 from sshade.proxy.sample import Sampling
 from sshade.proxy.triangle import TriangleFrames
 
@@ -45,7 +46,9 @@ def save_binding(path: str | os.PathLike[str], binding: Binding) -> None:
         np.savez(file, **arrays)
 
 
-def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | None = None) -> Binding:
+def load_binding(
+    path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind | FrameMaker | None = None
+) -> Binding:
     """Read a binding written by :func:`save_binding`.
 
     Parameters
@@ -53,14 +56,15 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
     path : path
     mesh : Mesh
         The mesh that the binding was made for. It is projected onto the proxy anew.
-    frames : {"triangle", "affine", "blended", "blended_affine"}, optional
+    frames : {"triangle", "blended"} or FrameMaker, optional
         Kind of frames; by default the saved kind. ``triangle`` frames use the saved frame function, or the
         default function if other frames were saved.
 
     Raises
     ------
     InputError
-        If the file is unreadable, incomplete, or made for a mesh with other counts or faces.
+        If the file is unreadable, incomplete, made for a mesh with other counts or faces, or with frames of
+        another kind while `frames` is left out.
     """
     require_mesh(mesh, "load_binding")
     arrays = read_npz(path, what=WHAT)
@@ -80,7 +84,7 @@ def load_binding(path: str | os.PathLike[str], mesh: Mesh, *, frames: FrameKind 
         _require_fit(sampling, values, mesh.n)
         if kind == "triangle" and values is not None:
             return bind_proxy(mesh, sampling, frames=lambda proxy, _: TriangleFrames.of_values(proxy, values))
-        return bind_proxy(mesh, sampling, frames=frame_maker(kind, mesh))  # type: ignore[arg-type]
+        return bind_proxy(mesh, sampling, frames=frame_maker(kind))  # type: ignore[arg-type]
 
 
 def _digest(F: np.ndarray) -> str:

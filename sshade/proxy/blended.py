@@ -27,10 +27,6 @@ Limits: at exactly half a turn both ways are equally short. Rotations fitted to 
 only a part of a twist between two vertices. If the corners of a triangle turn by more than a full turn in
 total, R(w) jumps at one of its edges; o(w) does not.
 
-Frames that stretch have symmetric matrices S_i in addition: R_i S_i is the affine map of the edges around the
-vertex (:mod:`sshade.proxy.vertex_maps`). The offset becomes R(w) S(w) (x - p) with S(w) = sum_i w_i S_i, and
-b_ij gets the second-order term of the stretch, R (S_i - S_j) (v_j - v_i) / 2 with R at the edge's middle.
-
 Sources: L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Geometric skinning with approximate dual quaternion
 blending", 2008 (screw motions between poses); A. Vlachos, J. Peters, C. Boyd, J. L. Mitchell, "Curved PN
 triangles", 2001 (curved triangles from data at their corners).
@@ -40,6 +36,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -73,22 +70,16 @@ class BlendedFrames(Frames):
     ----------
     proxy : Mesh
         N at rest.
-    stretch : bool
-        Whether frames stretch like the edges around their vertex, or only turn.
     """
 
+    name: ClassVar[str] = "blended"  # type: ignore[misc]
+
     proxy: Mesh
-    stretch: bool = False
 
     @cached_property
     def maps(self) -> VertexMaps:
         """Maps of the 1-rings of N at rest; not needed for prescribed rotations."""
         return VertexMaps.at_rest(self.proxy)
-
-    @property
-    def name(self) -> str:
-        """Kind of the frames; see :class:`sshade.proxy.frames.Frames`."""
-        return "blended_affine" if self.stretch else "blended"
 
     def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
         """Return the offsets x - p; see :class:`sshade.proxy.frames.Frames`."""
@@ -97,39 +88,45 @@ class BlendedFrames(Frames):
         return local
 
     def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
-        """Place points at o(w) + R(w) (x - p) or o(w) + R(w) S(w) (x - p).
+        """Place points at o(w) + R(w) (x - p).
 
-        Without `rotations`, and for frames that stretch, R_i is the rotation nearest to the affine map of
-        vertex i. See also :class:`sshade.proxy.frames.Frames`.
+        Without `rotations`, R_i is the rotation nearest to the affine map of the edges around vertex i. See
+        also :class:`sshade.proxy.frames.Frames`.
 
         Raises
         ------
         InputError
             If a matrix in `rotations` is not a rotation.
         """
-        F, missing = self.proxy.F, 0
-        if rotations is None or self.stretch:
+        missing = 0
+        if rotations is None:
             A, known = self.maps(NV)
-            R = nearest_rotations(A)
+            rotations = nearest_rotations(A)
             missing = int((~known).sum())
-        else:
-            R = np.ascontiguousarray(rotations, dtype=np.float64)
-        Q, error = quaternions(R)
-        if not error <= ORTHOGONAL:
-            raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
-        triangles = np.empty((len(F), WIDTH))
-        team.ranges(_triangles, len(F), F, NV, Q, triangles, rows=ROWS)
-        if self.stretch:
-            S = np.ascontiguousarray(R.transpose(0, 2, 1) @ A)
-            _add_stretch(triangles, F, self.proxy.V, Q, S)
+        triangles, _ = posed_triangles(self.proxy.F, NV, rotations, team)
 
         def place(first: int, end: int, local: np.ndarray, on: Projection, V: np.ndarray) -> None:
-            if self.stretch:
-                _stretch(first, end, local, on.face, on.barycentric, F, S, V)
-                local = V
-            _decode(first, end, local, on.face, on.barycentric, triangles, V)
+            place_blended(first, end, local, on.face, on.barycentric, triangles, V)
 
         return place, missing
+
+
+def posed_triangles(
+    F: np.ndarray, NV: np.ndarray, R: np.ndarray, team: ThreadTeam
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows T (l, :data:`WIDTH`) of triangles of N', and the quaternions (k, 4) of its vertices.
+
+    Raises
+    ------
+    InputError
+        If a matrix in R (k, 3, 3) is not a rotation.
+    """
+    Q, error = quaternions(np.ascontiguousarray(R, dtype=np.float64))
+    if not error <= ORTHOGONAL:
+        raise InputError(f"a rotation of the proxy's vertices is off by {error:.1e}: it is no rotation")
+    triangles = np.empty((len(F), WIDTH))
+    team.ranges(_triangles, len(F), F, NV, Q, triangles, rows=ROWS)
+    return triangles, Q
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
@@ -195,27 +192,6 @@ def _bulge(V, Q, i, j, out):
     return cosine
 
 
-@kernel(fastmath={"contract"})
-def _add_stretch(T, F, rest, Q, S):
-    """Add R (S_i - S_j) (v_j - v_i) / 2 to each b_ij, with R the blend of R_i and R_j in equal parts."""
-    q, g = np.empty(4), np.empty(3)
-    for t in range(len(F)):
-        for k in range(3):
-            i, j = F[t, (k + 1) % 3], F[t, (k + 2) % 3]
-            cosine = Q[i, 0] * Q[j, 0] + Q[i, 1] * Q[j, 1] + Q[i, 2] * Q[j, 2] + Q[i, 3] * Q[j, 3]
-            sign = 1.0 if cosine >= 0.0 else -1.0
-            for r in range(4):
-                q[r] = Q[i, r] + sign * Q[j, r]
-            for r in range(3):
-                g[r] = 0.0
-                for s in range(3):
-                    g[r] += 0.5 * (S[i, r, s] - S[j, r, s]) * (rest[j, s] - rest[i, s])
-            x, y, z = _turned(q[0], q[1], q[2], q[3], g[0], g[1], g[2])
-            T[t, BULGE + 3 * k] += x
-            T[t, BULGE + 3 * k + 1] += y
-            T[t, BULGE + 3 * k + 2] += z
-
-
 @subroutine
 def _turned(w, x, y, z, u, v, s):
     """Rotate the vector (u, v, s) by the quaternion (w, x, y, z) of any length."""
@@ -225,21 +201,8 @@ def _turned(w, x, y, z, u, v, s):
 
 
 @kernel(fastmath={"contract"})
-def _stretch(first, end, local, face, barycentric, F, S, V):
-    """Write the stretched offsets S(w) (x - p) to V."""
-    for i in range(first, end):
-        a, b, c = F[face[i], 0], F[face[i], 1], F[face[i], 2]
-        wa, wb, wc = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        for r in range(3):
-            u = wa * S[a, r, 0] + wb * S[b, r, 0] + wc * S[c, r, 0]
-            v = wa * S[a, r, 1] + wb * S[b, r, 1] + wc * S[c, r, 1]
-            w = wa * S[a, r, 2] + wb * S[b, r, 2] + wc * S[c, r, 2]
-            V[i, r] = u * x + v * y + w * z
-
-
-@kernel(fastmath={"contract"})
-def _decode(first, end, local, face, barycentric, T, V):
+def place_blended(first, end, local, face, barycentric, T, V):
+    """Write o(w) + R(w) local_i for points i, with rows T (l, WIDTH) of :func:`posed_triangles`."""
     for i in range(first, end):
         t, a, b, c = face[i], barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         bc, ca, ab = b * c, c * a, a * b

@@ -1,6 +1,6 @@
-"""Frames on the triangles of the proxy: the paper's rigid frames, and affine ones as an ablation.
+"""The paper's frames: rigid frames on the triangles of the proxy.
 
-The rigid frame of a triangle is its local reference frame:
+The frame of a triangle is its local reference frame:
 
     v_t = L_t^-1 (v - b_t)          coordinates on N at rest
     v'  = L_t' v_t + b_t'           position on N'
@@ -9,15 +9,6 @@ The origin b_t is the barycentre of triangle t. The columns of L_t = (g_t, w_t, 
 the gradient of a scalar function f on the triangle, the unit normal n_t, and w_t = g_t x n_t. The gradient is
 normalised; with its length in L, a stretch of the triangle along g would be inverted. L_t is orthogonal
 with determinant -1, which cancels between the frames at rest and deformed.
-
-Affine frames stretch with the triangle, where rigid frames only turn. A triangle with first corner a, edges
-e1, e2 and unit normal n, deformed to a', e1', e2', n', defines an affine map with the linear part A:
-
-    A = [e1' e2' n'] [e1 e2 n]^-1
-    x' = a' + A (x - a) .
-
-In the plane of the triangle the map interpolates the corners linearly, so that neighbouring triangles agree
-along their edge. Off the plane their normals differ, and x' jumps.
 
 Source: SShaDe, after S. Melzi, R. Spezialetti, F. Tombari, M. Bronstein, L. Di Stefano, E. Rodola, "GFrames:
 gradient-based local reference frame for 3D shape matching", 2019.
@@ -30,7 +21,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
 from sshade.core.threads import ThreadTeam
 from sshade.mesh.mesh import Mesh
@@ -44,51 +34,27 @@ from sshade.proxy.vertex_maps import adjacent_triangles, fill_from_neighbours
 FLAT = 0.1
 
 
-def frame_values(proxy: Mesh, function: str | np.ndarray = "extent") -> np.ndarray:
+def frame_values(proxy: Mesh, axis: int | None = None) -> np.ndarray:
     """Return the values of the frame function f at the corners of each triangle of N at rest.
+
+    f is a coordinate. Where its tangential gradient is shorter than :data:`FLAT`, the coordinate of largest
+    extent among the others replaces it.
 
     Parameters
     ----------
     proxy : Mesh
         N at rest.
-    function : {"extent", "best", "x", "y", "z"} or (k,) float64
-        ``extent`` is the coordinate of largest extent, as in the paper. ``best`` is, on each triangle, the
-        coordinate with the largest tangential gradient, whose length is at least sqrt(2/3). An array holds
-        one value for each vertex of N; it is scaled to a range of one bounding-box diagonal. If
-        the gradient is shorter than :data:`FLAT`, another function replaces f: the coordinate of next largest
-        extent in place of a coordinate, ``best`` in place of an array.
+    axis : int, optional
+        Number of the coordinate; by default the coordinate of largest extent, as in the paper.
 
     Returns
     -------
     (l, 3) float64
-
-    Raises
-    ------
-    InputError
-        On an unknown name, a wrong number of values, values that are not finite, or constant values.
     """
-    # Along axis c the tangential gradient has length sqrt(1 - n_c^2).
-    steepest = np.argmin(np.abs(proxy.face_normals), axis=1)
-    best = np.take_along_axis(proxy.V[proxy.F], steepest[:, None, None], axis=2)[:, :, 0]
     order = np.argsort(-np.ptp(proxy.V, axis=0), kind="stable")
-    if isinstance(function, str):
-        if function == "best":
-            return best
-        named = {"extent": order[0], "x": 0, "y": 1, "z": 2}
-        if function not in named:
-            raise InputError(f"unknown frame function {function!r}; use extent, best, x, y or z")
-        axis = named[function]
-        second = order[1] if axis == order[0] else order[0]
-        first, fallback = proxy.V[:, axis][proxy.F], proxy.V[:, second][proxy.F]
-    else:
-        values = np.asarray(function, dtype=np.float64)
-        if values.shape != (proxy.n,) or not np.isfinite(values).all():
-            raise InputError(
-                f"a frame function needs {proxy.n} finite values, one a proxy vertex, not {values.shape}"
-            )
-        if np.ptp(values) == 0:
-            raise InputError("the frame function is constant; it needs a gradient")
-        first, fallback = values[proxy.F] * (proxy.diagonal / np.ptp(values)), best
+    axis = order[0] if axis is None else axis
+    second = order[1] if axis == order[0] else order[0]
+    first, fallback = proxy.V[:, axis][proxy.F], proxy.V[:, second][proxy.F]
     flat = np.linalg.norm(_gradients(proxy.V, proxy.F, first)[0], axis=1) < FLAT
     return np.where(flat[:, None], fallback, first)
 
@@ -131,9 +97,9 @@ class TriangleFrames(Frames):
     degenerate: np.ndarray
 
     @classmethod
-    def at_rest(cls, proxy: Mesh, function: str | np.ndarray = "extent") -> TriangleFrames:
-        """Return the frames of N at rest for a frame function; see :func:`frame_values`."""
-        return cls.of_values(proxy, frame_values(proxy, function))
+    def at_rest(cls, proxy: Mesh) -> TriangleFrames:
+        """Return the frames of N at rest for the paper's frame function; see :func:`frame_values`."""
+        return cls.of_values(proxy, frame_values(proxy))
 
     @classmethod
     def of_values(cls, proxy: Mesh, values: np.ndarray) -> TriangleFrames:
@@ -172,63 +138,6 @@ def _frames(V: np.ndarray, F: np.ndarray, values: np.ndarray) -> tuple[np.ndarra
     L = np.stack([g, np.cross(g, n), n], axis=2)
     L[~known] = np.eye(3)
     return L, (V[F[:, 0]] + V[F[:, 1]] + V[F[:, 2]]) / 3.0, ~known
-
-
-@dataclass(frozen=True, eq=False)
-class AffineFrames(Frames):
-    """Frames that follow the affine maps of a proxy's triangles.
-
-    A triangle without area gets the mean A of its edge neighbours.
-
-    Parameters
-    ----------
-    proxy : Mesh
-        N at rest.
-    """
-
-    name: ClassVar[str] = "affine"  # type: ignore[misc]
-
-    proxy: Mesh
-
-    def encode(self, V: np.ndarray, on: Projection) -> np.ndarray:
-        """Return the offsets x - a from the first corners; see :class:`sshade.proxy.frames.Frames`."""
-        return V - self.proxy.V[self.proxy.F[on.face, 0]]
-
-    def posed(self, NV: np.ndarray, rotations: np.ndarray | None, team: ThreadTeam) -> tuple[Placer, int]:
-        """Place points at a' + A (x - a); see :class:`sshade.proxy.frames.Frames`."""
-        F = self.proxy.F
-        A, known = affine_maps(self.proxy.V, NV, F=F)
-        if not known.all():
-            A = fill_from_neighbours(A, known, pairs=adjacent_triangles(F))
-        return on_triangles(A, NV[F[:, 0]]), int((~known).sum())
-
-
-def affine_maps(rest: np.ndarray, deformed: np.ndarray, *, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear part A of the affine map of each triangle.
-
-    Parameters
-    ----------
-    rest, deformed : (k, 3) float64
-        Vertices of N and N'.
-    F : (l, 3) int
-        Triangles.
-
-    Returns
-    -------
-    A : (l, 3, 3) float64
-        Zero where undefined.
-    known : (l,) bool
-        False for triangles without area in N or N'.
-    """
-    e1, e2, n, doubled = edges_and_normals(rest, F)
-    d1, d2, m, deformed_doubled = edges_and_normals(deformed, F)
-    known = (doubled > 0) & (deformed_doubled > 0)
-    doubled = np.where(known, doubled, 1.0)
-    # Rows of the inverse of [e1 e2 n]: e2 x n and n x e1 over the doubled area, and n.
-    rows = (np.cross(e2, n) / doubled[:, None], np.cross(n, e1) / doubled[:, None], n)
-    A = sum(d[:, :, None] * row[:, None] for d, row in zip((d1, d2, m), rows, strict=True))
-    A[~known] = 0.0
-    return A, known
 
 
 def edges_and_normals(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:

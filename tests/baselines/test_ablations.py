@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from baselines.ablations import (
+from baselines.ablations.replaced import (
     FAR,
     cross_part,
     paper_with,

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from baselines.ablations import paper_with
+from baselines.ablations.replaced import paper_with
 from baselines.accelerated import accelerated_arap, accelerated_elastic
 from baselines.arap import arap, elastic, libigl_arap
 from baselines.arap_sr.arap_sr import arap_sr

@@ -16,6 +16,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.sparse import csr_array
 
+from baselines.ablations.named_frames import named_frames
 from baselines.accelerated import local_global
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.deformation_graph.deformation_graph import deformation_graph
@@ -48,7 +49,7 @@ def _deformed(task: DeformationTask = TASK, **options: Any) -> np.ndarray:
 
 
 def _bound() -> np.ndarray:
-    binding = bind(BODY, 40, frames="blended_affine")
+    binding = bind(BODY, 40, frames=named_frames("blended_affine"))
     return binding.carry(bent(binding.proxy.V))[0]
 
 

@@ -129,14 +129,6 @@ def test_what_is_no_part_of_the_surface_stays_and_seams_move_as_one():
     assert np.abs(U[1 : BODY.n + 1] - deform(BODY, B, BC, vertices=60).V).max() < 1e-9 * BODY.diagonal
 
 
-def test_a_frame_function_has_a_value_for_each_vertex_that_is_given():
-    V, values = np.concatenate([BODY.V, [[9.0, 9, 9]]]), BODY.V[:, 2]
-    options = {"method": "paper", "vertices": 60}
-    expected = deform(BODY, B, BC, frame_function=values, **options).V
-    found = deform(V, BODY.F, B, BC, frame_function=np.append(values, 0.0), **options)
-    np.testing.assert_array_equal(found[:-1], expected)
-
-
 def paper_with(**options):
     return deform(TASK, method="paper", vertices=60, **options)
 
@@ -165,8 +157,7 @@ def loses_a_vertex(task, **_):
         (lambda: deform(BODY, B - 99, BC), InputError, "negative"),
         (lambda: deform(BODY.V[:, :2], BODY.F, B, BC), InputError, r"\(n, 3\)"),
         (lambda: deform(BODY.V, BODY.F + 0.5, B, BC), InputError, "integers"),
-        (lambda: paper_with(frame_function="w"), InputError, "'w'"),
-        (lambda: paper_with(frame_function=np.full(BODY.n, np.nan)), InputError, "finite"),
+        (lambda: paper_with(frames="affine"), InputError, "must be triangle or blended, not 'affine'"),
         (lambda: paper_with(coarse=loses_a_vertex), InputError, "shape"),
         (lambda: bind(BODY, 60, frames="x"), InputError, "unknown frames"),
         (lambda: deform(*unclean()[:2], [0], BC[:1]), InputError, "handle vertex 0 belongs to no face"),

@@ -35,20 +35,20 @@ OF_PAIR = of_all((ends(BODY), 0), (ends(shifted(BODY, 9)), BODY.n))
 
 @pytest.mark.parametrize(("asked", "shares"), [(150, (40, 40)), (50, (20, 30))])
 def test_two_spheres_are_each_as_alone(asked, shares):
-    """Proxy vertices are divided by area; a frame function is cut like the mesh.
+    """Proxy vertices are divided by area.
 
     Each sphere gets at least 4 proxy vertices more than handles, and at most a quarter of its vertices.
     """
     small, large = Mesh(0.5 * BODY.V + [4, 0, 0], BODY.F), Mesh(BODY.V, BODY.F[:, [1, 2, 0]])
     own_small, own_large = ends(small), ends(large, lift=(0, 0.4, 0))
     mesh, handles = beside(small, large), of_all((own_small, 0), (own_large, BODY.n))
-    values, stages = np.sin(3 * mesh.V[:, 0]) + mesh.V[:, 1], set()
+    stages = set()
     more = {"vertices": asked, "progress": lambda stage, *_: stages.add(stage)}
-    result = deformed(mesh, handles, METHOD, seed=1, frame_function=values, **more)
+    result = deformed(mesh, handles, METHOD, seed=1, **more)
     assert stages == {f"component {c}/2, proxy {p}" for c in (1, 2) for p in (1, 2)}
     for k, (part, own) in enumerate(((small, own_small), (large, own_large))):
         rows = slice(k * BODY.n, (k + 1) * BODY.n)
-        options = {"vertices": shares[k], "seed": 1, "frame_function": values[rows]}
+        options = {"vertices": shares[k], "seed": 1}
         alone = METHOD(DeformationTask("alone", part, own), **options)
         assert np.array_equal(result.vertices[rows], alone.vertices)
     assert result.facts.components == 2

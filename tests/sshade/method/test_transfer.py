@@ -32,7 +32,7 @@ def test_only_the_rows_of_samples_are_used(mesh):
     assert np.array_equal(a.vertices, b.vertices)
 
 
-@pytest.mark.parametrize("frames", ["triangle", "blended_affine"])
+@pytest.mark.parametrize("frames", ["triangle", "blended"])
 def test_with_the_residual_frames_carry_the_edit_alone(mesh, frames):
     posed, edited = bent(mesh.V), np.array(mesh.V)
     region = mesh.V[:, 2] > 1
@@ -60,8 +60,7 @@ def test_every_option_counts_and_a_task_gives_what_its_shapes_give(task):
     for changed in (
         {"vertices": 100},
         {"samplings": 2},
-        {"frames": "affine"},
-        {"frame_function": "x"},
+        {"frames": "blended"},
         {"residual": True},
         {"seed": 1},
     ):

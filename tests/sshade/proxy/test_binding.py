@@ -1,10 +1,11 @@
-"""A mesh bound to a proxy: invariances of every kind of frames, and binding files."""
+"""A mesh bound to a proxy: invariances of each kind of frames, and binding files."""
 
 import numpy as np
 import pytest
 
-from sshade import InputError, bind, load_binding, save_binding
+from sshade import InputError, Mesh, bind, load_binding, save_binding
 from sshade.proxy.binding import FrameKind
+from sshade.proxy.triangle import TriangleFrames, frame_values
 from tests.shapes import bent, family, rotation
 
 #: Largest difference of positions due to rounding, as a fraction of the bounding-box diagonal.
@@ -12,7 +13,7 @@ ROUNDING = 1e-12
 
 MESHES = family()
 BUMPY = MESHES["bumpy"]
-KINDS: list[FrameKind] = ["triangle", "affine", "blended", "blended_affine"]
+KINDS: list[FrameKind] = ["triangle", "blended"]
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -28,20 +29,26 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path, kind):
-    binding = bind(BUMPY, 80, frames=kind, frame_function="best")
+def along_x(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
+    """Frames of the user: triangle frames with another function."""
+    return TriangleFrames.of_values(proxy, frame_values(proxy, 0))
+
+
+@pytest.mark.parametrize("frames", [*KINDS, along_x])
+def test_a_binding_read_back_has_its_frames_or_those_that_are_asked_for(tmp_path, frames):
+    binding = bind(BUMPY, 80, frames=frames)
     save_binding(tmp_path / "map.npz", binding)
     assert [p.name for p in tmp_path.iterdir()] == ["map.npz"]
     NV = bent(binding.proxy.V)
     again = load_binding(tmp_path / "map.npz", BUMPY)
-    assert again.frames.name == kind and np.array_equal(binding.carry(NV)[0], again.carry(NV)[0])
+    assert again.frames.name == binding.frames.name
+    assert np.array_equal(binding.carry(NV)[0], again.carry(NV)[0])
     assert np.array_equal(binding.projection.barycentric, again.projection.barycentric)
-    for other in KINDS:
+    for other in (*KINDS, along_x):
         asked = load_binding(tmp_path / "map.npz", BUMPY, frames=other)
-        function = "best" if kind == other == "triangle" else "extent"
-        direct = bind(BUMPY, 80, frames=other, frame_function=function)
-        assert asked.frames.name == other
+        saved = frames if other == "triangle" == binding.frames.name else other  # with its function
+        direct = bind(BUMPY, 80, frames=saved)
+        assert asked.frames.name == direct.frames.name
         assert np.array_equal(asked.carry(NV)[0], direct.carry(NV)[0])
 
 

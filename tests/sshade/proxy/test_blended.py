@@ -1,4 +1,4 @@
-"""Frames at the proxy's vertices, blended over its triangles; and affine maps of triangles."""
+"""Frames at the proxy's vertices, blended over its triangles."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from sshade import InputError, Mesh, bind
 from sshade.proxy.blended import BlendedFrames, nearest_rotations
 from sshade.proxy.projection import Projection
-from sshade.proxy.triangle import AffineFrames
 from sshade.proxy.vertex_maps import VertexMaps
 from tests.shapes import bent, bumpy, family, rotation
 
@@ -42,7 +41,7 @@ def half_way(R: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def one_by_one(
     proxy: Mesh, V: np.ndarray, *, on: Projection, NV: np.ndarray, R: np.ndarray, S: np.ndarray
 ) -> np.ndarray:
-    """Evaluate blended frames point by point from the definition."""
+    """Evaluate blended frames point by point from the definition; S stretches frames at vertices."""
     moved = np.empty_like(V)
     for i, (t, w) in enumerate(zip(on.face, on.barycentric, strict=True)):
         corners = proxy.F[t]
@@ -59,11 +58,18 @@ def one_by_one(
     return moved
 
 
+def collapsed_and_turned(proxy: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return N' with 20 neighbouring vertices at one place, after a turn; and the turn (3, 3)."""
+    NV, turn = proxy.V @ rotation(5).T, rotation(5)
+    near = np.argsort(np.linalg.norm(proxy.V - proxy.V[20], axis=1))[:20]
+    NV[near] = NV[20]
+    return NV, turn
+
+
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("kind", ["blended", "blended_affine"])
-def test_samples_go_where_their_proxy_vertices_go_to_the_last_bit(name, kind):
+def test_samples_go_where_their_proxy_vertices_go_to_the_last_bit(name):
     mesh = MESHES[name]
-    binding = bind(mesh, mesh.n // 6, frames=kind)
+    binding = bind(mesh, mesh.n // 6, frames="blended")
     NV = bent(binding.proxy.V, 0.5) @ rotation(2).T
     assert np.array_equal(binding.carry(NV)[0][binding.sampling.samples], NV)
 
@@ -74,15 +80,11 @@ def test_decoding_follows_the_definition():
     V = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]]) + 0.1 * rng.normal(size=(60, 3))
     NV = bent(proxy.V, 0.5) @ rotation(3).T
     R, unit = turns(proxy.n, most=0.9), np.broadcast_to(np.eye(3), (proxy.n, 3, 3))
-    A, _ = VertexMaps.at_rest(proxy)(NV)
-    fitted = nearest_rotations(A)
-    S = fitted.transpose(0, 2, 1) @ A
-    cases = ((False, R, R, unit), (False, None, fitted, unit), (True, R, fitted, S))
-    for stretch, given, used, stretches in cases:
-        frames = BlendedFrames(proxy, stretch=stretch)
+    frames, fitted = BlendedFrames(proxy), nearest_rotations(VertexMaps.at_rest(proxy)(NV)[0])
+    for given, used in ((R, R), (None, fitted)):
         moved, missing = frames.decode(frames.encode(V, on), NV, on=on, rotations=given)
         assert missing == 0
-        expected = one_by_one(proxy, V, on=on, NV=NV, R=used, S=stretches)
+        expected = one_by_one(proxy, V, on=on, NV=NV, R=used, S=unit)
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
 
 
@@ -103,28 +105,12 @@ def test_opposite_quaternions_of_nearly_equal_rotations_do_not_cancel():
     np.testing.assert_allclose(moved[0], expected, rtol=0, atol=2e-3)
 
 
-def test_the_affine_map_of_a_triangle_is_linear_interpolation_in_it_and_a_length_across():
-    proxy = bumpy(2)
-    NV, on = bent(proxy.V, 0.5), points_on(proxy, 300)
-    frames = AffineFrames(proxy)
-    inside = np.einsum("nc,ncx->nx", on.barycentric, proxy.V[proxy.F[on.face]])
-    V = inside + 0.3 * proxy.face_normals[on.face]
-    expected = np.einsum("nc,ncx->nx", on.barycentric, NV[proxy.F[on.face]])
-    expected += 0.3 * Mesh(NV, proxy.F).face_normals[on.face]
-    moved, missing = frames.decode(frames.encode(V, on), NV, on=on)
-    assert missing == 0
-    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["affine", "blended", "blended_affine"])
-def test_collapsed_parts_of_the_proxy_are_counted(kind):
-    binding = bind(bumpy(3), 100, frames=kind)
-    NV, turn = binding.proxy.V @ rotation(5).T, np.broadcast_to(rotation(5), (binding.proxy.n, 3, 3))
-    near = np.argsort(np.linalg.norm(binding.proxy.V - binding.proxy.V[20], axis=1))[:20]
-    NV[near] = NV[20]
+def test_collapsed_parts_of_the_proxy_are_counted():
+    binding = bind(bumpy(3), 100, frames="blended")
+    NV, turn = collapsed_and_turned(binding.proxy)
     V, missing = binding.carry(NV)
-    assert 0 < missing < (40 if kind == "affine" else 20) and np.isfinite(V).all()
-    assert binding.carry(NV, rotations=turn)[1] == (0 if kind == "blended" else missing)
+    assert 0 < missing < 20 and np.isfinite(V).all()
+    assert binding.carry(NV, rotations=np.broadcast_to(turn, (binding.proxy.n, 3, 3)))[1] == 0
 
 
 def test_rotations_that_do_not_fit_are_refused():

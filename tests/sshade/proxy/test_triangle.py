@@ -2,7 +2,7 @@ import igl
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh
+from sshade import Mesh
 from sshade.proxy.projection import Projection
 from sshade.proxy.triangle import TriangleFrames, frame_values
 from tests.shapes import bent, block, bumpy, jittered, rotation, strip
@@ -25,8 +25,8 @@ def at(face) -> Projection:
 
 
 def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
-    frames = TriangleFrames.at_rest(BODY, "best")
     axis = np.argmin(np.abs(BODY.face_normals), axis=1)
+    frames = TriangleFrames.of_values(BODY, BODY.V[BODY.F, axis[:, None]])
     every = np.stack([igl_gradients(BODY, x) for x in BODY.V.T], axis=1)
     gradients = every[np.arange(BODY.m), axis]
     g, w, n = frames.L.transpose(2, 0, 1)
@@ -35,16 +35,14 @@ def test_g_is_the_normalised_gradient_n_the_normal_and_w_their_product():
     assert np.allclose(w, np.cross(g, n), rtol=0, atol=1e-14)
     assert np.allclose(frames.origin, BODY.V[BODY.F].mean(axis=1), rtol=0, atol=1e-15)
     assert not frames.degenerate.any()
-    assert not TriangleFrames.at_rest(Mesh(BODY.V * 1e-30, BODY.F), "best").degenerate.any()
+    assert not TriangleFrames.at_rest(Mesh(BODY.V * 1e-30, BODY.F)).degenerate.any()
     for height, degenerate in ((1e-13, True), (1e-10, False)):
         needle = Mesh([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0]], [[0, 1, 2]])
         assert TriangleFrames.of_values(needle, np.array([[0.0, 1, 0.5]])).degenerate.all() == degenerate
 
 
-@pytest.mark.parametrize(
-    ("function", "axis", "second"), [("extent", 2, 1), ("z", 2, 1), ("x", 0, 2), ("y", 1, 2)]
-)
-def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshold(function, axis, second):
+@pytest.mark.parametrize(("given", "axis", "second"), [(None, 2, 1), (2, 2, 1), (0, 0, 2), (1, 1, 2)])
+def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshold(given, axis, second):
     # The block is longest along z and shortest along x. The jitter tilts some normals of the sides by more
     # than the threshold, others by less.
     mesh = jittered(block(np.ones((2, 3, 5)), cells=2), 0.03)
@@ -54,24 +52,13 @@ def test_a_coordinate_gives_way_exactly_where_its_gradient_is_under_the_threshol
     flat = length < FLAT
     assert flat.any() and not flat.all() and np.abs(length - FLAT).min() > 1e-9
     expected = np.where(flat[:, None], mesh.V[mesh.F, second], mesh.V[mesh.F, axis])
-    assert np.array_equal(frame_values(mesh, function), expected)
-    replaced = TriangleFrames.at_rest(mesh, function)
+    assert np.array_equal(frame_values(mesh, given), expected)
+    replaced = TriangleFrames.of_values(mesh, expected)
+    if given is None:
+        assert np.array_equal(TriangleFrames.at_rest(mesh).L, replaced.L)
     gradient = igl_gradients(mesh, mesh.V[:, second])[flat]
     g = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
     assert np.allclose(replaced.L[flat, :, 0], g, rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_values_are_scaled_to_the_diagonal_before_the_threshold(scale):
-    f = np.maximum(BODY.V[:, 2], 0) + 0.02 * BODY.V[:, 0]
-    unit = f * BODY.diagonal / np.ptp(f)
-    flat = np.linalg.norm(igl_gradients(BODY, unit), axis=1) < FLAT
-    assert flat.any() and not flat.all()
-    values = frame_values(BODY, scale * f)
-    assert np.array_equal(values[flat], frame_values(BODY, "best")[flat])
-    assert np.allclose(values[~flat], unit[BODY.F[~flat]], rtol=1e-12)
-    with pytest.raises(InputError, match="constant"):
-        frame_values(BODY, np.ones(BODY.n))
 
 
 def collapsed(mesh: Mesh, face: int, NV: np.ndarray) -> np.ndarray:
@@ -98,8 +85,8 @@ def assert_mean_turn(frames: TriangleFrames, face: int, NV: np.ndarray) -> None:
 
 
 def test_zero_area_triangles_turn_like_the_mean_of_their_neighbours():
-    frames = TriangleFrames.at_rest(BODY, "best")
+    frames = TriangleFrames.at_rest(BODY)
     assert_mean_turn(frames, 30, collapsed(BODY, 30, bent(BODY.V) @ rotation(4).T))
     sheet = strip(4, 3)
-    at_rest = TriangleFrames.at_rest(Mesh(collapsed(sheet, 8, sheet.V), sheet.F), "best")
+    at_rest = TriangleFrames.at_rest(Mesh(collapsed(sheet, 8, sheet.V), sheet.F))
     assert_mean_turn(at_rest, 8, bent(sheet.V) @ rotation(5).T)

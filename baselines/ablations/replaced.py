@@ -1,11 +1,13 @@
-"""The method `paper` with a part replaced, for the ablations.
+"""The method `paper` and transfers with a part replaced, for the ablations.
 
-Two parts can be replaced: where handles go on the proxy, and where vertices go on it. ReMatching's map U
-takes the nearest point of the whole proxy, in place of P (:mod:`sshade.proxy.projection`). Where two parts of
-the surface nearly touch, U puts vertices on the wrong part.
+Three parts can be replaced: where handles go on the proxy, where vertices go on it, and the frames
+(:mod:`baselines.ablations.named_frames`). ReMatching's map U takes the nearest point of the whole proxy, in
+place of P (:mod:`sshade.proxy.projection`). Where two parts of the surface nearly touch, U puts vertices on
+the wrong part.
 
-Proof: with nothing replaced, results equal those of the method bit for bit, and U takes the nearest of all
-triangles (tests/baselines/test_ablations.py).
+Proof: with nothing replaced, results equal those of the method bit for bit; U takes the nearest of all
+triangles (tests/baselines/test_ablations.py); frames follow their formulas
+(tests/baselines/test_named_frames.py).
 
 F. Maggioli, D. Baieri, S. Melzi, E. Rodola, "ReMatching: low-resolution representations for
 scalable shape correspondence", 2024.
@@ -21,6 +23,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from baselines.ablations.named_frames import FrameName, FunctionName, named_frames
 from baselines.hard_handles import require_hard
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
@@ -29,8 +32,9 @@ from sshade.mesh.rigid import rigid_motion
 from sshade.method.deform import deform_task
 from sshade.method.proxies import Proxies
 from sshade.method.regions import HandleRegions, Placement, sample_with_handles
-from sshade.problem.options import accepted, takes_options
-from sshade.problem.task import DeformationResult, DeformationTask, Handles
+from sshade.method.transfer import transfer
+from sshade.problem.options import PROXIES, accepted, takes_options
+from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
 from sshade.proxy.projection import Projection, project_to_fans
 from sshade.proxy.sample import Sampling, sample_proxy
 
@@ -45,10 +49,12 @@ def paper_with(
     *,
     projection: Literal["fan", "surface"] = "fan",
     handle_mode: Literal["samples", "nearest"] = "samples",
+    frames: FrameName = "triangle",
+    frame_function: FunctionName = "extent",
     progress: Progress = silent,
     **options: Any,
 ) -> DeformationResult:
-    """Deform by the method `paper` with another projection, or other handles on the proxy.
+    """Deform by the method `paper` with another projection, other handles on the proxy, or other frames.
 
     Parameters
     ----------
@@ -57,6 +63,8 @@ def paper_with(
         P, onto the fan around a vertex's sample, or U, onto the whole proxy.
     handle_mode : {"samples", "nearest"}
         Handle vertices as vertices of every proxy, or handles given to the samples of their cells.
+    frames, frame_function
+        See :func:`baselines.ablations.named_frames.named_frames`.
     progress : Progress
     **options
         See :class:`sshade.problem.options.Options`.
@@ -70,12 +78,13 @@ def paper_with(
     Raises
     ------
     InputError
-        As :func:`sshade.deform`.
+        As :func:`sshade.deform` and :func:`baselines.ablations.named_frames.named_frames`.
     """
     projections = {"fan": project_to_fans, "surface": project_to_surface}
     samplers = {"samples": sample_with_handles, "nearest": sample_nearest_to_handles}
     if handle_mode == "nearest":
         require_hard(task.handles, "the handle mode nearest")
+    options["frames"] = named_frames(frames, frame_function)
     counts = []
 
     def counted(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
@@ -88,6 +97,35 @@ def paper_with(
     far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})
+
+
+@takes_options(PROXIES)
+def transfer_with(
+    task: TransferTask,
+    *,
+    frames: FrameName = "triangle",
+    frame_function: FunctionName = "extent",
+    residual: bool = False,
+    progress: Progress = silent,
+    **options: Any,
+) -> DeformationResult:
+    """Transfer a pose with other frames.
+
+    Parameters
+    ----------
+    task : TransferTask
+    frames, frame_function
+        See :func:`baselines.ablations.named_frames.named_frames`.
+    residual, progress, **options
+        See :func:`sshade.method.transfer.transfer`.
+
+    Raises
+    ------
+    InputError
+        As :func:`sshade.method.transfer.transfer` and :func:`baselines.ablations.named_frames.named_frames`.
+    """
+    maker = named_frames(frames, frame_function)
+    return transfer(task, frames=maker, residual=residual, progress=progress, **options)
 
 
 def project_to_surface(V: np.ndarray, proxy: Mesh, sampling: Sampling) -> Projection:
