@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sshade.core.console import CommandParser, progress_bar, run_command, version_of
+from sshade.core.console import CommandParser, asked_help, progress_bar, run_command, version_of
 from sshade.core.errors import counted
 
 EPILOG = """examples:
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 on success, 1 if verify finds faults, 2 on bad input."""
 
     def run() -> int:
-        args = make_parser().parse_args(argv)
+        args = make_parser().parse_args(asked_help(sys.argv[1:] if argv is None else argv))
         logging.basicConfig(format="%(message)s")
         command = {"example": _example, "build": _build, "verify": _verify}[args.command]
         return command(args)
@@ -93,11 +94,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _example(args: argparse.Namespace) -> int:
     from defaust.example import POSES, write_example
+    from defaust.folder.layout import REST
 
+    replaced = "replaced, " if (args.folder / REST).is_file() else ""
     rest = write_example(args.folder, subdivisions=args.subdivisions)
-    mesh, handles = ((args.folder / name).as_posix() for name in ("rest.ply", f"pose_{POSES[1]}.json"))
+    mesh, handles = ((args.folder / name).as_posix() for name in (REST, f"pose_{POSES[1]}.json"))
     command = shlex.join(["sshade", "deform", mesh, handles, "-o", "posed.ply"])
-    print(f"{mesh}: {rest.n:,} vertices; try: {command}")  # noqa: T201
+    print(f"{mesh}: {replaced}{rest.n:,} vertices; try: {command}")  # noqa: T201
     return 0
 
 

@@ -215,6 +215,12 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def asked_help(arguments: Sequence[str]) -> Sequence[str]:
+    """Read ``help [COMMAND]`` and ``--help COMMAND`` as ``[COMMAND] --help``; keep other arguments."""
+    first, *rest = arguments or [""]
+    return [*rest[:1], "--help"] if first in ("help", "-h", "--help") else arguments
+
+
 def version_of(program: str) -> str:
     """Return the text of ``--version``; all programs have the version of the package."""
     from importlib.metadata import version
@@ -243,7 +249,7 @@ class Program(NamedTuple):
 
     def main(self, argv: Sequence[str] | None = None) -> int:
         """Run the command line; return the exit code."""
-        name, *arguments = (sys.argv[1:] if argv is None else argv) or ["--help"]
+        name, *arguments = asked_help((sys.argv[1:] if argv is None else argv) or ["--help"])
         try:
             if name in ("-h", "--help", "--version"):
                 return run_command(lambda: self.tell(name))

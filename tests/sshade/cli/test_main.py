@@ -16,7 +16,7 @@ from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, run_command
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import read_handles, write_handles
-from tests.robustness.case import assert_refused
+from tests.robustness.case import assert_refused, run
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted
 from tests.sshade.mesh.test_cutting import moebius
@@ -223,3 +223,12 @@ def test_no_amount_of_the_way_writes_the_rest_shape_bit_by_bit(sound, capsys):
     )
     assert not np.array_equal(half.target, whole.target)
     np.testing.assert_allclose(read_arrays("half.ply")[0][half.index], half.target, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("program", ["sshade show", "defaust build", "sshade-eval tables"])
+def test_help_is_given_where_it_is_looked_for(program):
+    name, command = program.split()
+    whole, own = run(f"{name} --help"), run(f"{program} --help")
+    assert whole[1] != own[1] and own[1].startswith(f"usage: {program} ")
+    assert run(f"{name} help") == whole
+    assert run(f"{name} help {command}") == run(f"{name} --help {command}") == own
