@@ -122,8 +122,11 @@ def part_name(component: int, opened: OpenTask) -> str:
     face = int(np.argmax((vertex == file.F).any(axis=1)))
     names = [name for first, name in file.parts if first <= face][-1:]
     groups = handles.group[of_vertex[handles.index] == component]
-    names += [group.name for group in given[0].groups if group.number in groups]
-    return next((f'"{name}" (vertex {vertex})' for name in names if name), f"the part of vertex {vertex}")
+    names = [f'"{name}"' for name in names if name]
+    names += [
+        f'the part of "{group.name}"' for group in given[0].groups if group.name and group.number in groups
+    ]
+    return f"{names[0]} (vertex {vertex})" if names else f"the part of vertex {vertex}"
 
 
 def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[str]:

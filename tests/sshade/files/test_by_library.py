@@ -1,6 +1,7 @@
 """Formats of libraries: read, written, and read back by the libraries themselves; what is lost is said."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +166,16 @@ def test_handles_are_on_target_where_a_library_numbers_vertices_anew(here, kind,
         assert main(f"deform a.ply pose.json -o b{suffix} --vertices 60 --repair".split()) == 0
         said = capsys.readouterr().err
         assert " handles on target" in said and "single precision" not in said
+
+
+def test_collada_files_with_a_broken_reference_are_refused_by_it(here):
+    """trimesh leaves out meshes whose material is not there."""
+    sshade.write("a.dae", V, F)
+    text = Path("a.dae").read_text()
+    (name,) = re.findall('<material id="([^"]+)"', text)
+    Path("a.dae").write_text(text.replace(f'<material id="{name}"', '<material id="other"'))
+    with pytest.raises(InputError, match=f"not a readable DAE file .*{name} not found"):
+        read_file("a.dae")
 
 
 @pytest.mark.parametrize(("part", "name"), [("skin", "a skin"), ("c:morph", "morph targets")])
