@@ -58,6 +58,16 @@ def test_an_interval_is_that_of_brute_force_also_where_cases_are_missing():
     assert [low[0], high[0]] == pytest.approx(expected, abs=0.05 * (high[0] - low[0]))
 
 
+@pytest.mark.parametrize(("subjects", "poses"), [(12, 3), (3, 12)])
+def test_an_interval_is_as_wide_as_the_smaller_number_of_subjects_and_poses_needs(subjects, poses):
+    """Three units need 5.3 standard deviations, of which resamples reach 4; twelve need 2.3."""
+    twelve = stats.norm.ppf((np.arange(12) + 0.5) / 12)
+    values = np.repeat(twelve, 3) if subjects == 12 else np.tile(twelve, 3)
+    deviation = twelve.std() / np.sqrt(12)
+    low, high = interval(values[:, None], crossed(subjects, poses))
+    assert 3.3 < -low[0] / deviation < 5.6 and 3.3 < high[0] / deviation < 5.6
+
+
 @pytest.mark.parametrize("n", (LEAST["cases"], 10, 25))
 @pytest.mark.parametrize("poses", (1, None), ids=["one pose", "one subject"])
 def test_cases_are_drawn_where_there_is_one_subject_or_one_pose_of_each(n, poses):

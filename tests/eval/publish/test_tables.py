@@ -5,7 +5,7 @@ import pytest
 from eval_rows import lost, missing, row, table_of
 
 from eval.metrics import METRICS
-from eval.publish.columns import COLUMNS, REACHED, TRANSFER_COLUMNS
+from eval.publish.columns import COLUMNS, REACHED, SUCCESS, TRANSFER_COLUMNS
 from eval.publish.tables import to_latex, to_markdown
 from sshade.core.errors import InputError
 
@@ -106,6 +106,30 @@ def test_means_ranks_and_worst_cases_are_over_the_cases_that_all_have():
     assert "b: 1 failed (ValueError: no): t5." in table.notes
     (worst,) = table.parts
     assert worst.means["volume"].tolist() == [2.0, 3.0] and worst.places.isna().all(axis=None)
+
+
+def test_a_result_without_a_measure_has_no_mean_of_the_others():
+    rows = [*on("a", [2.0, 2.0, 2.0, 2.0, 50.0]), *on("b", [3.0] * 5)]
+    rows[-1]["metric.volume"] = None  # of the worst case of a
+    table = table_of(*rows)
+    assert table.means.loc["a", "volume"] == 11.6 and np.isnan(table.means.loc["b", "volume"])
+    assert table.places["volume"].to_dict() == {"a": 1.0, "b": pytest.approx(np.nan, nan_ok=True)}
+    assert "| a | 5 | 11.60 | 2.00 |" in (text := to_markdown(table)) and "| b | 5 | n/a | 2.00 |" in text
+
+
+def test_the_smaller_numbers_have_the_first_rank_in_every_column_with_ranks():
+    own = [column.source.replace(".", "__") for column in COLUMNS if column.source != SUCCESS]
+    values = {"good": 1.0, "bad": 2.0}
+    rows = [
+        row(name, f"bodies/subject_{k}", **dict.fromkeys(own, value + 0.01 * k))
+        for name, value in values.items()
+        for k in range(5)
+    ]
+    places = table_of(*rows).places
+    ranked = {column.heading: column.ranked for column in COLUMNS}
+    for heading, found in places.items():
+        assert found.dropna().to_dict() == ({"good": 1, "bad": 2} if ranked[heading] else {}), heading
+    assert sum(ranked.values()) > 15 and set(places) == set(ranked)
 
 
 def test_a_case_counts_with_the_mean_over_its_seeds_and_the_spread_is_shown():

@@ -105,6 +105,11 @@ def test_what_does_not_move_stays_byte_by_byte(here):
     tree, buffer = exported()
     file = stored(tree, buffer)
     assert written(file, file.V) == taken_apart(Path("a.glb").read_bytes())
+    for suffix in (".glb", ".gltf"):
+        for name in (f"b{suffix}", f"B{suffix.upper()}"):
+            write_file(name, file, file.V)
+            assert read_file(name).holds == file.holds
+        assert Path(f"b{suffix}").read_bytes() == Path(f"B{suffix.upper()}").read_bytes()
 
 
 @pytest.mark.parametrize(("node", "M"), [(NODE, PLACE), ({"mesh": 0}, np.eye(3)), (MIRRORED, MIRROR)])

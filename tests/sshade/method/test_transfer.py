@@ -5,7 +5,7 @@ import pytest
 
 from sshade import Mesh, TransferTask, bind, transfer_pose
 from sshade.method.transfer import transfer
-from tests.shapes import bent, bumpy, rotation
+from tests.shapes import beside, bent, bumpy, rotation, shifted
 
 ROUNDING = 1e-12
 
@@ -30,6 +30,19 @@ def test_only_the_rows_of_samples_are_used(mesh):
     blind[samples] = posed[samples]
     a, b = (transfer_pose(mesh, V, vertices=200, samplings=1, seed=7) for V in (posed, blind))
     assert np.array_equal(a.vertices, b.vertices)
+
+
+def test_seeds_and_samplings_reach_each_component(mesh):
+    two = beside(mesh, shifted(mesh, 4))
+    posed = bent(two.V)
+    found = {
+        (seed, samplings): transfer_pose(two, posed, vertices=300, seed=seed, samplings=samplings).vertices
+        for seed, samplings in ((0, 1), (1, 1), (0, 5))
+    }
+    for part in (slice(mesh.n), slice(mesh.n, None)):
+        error = {key: np.linalg.norm(V[part] - posed[part], axis=1).mean() for key, V in found.items()}
+        assert error[0, 1] != error[1, 1]
+        assert error[0, 5] < 0.8 * min(error[0, 1], error[1, 1])
 
 
 @pytest.mark.parametrize("frames", ["triangle", "blended"])
