@@ -89,8 +89,10 @@ def _with_trimesh(path: Path) -> MeshFile:
     suffix = path.suffix.lower()
     if suffix == ".dae" and (held := RIGGED.search(path.read_bytes())):
         raise InputError(f"{path}: it holds {'a skin' if held[1] == b'skin' else 'morph targets'}, {NO_RIG}")
-    strict = {"ignore_broken": False} if suffix == ".dae" else {}  # or meshes without a material are left out
-    scene = trimesh.load_scene(path, process=False, **strict)
+    if suffix == ".dae":  # meshes without a material would be left out
+        scene = trimesh.load_scene(path, process=False, ignore_broken=False)
+    else:
+        scene = trimesh.load_scene(path, process=False)
     V, F = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     kinds = set()
     for node in scene.graph.nodes_geometry:

@@ -18,7 +18,7 @@ def test_the_same_bits_on_one_core_as_on_several():
     """Threads share the work on a body of 27,554 vertices."""
     source = SyntheticBodies()
     rest, posed = (subdivided(mesh) for mesh in (source.rest(0), source.posed(0, source.poses(0)[0])))
-    marks = rest.V[list(source.landmarks.values())]
+    marks = rest.V[list(source.landmark_vertices(0).values())]
     index = np.unique([np.argsort(((rest.V - mark) ** 2).sum(axis=1))[:10] for mark in marks])
     task = DeformationTask("body", rest, Handles(index, posed.V[index]))
     all_cores = os.sched_getaffinity(0)

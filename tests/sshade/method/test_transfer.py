@@ -5,7 +5,7 @@ import pytest
 
 from sshade import Mesh, TransferTask, bind, transfer_pose
 from sshade.method.transfer import transfer
-from tests.shapes import beside, bent, bumpy, rotation, shifted
+from tests.shapes import bent, beside, bumpy, rotation, shifted
 
 ROUNDING = 1e-12
 
