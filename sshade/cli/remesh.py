@@ -50,8 +50,8 @@ def _remesh(options: argparse.Namespace) -> int:
         save_binding(temporary, binding)
         write_mesh(options.output, binding.proxy.V, binding.proxy.F)  # if this fails, no map is written
     say(f"{options.output}: {binding.proxy.n} vertices, {binding.proxy.m} faces; map in {options.map}")
-    if options.output.suffix.lower() == ".stl":
-        say("note: an .stl file keeps no order of vertices, so `sshade carry` cannot read the proxy back")
+    if (suffix := options.output.suffix.lower()) in (".stl", ".dae"):
+        say(f"note: a {suffix} file keeps no order of vertices, so `sshade carry` cannot read the proxy back")
     if binding.proxy.n < options.vertices:
         say(f"note: the proxy has {binding.proxy.n} samples instead of {options.vertices}: the mesh is small")
     if cut.mesh is not shape.mesh:

@@ -16,8 +16,9 @@ from sshade.files.mesh_file import MeshFile, beside, fanned, present
 from sshade.files.obj_normals import Corners, Obj, turned_normals
 from sshade.files.words import Edits, Text, edited, key_of, without_comments
 
-#: The beginning of a surface object of the Montreal Neurological Institute: its reflectance and its size.
-_MNI = re.compile(rb"P(\s+[-+.\deE]+){5}\s+\d+\s")
+#: The beginning of a surface object of the Montreal Neurological Institute: its reflectance and its size, as
+#: text or binary.
+_MNI = re.compile(rb"P(\s+[-+.\deE]+){5}\s+\d+\s|p.{20}\0", re.DOTALL)
 
 
 def read_obj(path: Path) -> MeshFile:

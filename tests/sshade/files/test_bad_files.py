@@ -79,6 +79,11 @@ BAD = {
         b"P 0.3 0.7 0.5 100 1 3\n0 0 0\n1 0 0\n0 1 0\n\n0 0 1\n0 0 1\n0 0 1\n\n1\n0 1 1 1 1\n\n3\n\n0 1 2\n",
         "a surface object of the MNI, not of Wavefront",
     ),
+    "binary OBJ of the MNI": (
+        ".obj",
+        b"p" + np.full(5, 0.3, ">f4").tobytes() + bytes(60),
+        "object of the MNI",
+    ),
     "binary OFF": (".off", b"OFF BINARY\n\0\0\0\3\0\0\0\1\0\0\0\0" + bytes(64), "it is a binary OFF file"),
     "binary COFF": (".off", b"COFF BINARY\r\n\0\0\0\3" + bytes(90), "it is a binary OFF file"),
     "STL without facets": (".stl", bytes(84), "triangle"),
