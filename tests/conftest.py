@@ -58,7 +58,7 @@ def pytest_runtest_call() -> Iterator[None]:
     class Compilations(event.Listener):
         def on_start(self, event):
             store = event.data["dispatcher"]._cache
-            if isinstance(store, Store) and store.name.startswith(("sshade.", "baselines.")):
+            if isinstance(store, Store) and store.name.startswith(("sshade.", "baselines.", "eval.")):
                 line = f"{store.name} {describe(event.data['args'])}"
                 if line not in LISTED:
                     unlisted.append(line)

@@ -2,25 +2,33 @@
 
 Cases of one subject resemble each other, and so do cases in one pose. A resample therefore draws subjects
 and, independently of them, poses, both with replacement. A case counts as often as its subject was drawn,
-times how often its pose was drawn (Owen 2007, the pigeonhole bootstrap). docs/measures.md has the formula.
+times how often its pose was drawn (Owen 2007, the pigeonhole bootstrap). docs/measures.md has the formula,
+and :mod:`eval.publish.resamples` weighs all resamples.
+
+Ends of intervals are compared with zero as they are printed, so that neither last bits nor resolution decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 from scipy import special
 
+from eval.publish.columns import Column
+from eval.publish.resamples import quantiles
+
+T = TypeVar("T", pd.DataFrame, pd.Series)
+
 #: Probability that an interval covers the true mean.
 LEVEL = 0.95
 #: Smallest numbers of subjects, poses or cases for intervals and ranks. Fewer give too narrow intervals.
 LEAST = {"subjects": 3, "poses": 3, "cases": 5}
-#: Number and seed of the resamples.
-RESAMPLES, SEED = 39_999, 0
+#: Decimal digits of a measure below its largest value that count. Other digits depend on the processor.
+DIGITS = 9
 #: Methods to which differences are shown, in the order of preference; otherwise the first method.
 REFERENCE = ("elastic", "accelerated_elastic")
 
@@ -64,22 +72,25 @@ class Resampling:
         text = " and ".join(f"{n} {name if n != 1 else name[:-1]}" for name, n in self.counts.items())
         return f"{text} ({self.reason})" if self.reason else text
 
-    @cached_property
-    def weights(self) -> np.ndarray:
-        """The share of each case (line) in each resample (column) that has a case."""
-        random = np.random.default_rng(SEED)
-        times = np.ones(1)
-        for name, n in self.counts.items():
-            drawn = random.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).T
-            times = times * drawn[self.drawn[name]]
-        weights = times[:, times.any(axis=0)]
-        return weights / weights.sum(axis=0)
+    def table(self, values: np.ndarray) -> np.ndarray:
+        """Return a table of the values (n,) of cases, for :func:`eval.publish.resamples.quantiles`.
+
+        The poses are columns if they are fewer. A missing case counts as the mean, and the deviations of the
+        others grow, because each of them is a larger share of the mean. This linearises the mean over the
+        cases of a resample.
+        """
+        names = sorted(self.drawn, key=self.counts.__getitem__, reverse=True)
+        places = [self.drawn[name] for name in names]
+        sums = np.zeros([self.counts[name] for name in names])
+        mean = values.mean()
+        np.add.at(sums, tuple(places), values - mean)
+        return (mean + sums * (sums.size / len(values))).reshape(len(sums), -1)
 
 
 def interval(values: np.ndarray, resampling: Resampling) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper ends of the intervals of means.
 
-    They are percentiles of the means of the resamples, expanded to the width that small samples need
+    They are quantiles of the means of all resamples, expanded to the width that small samples need
     (Hesterberg 2015, section 4.3). n is the smaller number of subjects and of poses, and t is Student's
     quantile with n - 1 degrees of freedom. The tails are the normal distribution's at t sqrt(n / (n - 1)).
 
@@ -93,15 +104,17 @@ def interval(values: np.ndarray, resampling: Resampling) -> tuple[np.ndarray, np
     Returns
     -------
     low, high : (k,) float64
-        NaN for fewer subjects or poses than :data:`LEAST`.
+        NaN where a value is NaN, and for fewer subjects or poses than :data:`LEAST`.
     """
-    if not resampling.enough:
-        return np.full(values.shape[1], np.nan), np.full(values.shape[1], np.nan)
-    n = min(resampling.counts.values())
-    quantile = special.stdtrit(n - 1, (1 + LEVEL) / 2)
-    tail = special.ndtr(-quantile * np.sqrt(n / (n - 1)))
-    low, high = np.quantile(values.T @ resampling.weights, [tail, 1 - tail], axis=1)
-    return low, high
+    ends = np.full((2, values.shape[1]), np.nan)
+    if resampling.enough:
+        n = min(resampling.counts.values())
+        quantile = special.stdtrit(n - 1, (1 + LEVEL) / 2)
+        tail = special.ndtr(-quantile * np.sqrt(n / (n - 1)))
+        for k in np.flatnonzero(np.isfinite(values).all(axis=0)):
+            own = values[:, k]
+            ends[:, k] = np.clip(quantiles(resampling.table(own), tail), own.min(), own.max())
+    return ends[0], ends[1]
 
 
 def reference_of(methods: list[str]) -> str:
@@ -109,7 +122,9 @@ def reference_of(methods: list[str]) -> str:
     return next((name for name in REFERENCE if name in methods), methods[0])
 
 
-def differences(of_cases: pd.DataFrame, reference: str, resampling: Resampling) -> pd.DataFrame:
+def differences(
+    of_cases: pd.DataFrame, reference: str, resampling: Resampling, *, decimals: int
+) -> pd.DataFrame:
     """Return the mean difference of each method to a reference, the ends of its interval, and a count.
 
     Parameters
@@ -119,6 +134,8 @@ def differences(of_cases: pd.DataFrame, reference: str, resampling: Resampling) 
     reference : str
     resampling : Resampling
         Of these cases.
+    decimals : int
+        Number of printed decimals. Ends of intervals have no more.
 
     Returns
     -------
@@ -126,33 +143,44 @@ def differences(of_cases: pd.DataFrame, reference: str, resampling: Resampling) 
         By method: ``difference``, ``low``, ``high``, and ``smaller``, the number of cases in which the method
         has a smaller number than the reference.
     """
-    paired = of_cases.sub(of_cases[reference], axis=0)
-    low, high = interval(paired.to_numpy(dtype=float), resampling)
+    paired = rounded(of_cases.sub(of_cases[reference], axis=0), of_cases)
+    low, high = (np.round(end, decimals) + 0.0 for end in interval(paired.to_numpy(dtype=float), resampling))
     found = {"difference": paired.mean(skipna=False), "low": low, "high": high, "smaller": (paired < 0).sum()}
     return pd.DataFrame(found)
 
 
-def places(of_cases: pd.DataFrame, means: pd.Series, printed: pd.Series, resampling: Resampling) -> pd.Series:
+def rounded(values: T, of_cases: pd.DataFrame) -> T:
+    """Round to :data:`DIGITS` digits below the largest number of cases; -0.0 becomes 0.0."""
+    largest = np.nanmax(np.abs(of_cases.to_numpy(dtype=float)), initial=0.0)
+    return values if largest == 0 else values.round(DIGITS - int(np.ceil(np.log10(largest)))) + 0.0
+
+
+def places(of_cases: pd.DataFrame, resampling: Resampling, column: Column) -> pd.Series:
     """Return the rank of each method; empty for fewer subjects or poses than :data:`LEAST`.
 
     The leader is the method with the lowest mean. A method shares the rank of the leader if the interval of
     its difference to the leader does not lie above zero, or if both means are printed alike. The other
     methods are ranked in the same way among themselves, and rank behind all methods that were ranked before.
+    A method that lacks the number in a case has no rank.
 
     Parameters
     ----------
     of_cases : DataFrame
         A number for each case (line) and method (column).
-    means, printed : Series
-        Mean of each method, exact and as printed.
     resampling : Resampling
         Of these cases.
+    column : Column
+        The column of the numbers.
     """
+    means = rounded(of_cases.mean(skipna=False).dropna(), of_cases)
     rank: dict[str, int] = {}
     left = list(means.sort_values(kind="stable").index) if resampling.enough else []
     while left:
-        low = differences(of_cases[left], left[0], resampling)["low"]
-        equal = [name for name in left if low[name] <= 0 or printed[name] == printed[left[0]]]
+        leader, best = of_cases[left[0]], column.text(means[left[0]])
+        # An interval begins above the smallest difference, so a method that loses every case needs none.
+        near = [name for name in left if (of_cases[name] - leader).min() < 10.0**-column.decimals]
+        low = differences(of_cases[near], left[0], resampling, decimals=column.decimals)["low"]
+        equal = [name for name in near if low[name] <= 0 or column.text(means[name]) == best]
         rank |= dict.fromkeys(equal, len(rank) + 1)
         left = [name for name in left if name not in equal]
     return pd.Series(rank, dtype=float)

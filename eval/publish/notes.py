@@ -163,8 +163,8 @@ def rank_note(comparison: Comparison, columns: Sequence[Column]) -> list[str]:
         return [f"No ranks and no intervals: the means are over {over}, and at least {least} are needed."]
     notes = [
         "Best in bold, second best underlined. A method shares the mark of a better one if the 95 % interval "
-        f"of their paired difference over {over} contains zero; differences with such an interval are in "
-        "italics. Two methods with different marks need not differ."
+        f"of their paired difference over {over}, as printed, contains zero; differences with such an "
+        "interval are in italics. Two methods with different marks need not differ."
     ]
     if any(column.source == TRUTH for column in columns):
         notes.append("nearer: cases in which the method is nearer to the true pose than the reference.")

@@ -235,9 +235,8 @@ def _with_differences(table: Table, comparison: Comparison, wanted: str | None) 
     for column in (column for column in table.columns if column.ranked):
         name = column.heading
         of_cases = comparison.values[name].unstack("method.name").loc[comparison.common, methods]
-        found[name] = differences(of_cases, reference, resampling)
-        means = table.means.loc[methods, name].dropna()
-        ranks[name] = places(of_cases, means, means.map(column.text).astype(float), resampling)
+        found[name] = differences(of_cases, reference, resampling, decimals=column.decimals)
+        ranks[name] = places(of_cases, resampling, column)
     return table._replace(places=ranks, differences=found, reference=reference, over=str(resampling))
 
 

@@ -181,7 +181,7 @@ def cells(
         Escapes a method's name.
     """
     own = {column.heading: column for column in table.columns}  # a part may have other formats
-    rank = {heading: ranks(table, heading) for heading in own}
+    rank = {c.heading: ranks(table, c.heading) if c.heading in own else {} for c in columns}
     body = []
     for method, line in table.lines.iterrows():
         texts = [escape(method), f"{line.runs}" if line.valid == line.runs else f"{line.valid}/{line.runs}"]

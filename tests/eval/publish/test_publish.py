@@ -1,8 +1,12 @@
 """Only ``tables --publish`` changes committed results; committed rows, tables and figures agree."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import llvmlite.binding
 import pytest
 from eval_rows import frame, row
 
@@ -16,6 +20,20 @@ from tests.files import contents
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
 TIMES = sorted((RESULTS / "timing").glob("*.csv"))
+#: Kinds of OpenBLAS's kernels, each with the feature of a processor that it needs.
+KERNELS = {"Prescott": "sse3", "Haswell": "avx2", "SkylakeX": "avx512f"}
+#: Program that prints the tables of rows in every format.
+REMAKE = """
+import sys
+from pathlib import Path
+from eval.publish.summary import make_table
+from eval.publish.tables import FORMATS
+from eval.rows.frame import read_csv
+for path in map(Path, sys.argv[1:]):
+    table = make_table(read_csv(path), title=path.stem)
+    print(*(text_of(table) for text_of in FORMATS.values()), sep="", end="")
+"""
+OFFERED = [kind for kind, feature in KERNELS.items() if llvmlite.binding.get_host_cpu_features().get(feature)]
 
 
 def clean(method="arap", task="t1", **changes):
@@ -101,6 +119,26 @@ def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_p
         assert (RESULTS / "tables" / f"{path.stem}.{suffix}").read_text() == text_of(table)
     sources = map(json.loads, distinct(rows, "task.source"))
     assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)
+
+
+@pytest.mark.parametrize("kernels", OFFERED)
+@pytest.mark.parametrize(
+    ("paths", "threads"),
+    [
+        ([path for path in ROWS if path.stem in ("noisy_170k", "bodies_170k")], "2"),
+        *(pytest.param(ROWS, threads, marks=pytest.mark.full) for threads in "12"),
+    ],
+)
+def test_committed_tables_depend_neither_on_the_kernels_of_the_library_nor_on_its_threads(
+    kernels, threads, paths
+):
+    variables = {"OPENBLAS_CORETYPE": kernels, "OPENBLAS_NUM_THREADS": threads}
+    program = [sys.executable, "-c", REMAKE, *map(str, paths)]
+    done = subprocess.run(program, env=os.environ | variables, capture_output=True, text=True, check=True)
+    tables = RESULTS / "tables"
+    assert done.stdout == "".join(
+        (tables / f"{path.stem}.{end}").read_text() for path in paths for end in FORMATS
+    )
 
 
 def test_every_committed_table_has_its_rows():
