@@ -10,14 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sshade.core.threads import available_cpus
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import members
 
 #: Largest distance of components that belong together, and least distance that is a gap, as fractions of the
 #: bounding-box diagonal.
 NEAR = 0.01
 #: Distance between points of the surface, as a fraction of the diagonal.
 SPACING = NEAR / 2
+#: Number of nearest points among which those of other components are looked for.
+BESIDE = 32
 #: Steps of a sequence of pairs that covers the unit square evenly (M. Roberts, "R2", 2018).
 STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -61,7 +63,12 @@ class NearParts:
         self._weights = weights[one]
         self._component = component[one]
         self._rest = P[one]
-        pairs = cKDTree(self._rest).query_pairs((NEAR + SPACING) * mesh.diagonal, output_type="ndarray")
+        reach, count = (NEAR + SPACING) * mesh.diagonal, len(one)
+        near = cKDTree(self._rest).query(
+            self._rest, BESIDE, distance_upper_bound=reach, workers=available_cpus()
+        )[1]
+        pairs = np.stack([np.repeat(np.arange(count), BESIDE), near.ravel()], axis=1)
+        pairs = pairs[pairs[:, 1] < count]  # others are farther away
         #: Near points of two components.
         self._pairs = pairs[self._component[pairs[:, 0]] != self._component[pairs[:, 1]]]
 
@@ -80,13 +87,8 @@ class NearParts:
         i, j = self._pairs.T
         i, j = self._pairs[np.linalg.norm(P[i] - P[j], axis=1) > least].T  # others have a smaller gap
         point, other = np.append(i, j), self._component[np.append(j, i)]
-        own = members(self._component, self._component.max() + 1)
-        opened = np.empty(len(point))
-        for k in np.unique(other).tolist():
-            rows = np.flatnonzero(other == k)
-            now, before = (cKDTree(Q[own[k]]).query(Q[point[rows]])[0] for Q in (P, self._rest))
-            opened[rows] = now - growth * before
-        opened = np.minimum(*opened.reshape(2, -1))
+        now, before = (self._distance(Q, point, other) for Q in (P, self._rest))
+        opened = np.minimum(*(now - growth * before).reshape(2, -1))
         wide = np.flatnonzero(opened > least)
         if not len(wide):
             return None
@@ -94,6 +96,15 @@ class NearParts:
         worst = wide[np.argmax(opened[wide])]
         one, two = pairs[worst].tolist()
         return Gap(float(opened[worst]) / diagonal, (one, two), len(np.unique(pairs[wide], axis=0)))
+
+    def _distance(self, P: np.ndarray, point: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Return the distance of each point (k,) from another component (k,), at positions P (p, 3) of all.
+
+        A fourth coordinate keeps the components apart in one tree.
+        """
+        apart = 2 * float(np.linalg.norm(np.ptp(P, axis=0)))
+        tree = cKDTree(np.column_stack([P, apart * self._component]))
+        return tree.query(np.column_stack([P[point], apart * other]), workers=available_cpus())[0]
 
 
 def surface_points(mesh: Mesh, spacing: float) -> tuple[np.ndarray, np.ndarray]:
