@@ -17,7 +17,7 @@ from sshade import InputError, Mesh
 from sshade.files.meshes import write_mesh
 from tests.defaust.registrations import configured
 from tests.defaust.toy import KEPT
-from tests.shapes import beside, icosphere, strip, torus
+from tests.shapes import beside, icosphere, shifted, strip, torus
 from tests.sshade.mesh.test_cutting import moebius
 
 sequence = partial(configured, "sequence")
@@ -107,6 +107,14 @@ def test_sampled_landmarks_lie_apart_at_the_ends(tmp_path):
     assert sorted(x[:2]) == [0.0, 40.0] and 15 < x[2] < 25
     with pytest.raises(InputError, match="the vertex of landmark far is 205, but there are 205 vertices"):
         sequence(tmp_path, "source.landmarks={far:205}").landmark_vertices(0)
+
+
+def test_the_first_landmark_is_at_an_end_of_the_largest_component(tmp_path):
+    pair = beside(strip(3, 3), shifted(strip(40, 4), [0, 9, 0]), shifted(strip(3, 3), [0, 99, 0]))
+    write_class(tmp_path, "band", pair)
+    first, *others = sequence(tmp_path, "source.landmarks=3").landmark_vertices(0).values()
+    assert pair.component[first] == 1 and pair.V[first, 0] in (0.0, 40.0)
+    assert {0, 2} == set(pair.component[others].tolist())
 
 
 def test_vertices_and_faces_outside_the_surface_are_removed(tmp_path):

@@ -5,6 +5,7 @@ import shutil
 import igl
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from defaust.build.dataset import build
@@ -17,8 +18,9 @@ from defaust.sources.generated import cactus
 from defaust.sources.generated.shapes import BENT, SHAPES, TWISTED, Shapes
 from defaust.tasks import load_task
 from sshade import InputError, Mesh
+from sshade.files.meshes import read_mesh
 from sshade.problem.snapping import vertices_in
-from tests.defaust.toy import change
+from tests.defaust.toy import change, change_handles
 
 PLANE, CYLINDER, BAR, CACTUS = range(4)
 
@@ -103,6 +105,16 @@ def test_handles_of_a_task_are_its_regions(built, resolution):
         assert np.array_equal(handles.target[handles.group == 0], V[fixed])
         if shape.is_known:
             assert np.array_equal(task.truth[handles.index], handles.target)
+
+
+def test_regions_that_share_a_vertex_of_the_full_size_mesh_alone_are_a_fault(built, tmp_path):
+    dataset, name = shutil.copytree(built, tmp_path / "shapes"), "subject_02/pose_1.json"
+    low, high = (read_mesh(dataset / f"subject_02/{file}") for file in ("rest_low.ply", "rest.ply"))
+    place = high.V[cKDTree(low.V).query(high.V)[0].argmax()]
+    box = [(place - 1e-6).tolist(), (place + 1e-6).tolist()]
+    change_handles(dataset, name, lambda content: [h["boxes"].append(box) for h in content["handles"][:2]])
+    (fault,) = verify(dataset)
+    assert fault.file == name and fault.text.endswith("a vertex is a handle twice")
 
 
 def test_what_is_refused(built, tmp_path):

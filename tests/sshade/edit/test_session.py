@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sshade import Deformer
 from sshade.edit import follower, state, work
 from sshade.edit.groups import Motion
 from sshade.edit.work import Superseded
@@ -104,6 +105,27 @@ def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch):
     assert not session.is_converged
     session.settle()
     assert session.is_converged
+
+
+@pytest.mark.parametrize("newer", ["drag", "restore"])
+def test_a_step_that_ends_after_a_newer_change_is_not_shown(monkeypatch, newer):
+    session, number = ready()
+    session.release(number, LIFT)
+    step, shown = Deformer.__call__, []
+
+    def late(self, *given, **options):
+        found = step(self, *given, **options)
+        if not shown:
+            shown.append(None)
+            shown[0] = session.drag(number, LIFT) if newer == "drag" else session.restore(number)
+        return found
+
+    monkeypatch.setattr(Deformer, "__call__", late)
+    session.drag(number, turned(BODY.V, 0.4))
+    if newer == "drag":
+        assert session.shown is shown[0]
+    else:
+        assert session.is_converged and np.array_equal(session.shown, BODY.V)
 
 
 def test_of_a_large_group_a_few_vertices_lead_and_all_arrive(monkeypatch):

@@ -59,6 +59,17 @@ def test_a_component_follows_the_one_that_it_is_next_to_through_others(gap):
     np.testing.assert_allclose(shape[: 3 * n], mesh.V[: 3 * n], atol=1e-12)
 
 
+@pytest.mark.parametrize("x", [1.2, 1.6])
+def test_a_component_between_two_others_follows_the_nearer(x):
+    """All vertices of the outer bodies are handles: the left one stays, the right one is lifted."""
+    width, n = np.ptp(BODY.V[:, 0]), BODY.n
+    mesh = beside(*(shifted(BODY, [x * width, 0, 0]) for x in (0.0, x, 2.8)))
+    index = np.append(np.arange(n), np.arange(2 * n, 3 * n))
+    target = mesh.V[index] + np.repeat([[0, 0, 0], [0, 2.0, 0]], n, axis=0)
+    shape = deform(DeformationTask("row", mesh, Handles(index, target))).vertices
+    np.testing.assert_allclose((shape - mesh.V)[n : 2 * n], [[0, 2.0 * (x > 1.4), 0]] * n, atol=1e-12)
+
+
 def test_beads_follow_the_surface_and_not_each_other():
     order = np.argsort(BODY.V[:, 2])[::10]
     beads = [shifted(Mesh(0.04 * BODY.V, BODY.F), place) for place in 1.02 * BODY.V[order]]

@@ -9,7 +9,7 @@ import trimesh
 
 from baselines.accelerated import local_global
 from sshade import DeformationResult, DeformationTask, Handles, InputError, Mesh, bind, deform
-from tests.shapes import beside, bumpy, end_handles, rotation, shifted, torn
+from tests.shapes import beside, bumpy, end_handles, held_ends, rotation, shifted, torn
 from tests.sshade.method.calls import METHODS, fast
 
 BODY = bumpy(2)
@@ -32,6 +32,16 @@ def test_all_forms_give_what_the_method_gives(name):
     assert type(mesh) is Mesh and np.array_equal(mesh.F, BODY.F) and type(scene) is trimesh.Trimesh
     for V in (result.vertices, U, mesh.V, scene.vertices):
         assert np.array_equal(V, expected.vertices)
+
+
+@pytest.mark.parametrize(("method", "farthest"), [("paper", 4e-4), ("fast", 3e-3)])
+def test_a_result_is_near_the_minimum(method, farthest):
+    """The stopping rule leaves 2e-4 and 1e-3 of the diagonal, and nine times as much at ten times the tolerance."""
+    task = held_ends(bumpy(4))
+    found = deform(task, method=method, samplings=1)
+    exact = deform(task, method=method, samplings=1, tolerance=1e-8, max_iterations=9999)
+    assert found.converged and exact.converged
+    assert np.linalg.norm(found.vertices - exact.vertices, axis=1).max() < farthest * task.mesh.diagonal
 
 
 def test_the_default_is_fast_and_a_function_is_taken():

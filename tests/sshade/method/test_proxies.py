@@ -1,5 +1,7 @@
 """The number of vertices of a proxy follows the same rule in all methods and commands."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from baselines.deformation_graph.deformation_graph import deformation_graph
 from sshade import DeformationTask, Deformer
 from sshade.method.transfer import transfer_pose
 from sshade.proxy.bind import bind, proxy_vertices, shared_vertices
-from tests.shapes import bumpy, end_handles
+from tests.shapes import bent, bumpy, end_handles
 from tests.sshade.method.calls import fast, fine, paper
 
 BODY = bumpy(3)
@@ -59,3 +61,20 @@ def test_every_method_samples_a_quarter_and_says_so(method):
         assert dragged.facts.samples == transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
         assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
         assert deformation_graph(TASK).extra["nodes"] == 160
+
+
+@pytest.mark.parametrize("run", [paper, fast, "transfer"])
+def test_memory_does_not_grow_with_the_number_of_samplings(run):
+    mesh = bumpy(5)
+    task = DeformationTask("body", mesh, end_handles(mesh.V, share=0.02, shift=[0, 0, 0.2]))
+    peaks = []
+    for samplings in (1, 1, 10):  # the first call loads kernels
+        options = {"vertices": 100, "samplings": samplings, "workers": 1}
+        tracemalloc.start()
+        if run == "transfer":
+            transfer_pose(mesh, bent(mesh.V), **options)
+        else:
+            run(task, **options, max_iterations=5)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < peaks[1] + 3 * mesh.V.nbytes
