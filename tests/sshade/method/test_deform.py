@@ -36,7 +36,7 @@ def test_all_forms_give_what_the_method_gives(name):
 
 @pytest.mark.parametrize(("method", "farthest"), [("paper", 4e-4), ("fast", 3e-3)])
 def test_a_result_is_near_the_minimum(method, farthest):
-    """The stopping rule leaves 2e-4 and 1e-3 of the diagonal, and nine times as much at ten times the tolerance."""
+    """2e-4 and 1e-3 of the diagonal are left, and nine times as much with ten times the tolerance."""
     task = held_ends(bumpy(4))
     found = deform(task, method=method, samplings=1)
     exact = deform(task, method=method, samplings=1, tolerance=1e-8, max_iterations=9999)
