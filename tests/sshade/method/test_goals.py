@@ -36,6 +36,15 @@ def test_goals_are_reached_with_handles_on_their_targets(name, method):
     assert result.facts.volume_goal_error < WHOLE and result.facts.options["volume_goal"] == 1.1
 
 
+def test_a_goal_limits_the_weight_of_the_area_unless_it_is_given():
+    def shape(**options):
+        return sshade.deform(task_of(BODY), volume_goal=1.3, **options).vertices
+
+    found, whole = shape(), shape(area=1.0)
+    assert np.array_equal(found, shape(area=0.1))
+    assert Mesh(found, BODY.F).face_areas.sum() > 1.005 * Mesh(whole, BODY.F).face_areas.sum()
+
+
 @pytest.mark.parametrize("name", ["closed", "regions"])
 def test_a_drag_keeps_a_goal(name):
     mesh = MESHES[name]

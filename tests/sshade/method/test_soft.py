@@ -64,6 +64,23 @@ def test_a_small_group_beside_large_regions_keeps_its_pull():
         assert V[tip, 0] - BODY.V[tip, 0] > 0.35
 
 
+@pytest.mark.parametrize("weight", [0.5, 5.0, 1e4])
+def test_a_soft_handle_inside_a_hard_region_moves_as_far_as_its_weight_says(weight):
+    tip = REGIONS[np.argmax(BODY.V[REGIONS, 2])]
+    index = np.r_[np.setdiff1d(REGIONS, tip), tip]
+    target = np.concatenate([BODY.V[index[:-1]], BODY.V[[tip]] + [0, 0, 0.2]])
+    group = np.r_[(BODY.V[index[:-1], 2] > 0).astype(int), 2]
+    weights = np.r_[np.full(len(index) - 1, np.inf), weight]
+    task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weights))
+    way = followed(task, local_global(task, start="rigid", tolerance=1e-7).vertices)
+    same = {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
+    for name, error in (("fast", 0.2), ("fine", 0.01)):
+        V = METHODS[name](task, vertices=600, **same).vertices
+        assert followed(task, V) == pytest.approx(way, rel=error)
+        assert np.array_equal(V[index[:-1]], BODY.V[index[:-1]])
+    assert 0.1 < way < 1.0
+
+
 def test_components_share_a_group_and_keep_its_stiffness():
     """Two distant bodies each have half of each group. Each moves like a single body with half the weight."""
     own = task_of(1.0).handles
