@@ -16,11 +16,12 @@ from time import perf_counter
 from typing import Any
 
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import Later
-from sshade.method.pieces import Pieces, both
+from sshade.method.bound import Bound
+from sshade.method.piece import Steps
 from sshade.problem.options import SOLVER, Elements, Options, complete, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
-from sshade.solver.local_global import prepare, solve_task
+from sshade.solver.aim import initial_guess
+from sshade.solver.local_global import bind_system, solve
 
 
 def local_global(
@@ -44,7 +45,7 @@ def local_global(
     accelerate : bool
         Take quasi-Newton steps (L-BFGS, window 5), to the same minimum in a fraction of the steps.
     factorised : bool, optional
-        See :func:`sshade.solver.local_global.prepare`.
+        See :func:`sshade.solver.local_global.bind_system`.
     seed : int
         Unused: the method is deterministic.
     progress : Progress
@@ -66,17 +67,11 @@ def local_global(
         When an iterate is not finite.
     """
     resolved = replace(complete(options), accelerate=accelerate)
-    ready = prepare(task, resolved, elements=energy, factorised=factorised)
+    bound = bind_system(task, resolved, elements=energy, factorised=factorised)
     begin = perf_counter()
-    solution = solve_task(
-        task,
-        prepared=Later(lambda: ready),
-        options=resolved,
-        workers=1,
-        stop=resolved.stop,
-        progress=progress,
-    )
-    return solution.result({"precompute": ready.seconds, "solve": perf_counter() - begin})
+    start = initial_guess(task, resolved.start)
+    solution = solve(bound.system, bound.aim, resolved, start=start, progress=progress)
+    return solution.result({"precompute": bound.seconds, "solve": perf_counter() - begin})
 
 
 @takes_options(SOLVER)
@@ -115,15 +110,11 @@ def accelerated_elastic(
 def _solve(
     task: DeformationTask, energy: Elements, *, progress: Progress, **options: Any
 ) -> DeformationResult:
+    def part(own: DeformationTask, report: Progress) -> DeformationResult:
+        return local_global(own, energy=energy, progress=report, **options)
+
     free = len(task.mesh.components_without(task.handles.index))
     if not (options.get("volume") or options.get("area") or free):
-        return local_global(task, energy=energy, progress=progress, **options)
-    pieces = Pieces(task, Options(vertices=task.mesh.n), progress)
-    for piece in pieces.in_order():
-        with piece.named():
-            result = local_global(piece.task, energy=energy, progress=piece.progress, **options)
-            if (again := pieces.again(piece, result)) is not None:
-                further = local_global(again.task, energy=energy, progress=again.progress, **options)
-                result = both(result, further)
-        pieces.put(piece, result)
-    return pieces.together()
+        return part(task, progress)
+    bound = Bound.of_task(task, Options(vertices=task.mesh.n), steps=Steps(part=part))
+    return bound.solve(task.handles, guess=task.guess, progress=progress)

@@ -79,7 +79,7 @@ def frames() -> list[Image.Image]:
             own, motion = group == number, place(path, time)
             centre, turn = target[own].mean(axis=0), Rotation.from_euler("xyz", motion[3:], degrees=True)
             target[own] = turn.apply(target[own] - centre) + centre + motion[:3]
-        V = drag(target, tolerance=1e-4).vertices
+        V = drag.step(target, tolerance=1e-4).vertices
         plotter = new_plotter(window_size=size, lighting="three lights")
         panel(plotter, mesh, V, view, handles=shown)
         picture = Image.fromarray(plotter.screenshot(return_img=True))

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from sshade.files.arrays import write as write
     from sshade.files.task_files import read_handles as read_handles
     from sshade.mesh.mesh import Mesh as Mesh
+    from sshade.method.bound import Deformer as Deformer
     from sshade.method.call import deform as deform
-    from sshade.method.deformer import Deformer as Deformer
     from sshade.method.sequence import deform_sequence as deform_sequence
     from sshade.method.transfer import transfer_pose as transfer_pose
     from sshade.plotting.figure import plot as plot
@@ -39,7 +39,7 @@ _MODULES = {
     "files.task_files": ["read_handles"],
     "mesh.mesh": ["Mesh"],
     "method.call": ["deform"],
-    "method.deformer": ["Deformer"],
+    "method.bound": ["Deformer"],
     "proxy.bind": ["bind"],
     "method.sequence": ["deform_sequence"],
     "method.transfer": ["transfer_pose"],

@@ -16,7 +16,6 @@ scalable shape correspondence", 2024.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -29,11 +28,11 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.method.deform import deform_task
-from sshade.method.proxies import Proxies
+from sshade.method.bound import Bound
+from sshade.method.piece import Steps
 from sshade.method.regions import HandleRegions, Placement, sample_with_handles
 from sshade.method.transfer import transfer
-from sshade.problem.options import PROXIES, accepted, takes_options
+from sshade.problem.options import PROXIES, accepted, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
 from sshade.proxy.projection import Projection, project_to_fans
 from sshade.proxy.sample import Sampling, sample_proxy
@@ -92,8 +91,9 @@ def paper_with(
         counts.append(int(cross_part(found, proxy, sampling).sum()))
         return found
 
-    sampled = partial(Proxies, sample=samplers[handle_mode], projection=counted)
-    result = deform_task(task, method="paper", make_proxies=sampled, progress=progress, **options)
+    steps = Steps(samplers[handle_mode], counted)
+    bound = Bound.of_task(task, resolve("paper", options), steps=steps)
+    result = bound.solve(task.handles, guess=task.guess, progress=progress)
     far = float(np.mean(counts or 0))  # no proxy where every vertex is a handle
     facts = {"far_vertices": far, "far_share": 100 * far / task.mesh.n}
     return replace(result, extra={**result.extra, **facts})

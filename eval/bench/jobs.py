@@ -29,8 +29,8 @@ from sshade.core.errors import InputError
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
 from sshade.mesh.mesh import Mesh
+from sshade.method.bound import Deformer
 from sshade.method.call import deform
-from sshade.method.deformer import Deformer
 from sshade.problem.options import accepted
 from sshade.problem.task import DeformationTask
 
@@ -202,11 +202,11 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     begin = perf_counter()
     deformer = Deformer(task.mesh, handles.index, group=handles.group, weight=handles.weight, **options)
     bound = perf_counter()
-    first = deformer(handles.target)
+    first = deformer.step(handles.target)
     solved = perf_counter()
     minimum = deformer.settle().vertices
     deformer.reset()
-    before = deformer(rest, tolerance=TOLERANCE).vertices
+    before = deformer.step(rest, tolerance=TOLERANCE).vertices
     out = np.empty_like(before)
     path = [rest + number / STEPS * (handles.target - rest) for number in range(STEPS + 1)]
     forth = _timed_steps(deformer, path[1:], out)
@@ -247,7 +247,7 @@ def _timed_steps(deformer: Deformer, path: Sequence[np.ndarray], out: np.ndarray
     seconds = []
     for targets in path:
         begin = perf_counter()
-        parts = deformer(targets, tolerance=TOLERANCE, out=out).seconds
+        parts = deformer.step(targets, tolerance=TOLERANCE, out=out).seconds
         seconds.append((perf_counter() - begin, parts["solve"], parts["carry"]))
     return np.array(seconds)
 
@@ -258,7 +258,7 @@ def _rebinding(deformer: Deformer, task: DeformationTask) -> float:
     fewer = handles.group != handles.group.max()
     begin = perf_counter()
     for kept in (fewer if fewer.any() else ~fewer, np.ones(len(handles), dtype=bool)):
-        deformer.rebind_handles(handles.index[kept], group=handles.group[kept], weight=handles.weight[kept])
+        deformer.rebind(handles.index[kept], group=handles.group[kept], weight=handles.weight[kept])
     return (perf_counter() - begin) / 2
 
 

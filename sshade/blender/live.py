@@ -15,7 +15,6 @@ from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 
 from .data import add_key, corners, read_motions, read_rig, rest_positions, switch_off, write_key
-from .rig import Drag
 
 #: Errors of computations that end a live mode with a message.
 FAILURES = (InputError, FloatingPointError, MemoryError)
@@ -48,9 +47,9 @@ class Live:
         self.rig = read_rig(obj)
         motions = read_motions(obj)
         self._corners = corners(obj.data)
-        self._drag = Drag(self.rig)
+        self._deformer = self.rig.bound()
         self._uid, self._left = obj.session_uid, 0
-        self._shape, self._motions = self._drag.step(motions), motions
+        self._shape, self._motions = self.rig.step(self._deformer, motions), motions
         self._had_keys, self._earlier = obj.data.shape_keys is not None, switch_off(obj)
         key = add_key(obj)
         self._key = key.name
@@ -142,7 +141,7 @@ class Live:
     def _step(self, obj: bpy.types.Object, motions: list[Motion]) -> None:
         self.require_unchanged(obj)
         key = self.key(obj)
-        self._shape, self._motions = self._drag.step(motions), motions
+        self._shape, self._motions = self.rig.step(self._deformer, motions), motions
         write_key(obj, key, self._shape)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.edit.follower import Follower
+from sshade.edit.drag import bound_for_drag, step
 from sshade.edit.groups import Motion
 from sshade.files.door import open_shape
-from sshade.mesh.unconstrained import leaders, move_rigidly
+from sshade.method.bound import Deformer
 from sshade.method.call import deform
 from sshade.problem.handles import Handles
 
@@ -169,41 +169,14 @@ class Rig:
         task = self._shape.task("blender", self.moved(motions))
         return self.placed(deform(task, method=method, progress=progress).vertices)
 
+    def bound(self) -> Deformer:
+        """Bind the mesh for :meth:`step`; raise InputError when it cannot be bound with these handles."""
+        return bound_for_drag(self.mesh, self.handles, "fast")
+
+    def step(self, deformer: Deformer, motions: Sequence[Motion]) -> np.ndarray:
+        """Return the positions (n, 3) float32 after a few iterations towards the motions of the groups."""
+        return self.placed(step(deformer, self.moved(motions)))
+
     def placed(self, moved: np.ndarray) -> np.ndarray:
         """Return all positions (n, 3) float32, with the surface at `moved` (k, 3)."""
         return self._shape.placed(moved).astype(np.float32)
-
-
-class Drag:
-    """A rig that is bound once and follows motions in steps of a few iterations.
-
-    Components without handles follow the nearest component rigidly.
-
-    Parameters
-    ----------
-    rig : Rig
-
-    Raises
-    ------
-    InputError
-        When a component cannot be bound with these handles.
-    """
-
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self._shape = np.array(rig.mesh.V)
-        moves = np.array([group.moves for group in rig.groups])[rig.handles.group]
-        component, first = np.unique(rig.mesh.component[rig.handles.index[moves]], return_index=True)
-        vertices = rig.handles.index[moves][first]
-        self._led = leaders(rig.mesh, rig.mesh.components_without(rig.handles.index))
-        self._followers = [(Follower(rig.mesh), int(vertex)) for vertex in vertices]
-        for follower, vertex in self._followers:
-            follower.prepare(rig.handles, vertex, "fast")
-
-    def step(self, motions: Sequence[Motion]) -> np.ndarray:
-        """Return the positions (n, 3) float32 after a few iterations towards the motions of the groups."""
-        handles = self.rig.moved(motions)
-        for follower, vertex in self._followers:
-            follower.follow(handles, vertex, "fast", self._shape)
-        move_rigidly(self.rig.mesh, self._shape, self._led)
-        return self.rig.placed(self._shape)

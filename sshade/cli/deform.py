@@ -52,7 +52,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -131,22 +130,22 @@ def command(options: argparse.Namespace) -> int:
     given = [read_handle_file(*files, amount=options.amount) for files in poses]
     take_saved_options(options, options.handles[0], given[0])
     options.method = options.method or "fast"
-    values, resolved = _given_options(options)
+    resolved = _resolved(options)
     with announced_compilation():
         from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
         from sshade.files.meshes import write_file
         from sshade.mesh.parts import NearParts
-        from sshade.method.deform import deform_task, stays_at_rest
+        from sshade.method.bound import Bound, stays_at_rest
 
         opened = open_task(options, given)
         if sequence:
-            deform_poses(options, opened, values, resolved)
+            deform_poses(options, opened, resolved)
             return 0
         file, shape, _, (handles,), task = opened
         others = along.read_files(options.along, names, shape) if names else []
         begin = perf_counter()
         with progress_bar() as progress, announced_warnings():
-            result = deform_task(task, method=options.method, progress=progress, **values)
+            result = Bound.of_task(task, resolved).solve(task.handles, progress=progress)
         seconds = perf_counter() - begin
         stays = options.amount == 0 and not resolved.volume_goal
         placed = file.V if stays else shape.placed(result.vertices)
@@ -172,8 +171,8 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options]:
-    """Return the options that were given, with their values, and all options of the method.
+def _resolved(options: argparse.Namespace) -> Options:
+    """Return the options of the method.
 
     Raises
     ------
@@ -184,4 +183,4 @@ def _given_options(options: argparse.Namespace) -> tuple[dict[str, Any], Options
     resolved = resolve(options.method, values)
     if options.weight is not None and not options.weight > 0:
         raise InputError(f"--weight takes a number above 0, not {options.weight:g}")
-    return values, resolved
+    return resolved

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -50,16 +49,14 @@ def _numbered(pattern: Path, count: int) -> list[Path]:
     return [pattern.with_name(name(number)) for number in range(1, count + 1)]
 
 
-def deform_poses(
-    options: argparse.Namespace, opened: OpenTask, values: dict[str, Any], resolved: Options
-) -> None:
+def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Options) -> None:
     """Deform a mesh for the poses of a sequence, and write the output."""
     from sshade.cli.notes import announced_warnings, reached, stored_positions, tell
     from sshade.files.gltf_morph import write_morphs
     from sshade.files.meshes import write_file
     from sshade.mesh.parts import Gap, NearParts
     from sshade.mesh.surface import as_single
-    from sshade.method.sequence import deform_sequence
+    from sshade.method.sequence import solved_poses
     from sshade.problem.task import DeformationResult
 
     file, shape, _, poses, task = opened
@@ -73,7 +70,7 @@ def deform_poses(
         stays = options.amount == 0 and not resolved.volume_goal
         with progress_bar() as progress:
             progress("poses", 0, count)
-            for result in deform_sequence(task, poses, method=options.method, **values):
+            for result in solved_poses(task, poses, resolved):
                 results.append(replace(result, vertices=np.empty((0, 3))))
                 gaps.append(parts.gap(result.vertices))
                 progress("poses", len(results), count)

@@ -77,9 +77,8 @@ class Session(Work):
 
         def prepare() -> None:
             """Bind the mesh before the user begins to drag."""
-            with self._following, suppress(InputError, FloatingPointError):  # the drag reports the error
-                handles = self._dragged_from(state).handles
-                self._follower.prepare(handles, int(vertices[0]), state.method)
+            with suppress(InputError, FloatingPointError):  # the drag reports the error
+                self.bound(state)
 
         Thread(target=prepare, daemon=True).start()
         return number
@@ -219,4 +218,4 @@ class Session(Work):
         """
         if not self.is_unsaved:
             self.recovery.remove()
-        self._following.acquire(timeout=patience)
+        self._dragging.acquire(timeout=patience)

@@ -11,12 +11,13 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
-from sshade.edit.follower import Follower, converged
+from sshade.edit.drag import bound_again, bound_for_drag, step
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import EditState, History
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.unconstrained import leaders, move_rigidly
+from sshade.method.bound import Deformer
+from sshade.method.call import deform
 from sshade.problem.handles import Handles
 
 
@@ -25,11 +26,18 @@ class Superseded(Exception):
 
 
 class Dragged(NamedTuple):
-    """Groups as handles for the steps of a drag, and the components without handles: see :func:`leaders`."""
+    """Groups as handles for the steps of a drag, with a method, and the mesh bound to them."""
 
     groups: tuple[Group, ...]
     handles: Handles
-    led: list[tuple[np.ndarray, np.ndarray]]
+    method: str
+    deformer: Deformer
+
+    def is_bound_to(self, handles: Handles, method: str) -> bool:
+        """Whether the mesh is bound to the same handle vertices, for the same method."""
+        own = self.handles
+        same = np.array_equal(own.index, handles.index) and np.array_equal(own.group, handles.group)
+        return same and np.array_equal(own.weight, handles.weight) and self.method == method
 
 
 class Work:
@@ -71,8 +79,9 @@ class Work:
         self._revision = 0
         #: EditState whose groups, method and selection count as saved.
         self._saved = self.state
-        self._lock, self._following, self._settling = RLock(), RLock(), RLock()
-        self._follower = Follower(self.mesh)
+        self._lock = RLock()
+        self._dragging = RLock()
+        self._settling = RLock()
         #: Whether the handles moved since the last step of a drag.
         self._jumped = False
         self._dragged: Dragged | None = None
@@ -129,32 +138,43 @@ class Work:
         InputError
             When no group has the number, the group is fixed, or the mesh cannot be bound with these handles.
         """
-        with self._following:
+        with self._dragging:
             with self._lock:
                 before, state = self.state, self.state.moved(number, motion)
                 self._revision += 1
-                revision, shape = self._revision, self.shown
-            dragged = self._dragged_from(before)
-            handles = dragged.handles.at(*state.aims())
+                revision = self._revision
+            dragged = self.bound(before)
             if self._jumped:
-                self._follower.forget()
+                dragged.deformer.reset()
                 self._jumped = False
-            shape = np.array(shape, order="C")
-            self._follower.follow(handles, int(state.group(number).vertices[0]), state.method, shape)
-            move_rigidly(self.mesh, shape, dragged.led)
+            shape = step(dragged.deformer, dragged.handles.at(*state.aims()))
             shape.setflags(write=False)
             with self._lock:
                 if self._revision == revision:
                     self.shown = shape
         return shape
 
-    def _dragged_from(self, state: EditState) -> Dragged:
-        """Return the groups of a state as handles of a drag."""
-        if self._dragged is None or self._dragged.groups is not state.groups:
+    def bound(self, state: EditState) -> Dragged:
+        """Return the groups of a state as handles of a drag, with the mesh bound to them.
+
+        Raises
+        ------
+        InputError
+            When there are no groups, or the mesh cannot be bound with them.
+        """
+        with self._dragging:
+            last, method = self._dragged, state.method
+            if last is not None and last.groups is state.groups and last.method == method:
+                return last
             handles = state.handles(self.mesh).with_portions(self.mesh)
-            led = leaders(self.mesh, self.mesh.components_without(handles.index))
-            self._dragged = Dragged(state.groups, handles, led)
-        return self._dragged
+            if last is None or last.method != method:
+                deformer = bound_for_drag(self.mesh, handles, method)
+            elif last.is_bound_to(handles, method):
+                deformer = last.deformer
+            else:
+                deformer = bound_again(last.deformer, handles, method)
+            self._dragged = Dragged(state.groups, handles, method, deformer)
+            return self._dragged
 
     def release(self, number: int, motion: Motion) -> None:
         """End a drag; the group stays at its place.
@@ -192,7 +212,7 @@ class Work:
 
             V = state.shape
             if V is None:
-                V = converged(self.document.task(state), state.method, progress=watched).vertices
+                V = deform(self.document.task(state), method=state.method, progress=watched).vertices
             with self._lock:
                 if self._revision != revision:
                     raise Superseded

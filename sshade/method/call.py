@@ -9,10 +9,11 @@ from typing import Any, TypeVar, overload
 import numpy as np
 
 from sshade.core.console import compilation_told
+from sshade.core.progress import Progress, silent
 from sshade.files.door import open_arguments
-from sshade.method.deform import deform_task
+from sshade.method.bound import Bound
 from sshade.problem.handle_checks import ids_of
-from sshade.problem.options import accepted, require_method, takes_options
+from sshade.problem.options import accepted, require_method, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
 
 ShapeT = TypeVar("ShapeT")
@@ -135,7 +136,7 @@ def deform(
     >>> bool(np.allclose(U, V + [0, 0, 1], atol=1e-4))
     True
     """
-    run = method if callable(method) else partial(deform_task, method=require_method(method))
+    run = method if callable(method) else partial(_by_method, require_method(method))
     if isinstance(shape, DeformationTask):
         has = weight is not None or rotations is not None or refuse_unconstrained
         if arrays or has or repair or weld is not None:
@@ -153,3 +154,11 @@ def deform(
         handles = Handles(b, bc, weight=weight, rotation=rotations, extent=opened.extent)  # type: ignore[arg-type]
         task = opened.task("mesh", opened.on_surface(handles), refuse_unconstrained=refuse_unconstrained)
         return opened.moved(result_of(task, run(task, **options)).vertices)
+
+
+def _by_method(
+    method: str, task: DeformationTask, *, progress: Progress = silent, **options: Any
+) -> DeformationResult:
+    """Bind a task and solve it once."""
+    bound = Bound.of_task(task, resolve(method, options))
+    return bound.solve(task.handles, guess=task.guess, progress=progress)

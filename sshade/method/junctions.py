@@ -17,8 +17,8 @@ from sshade.core.progress import Progress, renamed
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import numbered
+from sshade.method.proxy_solver import ProxySolver
 from sshade.method.regions import EDGE_RATIO, edge_vertices
-from sshade.method.start import OnceSolver
 from sshade.problem.options import Options
 from sshade.problem.task import Handles
 from sshade.proxy.bind import sample_components
@@ -83,8 +83,8 @@ def deform_joined(
     on_proxy = handles.sampled(handle[samples[on]], number[on], parts.V)
     free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, coarse=None)
     start = None if guess is None else guess[samples[one]]
-    solver = OnceSolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))
-    solved = solver(on_proxy, volume_goal=1.0, stop=free.stop)
+    solver = ProxySolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))
+    solved = solver.solve(on_proxy, volume_goal=1.0, stop=free.stop)
     assert solved.rotations is not None
     binding = bind_proxy(parts, sampling, frames=frame_maker("blended"))
     return binding.carry(solved.positions[number], rotations=solved.rotations[number])[0]

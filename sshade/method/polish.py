@@ -16,17 +16,17 @@ from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.aim import Aim
-from sshade.solver.local_global import Prepared, prepare, project, solve
+from sshade.solver.local_global import BoundSystem, bind_system, project, solve
 from sshade.solver.quasi_newton import WINDOW_OF_POLISH
 from sshade.solver.solution import Solution
 from sshade.solver.system import System, give_back
 
 
-def set_up(task: DeformationTask, options: Options) -> Prepared:
+def set_up(task: DeformationTask, options: Options) -> BoundSystem:
     """Set up the solver of a polish, beside the proxies."""
     give_back()  # frees memory of earlier work before the stage that needs most
     goal = options.volume_goal or 1.0
-    return prepare(task, options, volume_goal=goal, factorised=False, exact_steps=0)
+    return bind_system(task, options, volume_goal=goal, factorised=False, exact_steps=0)
 
 
 def polished(
@@ -34,7 +34,7 @@ def polished(
     options: Options,
     proxy: DeformationResult,
     *,
-    ready: Pending[Prepared],
+    ready: Pending[BoundSystem],
     begin: float,
     progress: Progress,
 ) -> DeformationResult:
@@ -49,7 +49,7 @@ def polished(
     task : DeformationTask
     options : Options
     proxy : DeformationResult
-    ready : Pending of Prepared
+    ready : Pending of BoundSystem
         Result of :func:`set_up`, now or later.
     begin : float
         When the proxies and the set-up began.

@@ -10,17 +10,14 @@ Nothing but the vertices goes from pose to pose: no multipliers, no quasi-Newton
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from hashlib import blake2b
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sshade.core.progress import Progress, silent
-from sshade.mesh.mesh import Mesh
-from sshade.method.deform import deform_task
-from sshade.method.proxies import Proxies
+from sshade.method.bound import Bound
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options, accepted, require_method, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
@@ -28,78 +25,6 @@ from sshade.problem.task import DeformationResult, DeformationTask
 #: Largest move of a handle, as a fraction of the bounding-box diagonal, with which a pose starts from the
 #: pose before. At 24 poses a second, a hand of a body moves by 0.05 in a fast throw.
 NEAR_POSE = 0.1
-
-
-class Sequence:
-    """A mesh that is deformed for one pose after another, with the method that :func:`sshade.deform` uses.
-
-    Parameters
-    ----------
-    task : DeformationTask
-        Mesh, handle vertices, groups and weights of all poses. Its targets and its guess are not used.
-    method : str
-        See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper" with
-        ``accelerate=False`` does not bind.
-    **options
-        Options of the method, see :class:`sshade.problem.options.Options`.
-
-    Raises
-    ------
-    TypeError
-        When the task is no :class:`sshade.DeformationTask`.
-    InputError
-        On an unknown method or option.
-    """
-
-    def __init__(self, task: DeformationTask, *, method: str = "fast", **options: Any) -> None:
-        if not isinstance(task, DeformationTask):
-            raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
-        resolve(require_method(method), options)
-        self.task, self._method, self._options = task, method, options
-        self._kept: dict[bytes, Proxies] = {}
-
-    def __call__(
-        self,
-        handles: Handles,
-        *,
-        after: tuple[Handles, np.ndarray] | None = None,
-        progress: Progress = silent,
-    ) -> DeformationResult:
-        """Deform the mesh for a pose.
-
-        Parameters
-        ----------
-        handles : Handles
-            At their targets, and at the vertices of the task's handles, in the same order.
-        after : (Handles, (n, 3) float64), optional
-            The pose before, and its vertices. Without it the pose starts as a single run does.
-        progress : Progress
-
-        Returns
-        -------
-        DeformationResult
-            As of :func:`sshade.deform`. ``facts.followed`` says whether the pose started from the one before.
-
-        Raises
-        ------
-        InputError
-            If the handles are not the handles of the task, or as :func:`sshade.deform`.
-        """
-        handles.require_same(self.task.handles)
-        guess = None
-        if after is not None and self._is_near(handles, after[0]):
-            guess = self.task.mesh.checked(after[1], "pose before")
-        pose = replace(self.task, handles=handles, guess=guess)
-        kept = _Kept(self._kept)
-        result = deform_task(pose, method=self._method, progress=progress, make_proxies=kept, **self._options)
-        self._kept = kept.used
-        result = replace(result, facts=replace(result.facts, followed=guess is not None))
-        return result.of(self.task.at(pose.handles))
-
-    def _is_near(self, handles: Handles, before: Handles) -> bool:
-        """Whether no handle moved farther than :data:`NEAR_POSE` since the pose before."""
-        step = np.linalg.norm(handles.target - before.target, axis=1).max()
-        return bool(step <= NEAR_POSE * self.task.mesh.diagonal)
 
 
 @takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"))
@@ -125,17 +50,20 @@ def deform_sequence(
         Handles of each pose, or the targets of the task's handles. It may be a generator: a pose is taken
         when its result is asked for.
     method, **options
-        See :func:`sshade.deform`.
+        See :func:`sshade.deform`. "fine" binds its proxy once, but prepares each polish anew; "paper" with
+        ``accelerate=False`` does not bind.
     progress : Progress
         Solves of a proxy that is bound once report nothing.
 
     Yields
     ------
     DeformationResult
-        See :func:`sshade.deform`.
+        See :func:`sshade.deform`. ``facts.followed`` says whether a pose started from the one before.
 
     Raises
     ------
+    TypeError
+        When the task is no :class:`sshade.DeformationTask`.
     InputError
         If a pose has other handles than the task, or as :func:`sshade.deform`.
 
@@ -150,44 +78,29 @@ def deform_sequence(
     >>> [round(float(result.vertices[1, 2]), 3) for result in results]
     [0.5, 1.0]
     """
-    return _deformed_poses(Sequence(task, method=method, **options), poses, progress)
+    if not isinstance(task, DeformationTask):
+        raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
+    return solved_poses(task, poses, resolve(require_method(method), options), progress=progress)
 
 
-def _deformed_poses(
-    sequence: Sequence, poses: Iterable[Handles | np.ndarray], progress: Progress
+def solved_poses(
+    task: DeformationTask,
+    poses: Iterable[Handles | np.ndarray],
+    options: Options,
+    *,
+    progress: Progress = silent,
 ) -> Iterator[DeformationResult]:
-    """Yield the result of each pose, which the caller may change."""
-    after = None
+    """Yield the result of each pose, which the caller may change; see :func:`deform_sequence`."""
+    bound = Bound.of_task(task, options, keep=True)
+    own, before, shape = task.handles, None, None
     for pose in poses:
-        own = sequence.task.handles
         handles = pose if isinstance(pose, Handles) else own.at(pose, own.rotation)
-        result = sequence(handles, after=after, progress=progress)
-        after = handles, result.vertices.copy()
-        yield result
-
-
-@dataclass
-class _Kept:
-    """Gives the proxies of each piece of a mesh, which later poses use again.
-
-    Parameters
-    ----------
-    known, used : mapping
-        Proxies of the pose before, and of this pose, by a hash of all that determines them.
-    """
-
-    known: Mapping[bytes, Proxies]
-    used: dict[bytes, Proxies] = field(default_factory=dict)
-
-    def __call__(self, mesh: Mesh, handles: Handles, options: Options) -> Proxies:
-        if options.coarse is not None or not options.accelerate:
-            return Proxies(mesh, handles, options)
-        kinds = handles.index, handles.group, handles.weight, handles.has_rotation
-        key = blake2b(repr(options).encode())
-        for array in (mesh.V, mesh.F, *kinds):
-            key.update(np.ascontiguousarray(array).tobytes())
-        known = key.digest()
-        proxies = self.used.get(known) or self.known.get(known) or Proxies(mesh, handles, options, keep=True)
-        self.used[known] = proxies
-        proxies.reset()
-        return proxies
+        handles.require_same(own)
+        if before is not None:
+            step = np.linalg.norm(handles.target - before.target, axis=1).max()
+            if step > NEAR_POSE * task.mesh.diagonal:
+                shape = None
+        result = bound.solve(handles, guess=shape, progress=progress)
+        followed = shape is not None
+        before, shape = handles, result.vertices.copy()
+        yield replace(result, facts=replace(result.facts, followed=followed))

@@ -15,7 +15,7 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
 from sshade.mesh.cutting import Cut, cut_surface, mean_of_copies
 from sshade.mesh.mesh import Mesh
-from sshade.method.proxies import mean_of, of_samplings, threads_of
+from sshade.method.piece import mean_of, of_samplings, threads_of
 from sshade.problem.facts import Facts
 from sshade.problem.options import PROXIES, TRANSFER_SAMPLINGS, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, TransferTask

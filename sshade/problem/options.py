@@ -7,13 +7,13 @@ Validation, ``--help``, the reference page and the columns of result rows are al
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from inspect import cleandoc
 from math import inf
 from numbers import Real
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
 
@@ -118,9 +118,14 @@ class Options:
     polish_iterations : int
         Largest number of iterations at full resolution. A larger number removes more traces of the proxy.
         Where joints turn far, a finite `strain_limit` keeps the polish from converging.
-    coarser_start, polish : bool
+    multilevel, polish : bool
         Fixed for each method: a proxy solve initialised on a coarser proxy, and a second solve at full
         resolution.
+
+    Notes
+    -----
+    `method` is the name of the method whose options these are, and `given` has the names of the options that
+    the user gave. They are no options.
     """
 
     vertices: int = _option(6000, "[1, inf)")
@@ -150,24 +155,65 @@ class Options:
     proxy_bending: float = _option(0.0, "[0, inf)", "fine")
     proxy_stiffness: float = _option(1.0, "(0, 1]", "fine")
     polish_iterations: int = _option(0, "[0, inf)", "fine")
-    coarser_start: bool = _option(False, "", "")
+    multilevel: bool = _option(False, "", "")
     polish: bool = _option(False, "", "")
-
-    def subset(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return some options by name."""
-        return {name: getattr(self, name) for name in names}
+    method: str = "paper"
+    given: frozenset[str] = field(default=frozenset(), compare=False)
 
     @property
     def stop(self) -> Stop:
         """When a solve stops."""
         return Stop(self.tolerance, self.max_iterations)
 
+    def with_regions(self) -> Options:
+        """Return the options for handles that are regions: :data:`REGIONS`, unless the user gave others."""
+        own = REGIONS.get(self.method, {})
+        return replace(self, **{name: value for name, value in own.items() if name not in self.given})
+
     def of_proxy(self) -> Options:
         """Return the options of the proxy solve, which in ``fine`` differ from the options of the polish."""
         if not self.polish:
             return self
-        energy: dict[str, Any] = {"attachment": self.proxy_attachment, "stiffness": self.proxy_stiffness}
-        return replace(self, **energy, bending=self.proxy_bending, strain_limit=inf, polish=False)
+        return replace(
+            self,
+            attachment=self.proxy_attachment,
+            stiffness=self.proxy_stiffness,
+            bending=self.proxy_bending,
+            strain_limit=inf,
+            polish=False,
+        )
+
+
+class OptionValues(TypedDict, total=False):
+    """The options of :class:`Options` as keywords of the public functions; None stands for the default."""
+
+    vertices: int | None
+    coarser: int | None
+    samplings: int | None
+    frames: Any
+    workers: int | None
+    seed: int | None
+    volume: float | None
+    volume_goal: float | None
+    area: float | None
+    stiffness: float | None
+    strain: float | None
+    strain_limit: float | None
+    attachment: float | None
+    bending: float | None
+    thickness: float | None
+    inertia: float | None
+    tolerance: float | None
+    max_iterations: int | None
+    start: Start | None
+    guide_attachment: float | None
+    coarse: Callable[..., Any] | None
+    accelerate: bool | None
+    detail: float | None
+    proxy_attachment: float | None
+    proxy_bending: float | None
+    proxy_stiffness: float | None
+    polish_iterations: int | None
 
 
 #: Options of the energy that may change without a new factorisation, and options that change the matrix, as
@@ -204,7 +250,8 @@ _FAST = Options(
     attachment=0.1,
     start="rigid",
     guide_attachment=3.0,
-    coarser_start=True,
+    multilevel=True,
+    method="fast",
 )
 #: Values that `detail` chooses at 0, 1/4, 1/2, 3/4 and 1, with lines between them. A strong attachment on the
 #: proxy finds local minima nearer to the ground truth; a weak one in the polish stretches less. Fine
@@ -233,6 +280,7 @@ _FINE = replace(
     proxy_stiffness=0.06,
     polish_iterations=50,
     polish=True,
+    method="fine",
     **_at_detail(Options.detail),
 )
 #: The methods.
@@ -240,7 +288,7 @@ PRESETS: Mapping[str, Options] = {
     "paper": Options(start="rigid"),
     "fast": _FAST,
     "fine": _FINE,
-    "interpolate": Options(),  # takes no option
+    "interpolate": Options(method="interpolate"),  # takes no option
 }
 # Strain and folds gather at the edges of handle regions. A region that moves away stretches the surface
 # between regions; with an exact area the rest of the surface would pay for it. More attachment on the proxy
@@ -313,7 +361,7 @@ def described() -> Mapping[str, Option]:
     attributes = re.findall(r"^(\w+) : .*((?:\n    .+)+)", cleandoc(Options.__doc__ or ""), re.MULTILINE)
     effects = {name: " ".join(text.split()) for name, text in attributes}
     found = {}
-    for entry in fields(Options):
+    for entry in (one for one in fields(Options) if one.metadata):
         values, interval = entry.metadata["values"], entry.metadata["values"][:1] in ("[", "(")
         kind, choices = str(entry.type).split(" ")[0], () if interval else tuple(values.split())
         methods, effect = entry.metadata["methods"], effects.get(entry.name, "")
@@ -381,7 +429,7 @@ def complete(values: Mapping[str, Any], names: Collection[str] = SOLVER) -> Opti
     return Options(**checked(values, names, subject="the solver"))
 
 
-def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) -> Options:
+def resolve(method: str, values: Mapping[str, Any]) -> Options:
     """Return the options of a method.
 
     Parameters
@@ -390,8 +438,6 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
         A key of :data:`PRESETS`.
     values : mapping
         Options by name; None stands for the method's own value.
-    regions : bool
-        Whether handles are regions: then :data:`REGIONS` are among the method's own values.
 
     Raises
     ------
@@ -399,10 +445,10 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
         On an unknown method, and as :func:`checked`.
     """
     values = checked(values, accepted(method), subject=f"the method {method!r}")
-    values = {**(REGIONS.get(method, {}) if regions else {}), **values}
+    given = frozenset(values)
     if "detail" in values:
         values = {**_at_detail(values["detail"]), **values}
-    options = replace(PRESETS[method], **values)
+    options = replace(PRESETS[method], given=given, **values)
     if not options.accelerate and "start" not in values:
         options = replace(options, start="rest")  # as published
     if options.volume_goal is not None and options.volume == 0:
@@ -414,9 +460,9 @@ def resolve(method: str, values: Mapping[str, Any], *, regions: bool = False) ->
     return options
 
 
-def as_row(options: Options, method: str) -> dict[str, Any]:
+def as_row(options: Options) -> dict[str, Any]:
     """Return the options of a method as a flat mapping of plain values, for rows of results."""
-    values = options.subset(accepted(method))
+    values = {name: getattr(options, name) for name in accepted(options.method)}
     if options.coarse is not None:
         values = {name: value for name, value in values.items() if name not in (*SOLVER, "accelerate")}
     plain = (bool, int, float, str, type(None))

@@ -71,10 +71,10 @@ class DeformationTask(Shown):
             if (positions := getattr(self, name)) is not None:
                 object.__setattr__(self, name, self.mesh.checked(positions, name))
 
-    def at(self, handles: Handles) -> DeformationTask:
-        """Return the task with handles that were checked for its mesh; it has no guess and no truth."""
+    def at(self, handles: Handles, *, guess: np.ndarray | None = None) -> DeformationTask:
+        """Return the task with handles and a guess that were checked for its mesh; it has no truth."""
         task = copy(self)
-        for name, value in {"handles": handles, "guess": None, "truth": None}.items():
+        for name, value in {"handles": handles, "guess": guess, "truth": None}.items():
             object.__setattr__(task, name, value)
         return task
 

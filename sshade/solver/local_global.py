@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.core.progress import Progress, silent
-from sshade.core.threads import Pending, ThreadTeam
+from sshade.core.threads import ThreadTeam
 from sshade.problem.handle_checks import checked_target
 from sshade.problem.options import Elements, Options
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationTask
-from sshade.solver.aim import Aim, initial_guess
+from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
 from sshade.solver.quasi_newton import WINDOW
@@ -168,7 +168,7 @@ def project(
     return system.from_system(state.u, targets)
 
 
-class Prepared(NamedTuple):
+class BoundSystem(NamedTuple):
     """A system bound to a task, the aim for its handles and attached vertices, and the time that it took."""
 
     system: System
@@ -176,7 +176,7 @@ class Prepared(NamedTuple):
     seconds: float = 0.0
 
 
-def prepare(
+def bind_system(
     task: DeformationTask,
     options: Options,
     *,
@@ -184,8 +184,8 @@ def prepare(
     elements: Elements = "spokes_and_rims",
     factorised: bool | None = None,
     exact_steps: int = EXACT_STEPS,
-) -> Prepared:
-    """Set up a system for the mesh and the handles of a task.
+) -> BoundSystem:
+    """Bind a system to the mesh and the handles of a task.
 
     Parameters
     ----------
@@ -224,47 +224,4 @@ def prepare(
         exact_steps=exact_steps,
     )
     aim = Aim(targets, task.handles.prescribed_rotations, volume_goal=volume_goal, majority=majority)
-    return Prepared(system, aim, perf_counter() - begin)
-
-
-def solve_task(
-    task: DeformationTask,
-    *,
-    prepared: Pending[Prepared],
-    options: Options,
-    workers: int,
-    stop: Stop,
-    softened: bool = False,
-    progress: Progress = silent,
-) -> Solution:
-    """Solve a task from its guess or its start, with the system that was set up for it.
-
-    Parameters
-    ----------
-    task : DeformationTask
-    prepared : Pending of Prepared
-        Result of :func:`prepare` for the same mesh, handles and options, now or later.
-    options : Options
-    workers : int
-        Threads that share each iteration; no influence on the result.
-    stop : Stop
-    softened : bool
-        See :func:`solve`.
-    progress : Progress
-
-    Raises
-    ------
-    FloatingPointError
-        When an iterate is not finite.
-    """
-    ready = prepared.result()
-    return solve(
-        ready.system,
-        ready.aim,
-        options,
-        start=initial_guess(task, options.start),
-        stop=stop,
-        workers=workers,
-        softened=softened,
-        progress=progress,
-    )
+    return BoundSystem(system, aim, perf_counter() - begin)

@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, deform
 from sshade.cli.main import main
-from sshade.edit.follower import converged
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import read_handles, write_handles
 from sshade.mesh.mesh import Mesh
 from tests.methods import configured
 from tests.shapes import bumpy, end_handles
+from tests.sshade.edit.sessions import edited
 
 #: Options of `sshade.deform` for each method of the evaluator, and whether a Deformer and the editor have it.
 CALLS = {
@@ -50,11 +50,14 @@ def test_every_door_starts_a_method_alike(name, half_turn):
     found = {"command": read_arrays(folder / f"{name}.ply")[0]}
     found["evaluator"] = configured(name)(task, seed=0).vertices
     if kept:
-        proxies = {"samplings": 5} if name == "paper" else {}
-        bound = Deformer(task.mesh, task.handles.index, group=task.handles.group, **options, **proxies)
-        found["Deformer"] = bound(task.handles.target).vertices
+        bound = Deformer(task.mesh, task.handles.index, group=task.handles.group, **options)
+        found["Deformer"] = bound.step(task.handles.target).vertices
     if in_editor:
-        found["editor"] = converged(task, options.get("method", "fast")).vertices
+        session = edited(
+            str(folder / "rest.ply"), begin=str(folder / "pose.json"), method=options.get("method", "fast")
+        )
+        session.settle()
+        found["editor"] = session.shown
     for door, V in found.items():
         assert np.abs(V - expected).max() <= 1e-6 * task.mesh.diagonal, door
 

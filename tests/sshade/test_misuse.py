@@ -35,7 +35,7 @@ OUT = [np.zeros((3, 3)), np.zeros((BODY.n, 3), order="F"), refused(np.zeros((BOD
 @pytest.mark.parametrize("out", OUT, ids=["short", "of columns", "read-only"])
 def test_no_kernel_writes_into_an_array_that_does_not_fit(out):
     bound, drag = sshade.bind(BODY, 40), Deformer(BODY, HELD, vertices=40)
-    for call in (lambda: bound.carry(bound.proxy.V, out=out), lambda: drag(TARGETS, out=out)):
+    for call in (lambda: bound.carry(bound.proxy.V, out=out), lambda: drag.step(TARGETS, out=out)):
         with pytest.raises(InputError, match="`out` must be a writable, contiguous float64 array"):
             call()
 

@@ -61,13 +61,13 @@ def test_none_is_the_methods_own_value_and_numbers_of_numpy_are_numbers():
 
 @pytest.mark.parametrize("method", [method for method in PRESETS if accepted(method)])
 def test_handle_regions_change_what_is_not_given(method):
-    plain, regional = resolve(method, {}), resolve(method, {}, regions=True)
+    plain, regional = resolve(method, {}), resolve(method, {}).with_regions()
     changed = {
         entry.name for entry in fields(Options) if getattr(plain, entry.name) != getattr(regional, entry.name)
     }
     assert changed - {"proxy_attachment"} <= set(REGIONS.get(method, {}))
     assert bool(changed) == (method in REGIONS)
-    free = resolve(method, {"volume": 0, "area": 0}, regions=True)
+    free = resolve(method, {"volume": 0, "area": 0}).with_regions()
     assert free == replace(regional, volume=0.0, area=0.0)
 
 
@@ -81,7 +81,7 @@ def test_detail_chooses_the_values_of_the_polish_from_smooth_to_least_stretch():
         assert getattr(resolve("fine", {"detail": 0.1, name: 0.07}), name) == 0.07
     others = [replace(options, detail=0, **dict.fromkeys(chosen, 1.0)) for options in along[:-1]]
     assert all(other == others[0] for other in others)
-    assert resolve("fine", {"detail": 0.0}, regions=True).proxy_bending == REGIONS["fine"]["proxy_bending"]
+    assert resolve("fine", {"detail": 0.0}).with_regions().proxy_bending == REGIONS["fine"]["proxy_bending"]
     with pytest.raises(InputError, match="detail must be a number from 0 to 1"):
         resolve("fine", {"detail": 1.5})
 
@@ -106,9 +106,9 @@ def test_each_option_is_in_one_group_and_has_an_effect_and_a_help():
 
 
 def test_a_row_has_the_plain_values_of_what_the_method_takes():
-    row = as_row(resolve("fast", {"frames": print, "volume": 0.5}), "fast")
+    row = as_row(resolve("fast", {"frames": print, "volume": 0.5}))
     assert row["volume"] == 0.5 and row["area"] == inf and "frames" not in row
     assert set(row) == set(accepted("fast")) - {"frames"}
-    row = as_row(resolve("paper", {"coarse": print}), "paper")
+    row = as_row(resolve("paper", {"coarse": print}))
     assert "vertices" in row and not {"coarse", "tolerance", "volume", "accelerate"} & set(row)
-    assert as_row(resolve("paper", {"accelerate": False}), "paper")["accelerate"] is False
+    assert as_row(resolve("paper", {"accelerate": False}))["accelerate"] is False

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade.blender.rig import STILL, Drag, Rig, RigGroup, rigid
+from sshade.blender.rig import STILL, Rig, RigGroup, rigid
 from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
 from sshade.mesh.mesh import Mesh
@@ -106,7 +106,7 @@ def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes
     ]
     rig = Rig(V, F, groups)
     motions = [STILL, *(Motion(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0, 0, 0.5]))]
-    step, end = Drag(rig).step(motions), rig.deform(motions)
+    step, end = rig.step(rig.bound(), motions), rig.deform(motions)
     for vertices, t in ((top, [0.5, 0, 0]), (top + n, [0, 0, 0.5])):
         for U in (step, end):
             assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6

@@ -1,15 +1,17 @@
 """Bind once, deform many times."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh, deform
-from sshade.method import proxy as proxy_module
+from sshade.method import piece as piece_module
 from sshade.problem.options import GROUPS
-from tests.shapes import bumpy, end_handles, moved_parts, tube
-from tests.sshade.mesh.test_cutting import moebius
+from sshade.solver import system as system_module
+from tests.shapes import beside, bumpy, end_handles, moved_parts, of_all, shifted, tube
 from tests.sshade.method.calls import fast, paper
 
 
@@ -43,19 +45,19 @@ def test_a_drag_takes_what_deform_takes(mesh, held, soup):
     shape = (V, F) if soup else (trimesh.Trimesh(V, F, process=False),)
     expected = deform(V, F, mask, target[mask], vertices=150)
     drag, out = Deformer(*shape, mask, vertices=150), np.empty_like(V)
-    np.testing.assert_array_equal(drag(target[mask], out=out).vertices, expected)
+    np.testing.assert_array_equal(drag.step(target[mask], out=out).vertices, expected)
     np.testing.assert_array_equal(out, expected)
-    drag.rebind_handles(np.flatnonzero(mask))
-    assert np.abs(drag(target[mask]).vertices - expected).max() < 0.01 * mesh.diagonal
+    drag.rebind(np.flatnonzero(mask))
+    assert np.abs(drag.step(target[mask]).vertices - expected).max() < 0.01 * mesh.diagonal
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
 def test_a_call_that_fails_leaves_no_trace(mesh, held, drag):
-    first = drag(lifted(mesh, held, 0.2)).vertices
+    first = drag.step(lifted(mesh, held, 0.2)).vertices
     for _ in range(2):
         with pytest.raises(FloatingPointError):
-            drag(1e160 * lifted(mesh, held, 0.2))
-    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.2)).vertices, first)
+            drag.step(1e160 * lifted(mesh, held, 0.2))
+    np.testing.assert_array_equal(drag.step(lifted(mesh, held, 0.2)).vertices, first)
 
 
 def bound_and_task(name: str, **options):
@@ -90,14 +92,14 @@ def test_a_drag_has_the_energy_of_the_method(mesh, option):
     drag = Deformer(mesh, index, group=group, vertices=150, **{option: OTHER_ENERGY[option]})
     changed = np.abs(other.vertices - plain.vertices).max()
     assert changed > 1e-4
-    assert np.abs(drag(target).vertices - other.vertices).max() < 0.01 * changed
+    assert np.abs(drag.step(target).vertices - other.vertices).max() < 0.01 * changed
 
 
 @pytest.mark.parametrize(("name", "samplings"), [("bumpy", 1), ("bumpy", 3), ("soft", 2), ("regions", 2)])
 def test_the_first_call_equals_deform(name, samplings):
     options = {"samplings": samplings, "seed": 4}
     drag, task = bound_and_task(name, method="paper", **options)
-    bound, once = drag(task.handles.target), paper(task, vertices=300, **options)
+    bound, once = drag.step(task.handles.target), paper(task, vertices=300, **options)
     np.testing.assert_array_equal(bound.vertices, once.vertices)
     assert bound.iterations == once.iterations
 
@@ -110,26 +112,26 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
 
     def along(shares: np.ndarray):
         for share in shares:
-            result = drag(rest + share * (handles.target - rest), tolerance=1e-4, out=out)
+            result = drag.step(rest + share * (handles.target - rest), tolerance=1e-4, out=out)
             assert result.vertices is out
         return result
 
     def apart(V: np.ndarray, W: np.ndarray) -> float:
         return np.linalg.norm(V - W, axis=1).max() / mesh.diagonal
 
-    first, once = drag(handles.target).vertices, fast(task, vertices=300).vertices
+    first, once = drag.step(handles.target).vertices, fast(task, vertices=300).vertices
     # The results differ only where the proxy has to correct the volume deficit of regions.
     assert apart(first, once) <= (1e-4 if name == "regions" else 0.0)
     minimum = drag.settle().vertices
     drag.reset()
-    before = drag(rest).vertices
+    before = drag.step(rest).vertices
     last = along(np.linspace(0, 1, 13)[1:])
     settled = drag.settle()
     assert settled.converged and apart(settled.vertices, minimum) < 3e-4
     # With regions, the two energies belong to different volume goals.
     assert settled.facts.energy <= last.facts.energy or name == "regions"
-    assert name != "bumpy" or drag(handles.target).iterations == 1  # nothing has moved
-    there = drag(handles.target, tolerance=1e-8)
+    assert name != "bumpy" or drag.step(handles.target).iterations == 1  # nothing has moved
+    there = drag.step(handles.target, tolerance=1e-8)
     assert there.converged and apart(there.vertices, settled.vertices) < 1e-4
     assert apart(there.vertices, fast(task, vertices=300, tolerance=1e-8).vertices) < 1e-3
     if name != "soft":
@@ -137,7 +139,7 @@ def test_a_drag_settles_where_the_method_ends_and_leads_back(name):
     if name == "regions":
         assert Mesh(there.vertices, mesh.F).volume == pytest.approx(mesh.volume, rel=1e-3)
     along(np.linspace(1, 0, 13)[1:])
-    assert apart(drag(rest, tolerance=1e-8).vertices, before) < 1e-3
+    assert apart(drag.step(rest, tolerance=1e-8).vertices, before) < 1e-3
     assert apart(there.vertices, before) > 0.02
 
 
@@ -148,29 +150,28 @@ def test_rotations_may_come_and_go_in_a_drag():
     parts = (np.argsort(z)[:20], 0), ([np.argmin(np.abs(z - z.max()) + np.abs(mesh.V[:, 0]))], 0)
     turned = moved_parts(mesh.V, *parts, rotations=[None, [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]])
     drag, rest = Deformer(mesh, turned.index, group=turned.group, vertices=400), turned.target
-    still = drag(rest, tolerance=1e-7).vertices
+    still = drag.step(rest, tolerance=1e-7).vertices
     for _ in range(2):
-        there = drag(rest, rotations=turned.rotation, tolerance=1e-7).vertices
+        there = drag.step(rest, rotations=turned.rotation, tolerance=1e-7).vertices
     once = fast(DeformationTask("turned", mesh, turned), vertices=400, tolerance=1e-7).vertices
     assert np.linalg.norm(there - once, axis=1).max() < 1e-3 * mesh.diagonal
     for _ in range(2):
-        back = drag(rest, tolerance=1e-7).vertices
+        back = drag.step(rest, tolerance=1e-7).vertices
     assert np.abs(there - still).max() > 0.02 * mesh.diagonal
     assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
 
 
 def rebound(mesh, held, index) -> Deformer:
     drag = Deformer(mesh, held, vertices=150)
-    drag(mesh.V[held])
-    drag.rebind_handles(index)
+    drag.step(mesh.V[held])
+    drag.rebind(index)
     return drag
 
 
 REFUSED = {
-    "no method 'fine' here; use 'fast', 'paper'": lambda mesh, held: Deformer(mesh, held, method="fine"),
-    "no use for the option 'coarse'": lambda mesh, held: Deformer(mesh, held, method="paper", coarse=print),
+    "no method 'fin' here; did you mean 'fine'": lambda mesh, held: Deformer(mesh, held, method="fin"),
+    "no use for the option 'coarse'": lambda mesh, held: Deformer(mesh, held, coarse=print),
     "given twice": lambda mesh, held: Deformer(mesh, [1, 1]),
-    "no such orientation: sshade.deform and": lambda mesh, held: Deformer(moebius(), [0, 40]),
     "handle ids must be integers": lambda mesh, held: rebound(mesh, held, [0.7, 5.9]),
     "nothing to settle: no targets": lambda mesh, held: Deformer(mesh, held, vertices=150).settle(),
     "nothing to settle": lambda mesh, held: rebound(mesh, held, held[:8]).settle(),
@@ -188,17 +189,17 @@ def test_a_single_handle_that_is_no_sample_is_met():
     mesh = tube(40, 120, length=7.0)
     order = np.argsort(mesh.V[:, 2])
     drag = Deformer(mesh, order[:20], vertices=600)
-    samples = drag._proxies.kept[0].sampling.samples
+    samples = drag._pieces[0].kept[0].sampling.samples
     top = mesh.V[:, 2] > 0.8 * mesh.V[:, 2].max()
     new = np.flatnonzero(top & ~np.isin(np.arange(mesh.n), samples))[7]
     own = moved_parts(mesh.V, (order[:20], 0), ([new], [2.0, 0.0, -1.5]))
-    drag.rebind_handles(own.index, group=own.group)
-    off = [np.linalg.norm(drag(own.target).vertices[new] - own.target[-1])]
+    drag.rebind(own.index, group=own.group)
+    off = [np.linalg.norm(drag.step(own.target).vertices[new] - own.target[-1])]
     settled = drag.settle().vertices
     assert np.linalg.norm(settled[new] - own.target[-1]) < 1e-4 * mesh.diagonal
     for share in np.linspace(1, 0.5, 11):
         aim = mesh.V[own.index] + share * (own.target - mesh.V[own.index])
-        off.append(np.linalg.norm(drag(aim, tolerance=1e-4).vertices[new] - aim[-1]))
+        off.append(np.linalg.norm(drag.step(aim, tolerance=1e-4).vertices[new] - aim[-1]))
     assert max(off) < 2e-3 * mesh.diagonal
 
 
@@ -211,45 +212,45 @@ def test_other_handles_are_taken_without_binding_anew(weight):
     others = moved_parts(mesh.V, (low, 0), (np.argsort(np.abs(z - z.mean()))[:20], [0.5, 0, 0]))
     drag = Deformer(mesh, ends.index, group=ends.group, vertices=600)
     own = {"group": others.group, "weight": weight}
-    drag(ends.target)
-    drag.rebind_handles(others.index, **own)
-    drag(others.target)
-    moved = drag(others.target, tolerance=1e-7).vertices
-    anew = Deformer(mesh, others.index, **own, vertices=600)(others.target, tolerance=1e-7).vertices
+    drag.step(ends.target)
+    drag.rebind(others.index, **own)
+    drag.step(others.target)
+    moved = drag.step(others.target, tolerance=1e-7).vertices
+    anew = Deformer(mesh, others.index, **own, vertices=600).step(others.target, tolerance=1e-7).vertices
     assert np.linalg.norm(moved - anew, axis=1).max() < 0.03 * mesh.diagonal
     off = np.linalg.norm(moved[others.index] - others.target, axis=1).max()
     assert off < (0.01 if weight == np.inf else 0.05) * mesh.diagonal
-    drag.rebind_handles(ends.index, group=ends.group)
-    drag(mesh.V[ends.index])
-    still = drag(mesh.V[ends.index], tolerance=1e-7).vertices
+    drag.rebind(ends.index, group=ends.group)
+    drag.step(mesh.V[ends.index])
+    still = drag.step(mesh.V[ends.index], tolerance=1e-7).vertices
     assert np.abs(still - mesh.V).max() < 1e-4 * mesh.diagonal
 
 
 def test_a_reset_forgets_where_rebound_handles_missed_their_targets(mesh, held, drag):
     others = np.setdiff1d(np.argsort(mesh.V[:, 2])[[*range(12), *range(-12, 0)]], held)
-    drag.rebind_handles(others)
-    drag(mesh.V[others] + np.where(mesh.V[others, 2:] > 0, [0.3, 0, 0.2], 0.0))
+    drag.rebind(others)
+    drag.step(mesh.V[others] + np.where(mesh.V[others, 2:] > 0, [0.3, 0, 0.2], 0.0))
     drag.reset()
-    assert np.abs(drag(mesh.V[others]).vertices - mesh.V).max() < 1e-12 * mesh.diagonal
+    assert np.abs(drag.step(mesh.V[others]).vertices - mesh.V).max() < 1e-12 * mesh.diagonal
 
 
 def test_handles_that_cannot_be_rebound_leave_everything_as_it_was(mesh, held, monkeypatch):
     """The handles are too far from the second proxy only."""
     drag = Deformer(mesh, held, vertices=150, samplings=2)
-    before = drag(lifted(mesh, held, 0.3)).vertices
-    second, place = drag._proxies.kept[1].mesh, proxy_module.NearestPlacement
+    before = drag.step(lifted(mesh, held, 0.3)).vertices
+    second, place = drag._pieces[0].kept[1].mesh, piece_module.NearestPlacement
 
     def placed(mesh, proxy, rest):
         if proxy is second:
             raise InputError("too far")
         return place(mesh, proxy, rest)
 
-    monkeypatch.setattr(proxy_module, "NearestPlacement", placed)
+    monkeypatch.setattr(piece_module, "NearestPlacement", placed)
     with pytest.raises(InputError):
-        drag.rebind_handles([0])
+        drag.rebind([0])
     np.testing.assert_array_equal(drag.index, held)
     drag.reset()
-    np.testing.assert_array_equal(drag(lifted(mesh, held, 0.3)).vertices, before)
+    np.testing.assert_array_equal(drag.step(lifted(mesh, held, 0.3)).vertices, before)
 
 
 def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
@@ -257,4 +258,75 @@ def test_iterations_are_counted_over_all_solves_where_handles_are_regions():
     grown = end_handles(mesh.V, count=int(0.3 * mesh.n), turn=1.2 * np.eye(3))
     options = {"vertices": 150, "tolerance": 0.0, "max_iterations": 8}
     assert fast(DeformationTask("grown", mesh, grown), **options).iterations == 8
-    assert Deformer(mesh, grown.index, **options)(grown.target).iterations == 8
+    assert Deformer(mesh, grown.index, **options).step(grown.target).iterations == 8
+
+
+def test_all_components_follow_a_drag_and_settle_where_deform_ends():
+    """Two bodies are bent, a third one turns with its handles, and one without handles goes along."""
+    body, step = bumpy(3), np.array([4.0, 0, 0])
+    mesh = beside(body, shifted(body, step), shifted(body, 2 * step), shifted(body, [0.0, 3.5, 0]))
+    own = [end_handles(body.V, count=12), end_handles(body.V, count=12, shift=[0, 0.3, 0.2])]
+    placed = [replace(one, target=one.target + k * step) for k, one in enumerate(own)]
+    turn = moved_parts(body.V + 2 * step, (own[0].index, [0, 0, 0.7]))
+    handles = of_all((placed[0], 0), (placed[1], body.n), (turn, 2 * body.n))
+    group = np.unique(np.stack([handles.group, handles.index // body.n]), axis=1, return_inverse=True)[1]
+    task = DeformationTask("four", mesh, replace(handles, group=group))
+    drag = Deformer(mesh, handles.index, group=group, vertices=600)
+    rest = mesh.V[handles.index]
+    for share in np.linspace(0.1, 1, 10):
+        result = drag.step(rest + share * (handles.target - rest), tolerance=1e-4)
+    assert np.abs(result.vertices[handles.index] - handles.target).max() < 1e-9
+    end, once = drag.settle().vertices, deform(task, vertices=600).vertices
+    assert np.linalg.norm(end - once, axis=1).max() < 3e-3 * mesh.diagonal
+    third = slice(2 * body.n, 3 * body.n)
+    assert np.abs(end[third] - mesh.V[third] - [0, 0, 0.7]).max() < 1e-9
+    assert np.linalg.norm(end[3 * body.n :] - mesh.V[3 * body.n :], axis=1).min() > 0
+    drag.reset()
+    np.testing.assert_array_equal(drag.step(handles.target).vertices, first_step(task))
+
+
+def first_step(task: DeformationTask) -> np.ndarray:
+    handles = task.handles
+    return Deformer(task.mesh, handles.index, group=handles.group, vertices=600).step(handles.target).vertices
+
+
+def test_the_steps_of_fine_are_those_of_its_proxy_and_settling_polishes(mesh, held):
+    target = lifted(mesh, held, 0.3)
+    drag = Deformer(mesh, held, method="fine", vertices=150)
+    assert drag.step(target).facts.proxy_iterations is None
+    settled = drag.settle()
+    assert settled.facts.proxy_iterations > 0
+    once = deform(DeformationTask("t", mesh, Handles(held, target)), method="fine", vertices=150)
+    assert np.linalg.norm(settled.vertices - once.vertices, axis=1).max() < 2e-2 * mesh.diagonal
+
+
+def test_a_drag_factorises_once_and_keeps_its_pairs(mesh, held, monkeypatch):
+    made = []
+    factorised = system_module.Factorised
+    drag = Deformer(mesh, held, vertices=150)
+    drag.step(lifted(mesh, held, 0.2))
+    monkeypatch.setattr(system_module, "Factorised", lambda *a: made.append(1) or factorised(*a))
+    targets = [lifted(mesh, held, lift) for lift in (0.21, 0.22, 0.23)]
+    iterations = [drag.step(target, tolerance=1e-4).iterations for target in targets]
+    assert not made and max(iterations) <= 6
+
+
+def test_a_result_is_not_overwritten_by_the_next_one(mesh, held):
+    drag = Deformer(mesh, held, vertices=150)
+    first = drag.step(lifted(mesh, held, 0.2)).vertices
+    kept = first.copy()
+    drag.step(lifted(mesh, held, 0.4))
+    drag.settle()
+    np.testing.assert_array_equal(first, kept)
+
+
+def test_nothing_of_the_first_regions_is_left_where_a_deformer_takes_other_handles(mesh):
+    regions, others = end_handles(mesh.V, share=0.1), end_handles(mesh.V, count=5, shift=[0.2, 0, 0.1])
+    drag = Deformer(mesh, regions.index, group=regions.group, vertices=mesh.n, coarser=1)
+    drag.step(regions.target)
+    drag.rebind(others.index, group=others.group)
+    for _ in range(3):
+        drag.step(others.target)
+    V, once = drag.settle().vertices, deform(DeformationTask("t", mesh, others), vertices=mesh.n, coarser=1)
+    assert np.abs(V[others.index] - others.target).max() < 2e-3 * mesh.diagonal
+    assert np.linalg.norm(V - once.vertices, axis=1).max() < 0.03 * mesh.diagonal

@@ -8,7 +8,7 @@ from sshade.problem.options import PRESETS, SOLVER
 from tests.shapes import bumpy, end_handles
 from tests.sshade.method.calls import fast, fine
 
-POLISH = PRESETS["fine"].subset(SOLVER)
+POLISH = {name: getattr(PRESETS["fine"], name) for name in SOLVER}
 
 
 @pytest.fixture(scope="module")

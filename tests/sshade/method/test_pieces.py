@@ -133,12 +133,12 @@ def test_copies_within_a_component_meet_at_one_place(weight):
 def test_sides_in_different_minima_meet_from_their_mean(monkeypatch):
     mesh, guesses = moebius(), []
 
-    def apart_at_first(proxies, handles, *, guess, **_):
-        guesses.append(guess)
-        apart = 2.0 * (np.arange(2 * mesh.n) >= mesh.n) * (guess is None)
-        return DeformationResult(proxies.mesh.V + np.outer(apart, [1, 0, 0]), iterations=3, converged=True)
+    def apart_at_first(piece, task, **_):
+        guesses.append(task.guess)
+        apart = 2.0 * (np.arange(2 * mesh.n) >= mesh.n) * (task.guess is None)
+        return DeformationResult(piece.mesh.V + np.outer(apart, [1, 0, 0]), iterations=3, converged=True)
 
-    monkeypatch.setattr("sshade.method.proxies.Proxies.deform", apart_at_first)
+    monkeypatch.setattr("sshade.method.piece.Piece.deform", apart_at_first)
     result = deformed(mesh, Handles([2, 7], mesh.V[[2, 7]] * 1.1), paper)
     assert guesses[0] is None and np.allclose(guesses[1], np.tile(mesh.V, (2, 1)) + [1, 0, 0])
     assert np.array_equal(result.vertices, mesh.V) and result.facts.side_gap == 0

@@ -57,7 +57,7 @@ def test_every_method_samples_a_quarter_and_says_so(method):
     assert np.array_equal(by_default.vertices, asked.vertices)
     assert fewer.facts.samples == 100 and 100 <= fewer.facts.proxy_vertices < 110
     if method is paper:
-        dragged = Deformer(BODY, TASK.handles.index, method="paper")(TASK.handles.target)
+        dragged = Deformer(BODY, TASK.handles.index, method="paper").step(TASK.handles.target)
         assert dragged.facts.samples == transfer_pose(BODY, BODY.V, samplings=1).facts.samples == 160
         assert np.array_equal(bind(BODY).sampling.samples, bind(BODY, 160).sampling.samples)
         assert deformation_graph(TASK).extra["nodes"] == 160

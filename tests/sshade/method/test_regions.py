@@ -106,7 +106,7 @@ def test_a_ring_divides_the_mesh():
 def test_a_bound_mesh_without_free_vertices_returns_the_targets():
     mesh = bumpy(2)
     V = 2.0 * mesh.V
-    np.testing.assert_array_equal(Deformer(mesh, np.arange(mesh.n))(V).vertices, V)
+    np.testing.assert_array_equal(Deformer(mesh, np.arange(mesh.n)).step(V).vertices, V)
 
 
 def test_too_few_samples_for_the_edges_are_refused(task):

@@ -7,8 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Handles, InputError, deform, deform_sequence
-from sshade.method.proxy import Proxy
-from sshade.method.sequence import NEAR_POSE, Sequence
+from sshade.method.bound import Bound
+from sshade.method.piece import Proxy
+from sshade.method.sequence import NEAR_POSE
+from sshade.problem.options import resolve
 from tests.shapes import beside, bumpy, end_handles, shifted, tube
 
 
@@ -28,9 +30,9 @@ def count_samplings(monkeypatch) -> list[int]:
     """Return a list that grows with each sampling of a proxy."""
     found, sample = [], Proxy.__init__
 
-    def counted(self, rest, options, number, **arguments):
+    def counted(self, piece, number, **arguments):
         found.append(number)
-        sample(self, rest, options, number, **arguments)
+        sample(self, piece, number, **arguments)
 
     monkeypatch.setattr(Proxy, "__init__", counted)
     return found
@@ -71,8 +73,8 @@ def test_a_sequence_goes_on_with_the_same_bits_although_volumes_were_corrected(o
     rest, task = mesh.V[ends.index], DeformationTask("grown", mesh, ends)
     poses = [ends.at(np.where(ends.dynamic[:, None], s * rest, rest)) for s in (1.1, 1.15)]
     first, last = deform_sequence(task, poses, **options)
-    again = Sequence(task, **options)(poses[1], after=(poses[0], first.vertices))
-    assert again.facts.followed
+    assert last.facts.followed
+    again = Bound.of_task(task, resolve("fast", options), keep=True).solve(poses[1], guess=first.vertices)
     np.testing.assert_array_equal(again.vertices, last.vertices)
 
 
@@ -112,7 +114,7 @@ def test_poses_with_other_handles_are_refused():
     for name, other in others.items():
         with pytest.raises(InputError, match=f"other {name} than the handles of the first pose"):
             list(deform_sequence(task, [other], vertices=100))
-    with pytest.raises(InputError, match="pose before"):
-        Sequence(task, vertices=100)(handles, after=(handles, task.mesh.V[:4]))
+    with pytest.raises(InputError, match="guess"):
+        Bound.of_task(task, resolve("fast", {})).solve(handles, guess=task.mesh.V[:4])
     with pytest.raises(TypeError, match="a sequence takes a DeformationTask, not a Mesh"):
         list(deform_sequence(task.mesh, []))

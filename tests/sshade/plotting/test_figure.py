@@ -133,7 +133,7 @@ def test_results_know_their_tasks_without_copies_of_arrays():
     moved = sshade.deform(TASK, method=lambda task, **_: RESULT)
     assert moved.task is TASK and moved.vertices is RESULT.vertices and RESULT.task is None
     drag = Deformer(REST, HANDLES.index, group=HANDLES.group)
-    assert np.array_equal(drag(HANDLES.target).task.handles.target, HANDLES.target)
+    assert np.array_equal(drag.step(HANDLES.target).task.handles.target, HANDLES.target)
     assert drag.settle().task.mesh is REST
     for pose in sshade.deform_sequence(TASK, [HANDLES.target, HANDLES]):
         assert pose.task.mesh is REST and pose.task.guess is None

@@ -31,7 +31,7 @@ from sshade.solver.system import System
 LEAST = 2
 
 
-class Following:
+class Drag:
     """A system, and the state that goes from solve to solve.
 
     Parameters

@@ -11,7 +11,7 @@ from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.solver.aim import Aim
 from sshade.solver.attachment import Attachment
-from sshade.solver.following import LEAST, Following
+from sshade.solver.drag import LEAST, Drag
 from tests.shapes import tube
 from tests.sshade.solver.solver import Solver
 from tests.sshade.solver.test_attachment import two_patches
@@ -41,9 +41,9 @@ def at(attachment: Attachment, angle: float) -> Aim:
     return Aim(target, fraction=fraction)
 
 
-def begun(solver: Solver, attachment: Attachment) -> Following:
+def begun(solver: Solver, attachment: Attachment) -> Drag:
     still = np.broadcast_to(np.eye(3), (BAR.n, 3, 3))
-    return Following(solver.system, BAR.V, still, at(attachment, 0.0), Options(**ENERGY))
+    return Drag(solver.system, BAR.V, still, at(attachment, 0.0), Options(**ENERGY))
 
 
 def test_steps_end_in_the_minimum_that_a_solve_from_there_finds(solver, attachment):
