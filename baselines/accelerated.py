@@ -11,14 +11,13 @@ Proof: the papers' formulas in loops give the same plain iterates, and accelerat
 
 from __future__ import annotations
 
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 from sshade.core.progress import Progress, silent
 from sshade.method.bound import Bound
 from sshade.method.piece import Steps
-from sshade.problem.options import SOLVER, Elements, Options, complete, takes_options
+from sshade.problem.options import SOLVER, Elements, Options, checked, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.solver.aim import initial_guess
 from sshade.solver.local_global import bind_system, solve
@@ -66,7 +65,7 @@ def local_global(
     FloatingPointError
         When an iterate is not finite.
     """
-    resolved = replace(complete(options), accelerate=accelerate)
+    resolved = Options(accelerate=accelerate, **checked(options, SOLVER, subject="the solver"))
     bound = bind_system(task, resolved, elements=energy, factorised=factorised)
     begin = perf_counter()
     start = initial_guess(task, resolved.start)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.edit.drag import bound_for_drag, step
+from sshade.edit.dragging import bound_for_drag, step
 from sshade.edit.groups import Motion
 from sshade.files.door import open_shape
 from sshade.method.bound import Deformer

@@ -11,7 +11,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
-from sshade.edit.drag import bound_again, bound_for_drag, step
+from sshade.edit.dragging import bound_again, bound_for_drag, step
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import EditState, History

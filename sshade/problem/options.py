@@ -418,17 +418,6 @@ def checked(values: Mapping[str, Any], names: Collection[str], *, subject: str) 
     return {name: about[name].checked(name, value) for name, value in values.items() if value is not None}
 
 
-def complete(values: Mapping[str, Any], names: Collection[str] = SOLVER) -> Options:
-    """Return the options of a solver: `values`, completed by the published energy.
-
-    Raises
-    ------
-    InputError
-        See :func:`checked`.
-    """
-    return Options(**checked(values, names, subject="the solver"))
-
-
 def resolve(method: str, values: Mapping[str, Any]) -> Options:
     """Return the options of a method.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sshade import Deformer
-from sshade.edit import drag, state, work
+from sshade.edit import dragging, state, work
 from sshade.edit.groups import Motion
 from sshade.edit.work import Superseded
 from tests.shapes import beside, bumpy, rotation, shifted, strip
@@ -199,10 +199,10 @@ def test_a_mesh_that_is_no_manifold_follows_at_once():
 
 def test_large_meshes_take_other_handles_without_being_bound_anew(monkeypatch):
     bound = []
-    deformer = drag.Deformer
-    monkeypatch.setattr(drag, "Deformer", lambda *a, **k: bound.append(1) or deformer(*a, **k))
+    deformer = dragging.Deformer
+    monkeypatch.setattr(dragging, "Deformer", lambda *a, **k: bound.append(1) or deformer(*a, **k))
     body = bumpy(5)
-    monkeypatch.setattr(drag, "REBOUND", 0)
+    monkeypatch.setattr(dragging, "REBOUND", 0)
     session = begun(body)
     monkeypatch.setattr("sshade.edit.session.Thread", lambda **_: SimpleNamespace(start=lambda: None))
     number = marked(session)
