@@ -115,6 +115,7 @@ robustness: $(READY)
 	for package in sshade baselines defaust eval; do \
 	  $(BIN)/coverage report --skip-covered --include="$$package/*" --fail-under=93 || exit 1; done
 	$(BIN)/python -m pytest -m "full or hypothesis" --hypothesis-profile=thorough -n 2 --timeout=3600
+	$(BIN)/sshade-eval check --full
 
 ablations: $(READY) $(QUICK)/dataset.json
 	$(foreach name,$(ABLATIONS),$(BIN)/sshade-eval run -m $($(name)) run.experiment=$(name) &&) true

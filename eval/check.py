@@ -1,13 +1,13 @@
 """Compare methods with golden values: ``sshade-eval check [METHOD ...]``.
 
-Each method of ``conf/method`` runs on small tasks. Some also run on a larger one, where their time is counted
-in iterations of libigl's Elastic. Measures and times must agree with ``conf/golden.yaml``, which has the
-tasks, the golden values and the tolerances. A method whose extra is not installed is left out. Exit code 1 if
-a method differs, is too slow, or fails.
+Each method of ``conf/method`` runs on small tasks. Measures must agree with ``conf/golden.yaml``, which has
+the tasks, the golden values and the tolerances. Then calls, drags and handle regions are timed against
+libigl's Elastic. A method whose extra is not installed is left out. Exit code 1 if a method differs, is too
+slow, sleeps, or fails.
 
 If new results are intended, raise `version` in ``conf/method/NAME.yaml``, or `MEASURES` in ``eval/metrics``
 where a measure changed. Then ``--write`` replaces the golden values; it refuses where values changed and
-neither version rose.
+neither version rose. It also replaces times that differ.
 
 The first call makes the datasets in ``out/check``.
 """
@@ -31,21 +31,22 @@ import yaml
 
 from eval import CONFIGURATION
 from eval.metrics import MEASURES, METRICS, Task, measure
+from eval.pace import Pace, Timed, paces
 from eval.rows.files import write_text
 from eval.rows.store import VALID
-from eval.run.attempt import Attempt, attempt
+from eval.run.attempt import attempt
 from eval.run.config import read_choice, resolved, source_of, task_of, with_truth
 from eval.run.run import given
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 
 GOLDEN = CONFIGURATION / "golden.yaml"
-#: First line of the values in the file. The text above it is written by hand.
-VALUES = "\nvalues:\n"
-#: The method whose iterations are the unit of time, and the number of iterations that are timed.
-CLOCK, ITERATIONS = "elastic", 10
+#: First lines of the values and of the times in the file. The text above them is written by hand.
+VALUES, TIMES = "\nvalues:\n", "times:\n"
 #: Significant digits of a golden value and of a golden time, and number of differences in a line.
 DIGITS, OF_TIME, SHOWN = 7, 3, 3
+#: Least relative change of a time that is written.
+CHANGED = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,6 @@ class GoldenCase:
     methods: Sequence[str] = ("*",)
     without: Sequence[str] = ()
     small: bool = False
-    timed: bool = False
 
     @cached_property
     def source(self) -> dict[str, Any]:
@@ -76,12 +76,11 @@ class GoldenCase:
 
 @dataclass
 class Found:
-    """What a method gave: values of its measures by case, and its time; or why there are none."""
+    """What a method gave: values of its measures by case, or why there are none."""
 
     method: str
     versions: dict[str, int] = field(default_factory=dict)
     values: dict[str, dict[str, float]] = field(default_factory=dict)
-    time: float | None = None
     status: str = "ok"
     reason: str = ""
 
@@ -97,8 +96,12 @@ class GoldenFile:
     rules : dict
         Content of the head.
     cases : list of GoldenCase
+    clock : Timed
+    timed : list of Timed
     values : dict
-        For each method its versions, its time, and the values of each case.
+        For each method its versions, and the values of each case.
+    times : dict
+        Times by name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -106,8 +109,11 @@ class GoldenFile:
         text = path.read_text(encoding="utf-8")
         self.head = text.partition(VALUES)[0]
         self.rules: dict[str, Any] = yaml.safe_load(self.head)
-        self.values: dict[str, dict[str, Any]] = yaml.safe_load(text).get(VALUES.strip(":\n")) or {}
+        document = yaml.safe_load(text)
+        self.values: dict[str, dict[str, Any]] = document.get(VALUES.strip(":\n")) or {}
+        self.times: dict[str, float] = document.get(TIMES.strip(":\n")) or {}
         self.cases = [GoldenCase(name, **facts) for name, facts in self.rules["cases"].items()]
+        self.clock, *self.timed = (_timed(name, facts) for name, facts in self.rules["timed"].items())
 
     def loose(self, method: str) -> Mapping[str, Any]:
         """Return the rule of a method whose results are not reproducible; {} for other methods."""
@@ -135,13 +141,26 @@ class GoldenFile:
                     different.append((times, f"{name} of {case} {old:.6g} -> {new:.6g}"))
         return sorted(((times, text) for times, text in different if times > 1), reverse=True)
 
-    def too_slow(self, found: Found) -> bool:
-        """Whether a method takes longer than its golden time allows."""
-        golden = self.values.get(found.method, {}).get("time")
-        return None not in (golden, found.time) and found.time > self.rules["slower"] * golden
+    def accepts(self, name: str, pace: Pace) -> bool:
+        """Whether a time is at most a multiple of its golden time, and the call does not sleep."""
+        most = self.rules["slower"] * self.times.get(name, 0.0)
+        return pace.time <= most and pace.asleep <= self.rules["asleep"]
 
-    def write(self, results: Sequence[Found]) -> None:
-        """Write the values of methods, and their versions; entries that agree stay as they are.
+    def about(self, name: str, pace: Pace) -> str:
+        """Return a line about a time."""
+        golden = self.times.get(name)
+        if golden is None:
+            return f"has no golden time; takes {pace.time:.3g}"
+        takes = f"takes {pace.time:.3g}, golden {golden:.3g}"
+        if pace.asleep > self.rules["asleep"]:
+            return f"sleeps {pace.asleep:.2g} s; {takes}"
+        if not self.accepts(name, pace):
+            return f"is too slow; {takes}"
+        # A golden time that is too long hides slow code.
+        return f"is faster; {takes}" if self.rules["slower"] * pace.time < golden else takes
+
+    def write(self, results: Sequence[Found], times: Mapping[str, Pace]) -> None:
+        """Write the values of methods with their versions, and times; entries that agree stay as they are.
 
         An entry gains the values of measures that none of its cases has: a new measure changes no result.
 
@@ -159,15 +178,22 @@ class GoldenFile:
                     f"results of {found.method} changed, and its version did not rise; raise `version` in "
                     f"conf/method/{found.method}.yaml, then write again; nothing was written"
                 )
-            if changed or rose or self.too_slow(found):
-                time = {} if found.time is None else {"time": _rounded(found.time, OF_TIME)}
-                entries[found.method] = found.versions | time | found.values
+            if changed or rose:
+                entries[found.method] = found.versions | found.values
             elif old is not None:
                 entries[found.method] = old | {
                     case: {**values, **old.get(case, {})} for case, values in found.values.items()
                 }
-        text = yaml.safe_dump(entries, default_flow_style=None, width=114)
-        write_text(self.path, self.head + VALUES + indent(text, "  "))
+        new = {name: _rounded(pace.time, OF_TIME) for name, pace in times.items()}
+        changed_times = {
+            name: time for name, time in new.items() if abs(self.times.get(name, inf) / time - 1) > CHANGED
+        }
+        parts = [
+            indent(yaml.safe_dump(part, default_flow_style=None, width=114), "  ")
+            for part in (entries, self.times | changed_times)
+        ]
+        write_text(self.path, self.head + VALUES + parts[0] + TIMES + parts[1])
+        self.values, self.times = entries, self.times | changed_times
 
     def _without_new(self, found: Found) -> Found:
         """Return what a method gave, without measures that its entry has in no case."""
@@ -181,7 +207,7 @@ class GoldenFile:
 
 
 def run_method(method: str, golden: GoldenFile) -> Found:
-    """Run a method on its cases, measure the results, and time it where a case asks for it."""
+    """Run a method on its cases, and measure the results."""
     found = Found(method)
     for case in (case for case in golden.cases if case.takes(method)):
         small = golden.rules["small"] if case.small else {}
@@ -199,18 +225,7 @@ def run_method(method: str, golden: GoldenFile) -> Found:
         found.values[case.name] = {
             name: _rounded(value, DIGITS) for name in compared if (value := values[name]) is not None
         }
-        if case.timed:
-            found.time = _in_iterations(done, case.loaded)
-            if golden.too_slow(found):  # the machine may have been busy
-                found.time = _in_iterations(attempt(config, given(case.loaded), seed=0), case.loaded)
     return found
-
-
-def _in_iterations(done: Attempt, task: Task) -> float:
-    """Return the time of a run as a number of iterations of libigl's Elastic, which is timed now."""
-    config = resolved("method", read_choice(f"{CLOCK} max_iterations={ITERATIONS} tolerance=0"))
-    clock = attempt(config, given(task), seed=0).facts
-    return done.facts["seconds.total"] / (clock["seconds.solve"] / clock["iterations"])
 
 
 def report(found: Found, golden: GoldenFile) -> tuple[bool, str]:
@@ -218,12 +233,9 @@ def report(found: Found, golden: GoldenFile) -> tuple[bool, str]:
     if found.status not in VALID:
         skipped = found.status == "skipped"
         return skipped, f"{'left out' if skipped else found.status}: {found.reason}"
-    time = "" if found.time is None else f"; takes {found.time:.3g} iterations of {CLOCK}"
-    entry, different = golden.values.get(found.method), golden.differences(found)
+    entry, different, problems = golden.values.get(found.method), golden.differences(found), []
     if entry is None:
-        return False, f"has no golden values{time}"
-    time += f", golden {entry['time']:.3g}" if "time" in entry else ""
-    problems = ["is too slow"] if golden.too_slow(found) else []
+        return False, "has no golden values"
     if different:
         count = sum(map(len, found.values.values()))
         worst = ", ".join(text for _, text in different[:SHOWN])
@@ -231,13 +243,14 @@ def report(found: Found, golden: GoldenFile) -> tuple[bool, str]:
     old = {name: entry[name] for name in found.versions}
     if found.versions != old:
         problems.append(f"has versions {found.versions}, its golden values {old}")
-    return not problems, f"{'; '.join(problems) or 'agrees'}{time}"
+    return not problems, "; ".join(problems) or "agrees"
 
 
-def make_datasets(datasets: Mapping[str, str]) -> None:
-    """Make the datasets that are missing, by ``defaust build``."""
+def make_datasets(datasets: Mapping[str, str], tasks: Sequence[str]) -> None:
+    """Make the datasets of tasks that are missing, by ``defaust build``."""
     for folder, settings in datasets.items():
-        if not Path(folder, "dataset.json").is_file():
+        needed = any(f"root={folder} " in f"{task} " for task in tasks)
+        if needed and not Path(folder, "dataset.json").is_file():
             say(f"{folder} is missing; it is made now")
             build = [sys.executable, "-m", "defaust", "build", *shlex.split(settings), f"out={folder}"]
             if subprocess.run(build, stdout=sys.stderr).returncode:
@@ -249,6 +262,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("methods", nargs="*", metavar="METHOD", help="names in conf/method (default: all)")
     text = "write golden values of new methods and new versions"
     parser.add_argument("--write", action="store_true", help=text)
+    text = "also time a body of 170,000 vertices"
+    parser.add_argument("--full", action="store_true", help=text)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -260,27 +275,41 @@ def command(options: argparse.Namespace) -> int:
     if unknown := [name for name in options.methods if name not in known]:
         raise InputError(f"there is no method {unknown[0]!r} to check; conf/method has the methods")
     methods = options.methods or known
-    make_datasets(golden.rules["datasets"])
+    timed = [one for one in golden.timed if one.method.split()[0] in methods and one.full <= options.full]
+    tasks = [case.task for case in golden.cases] + [one.task for one in (golden.clock, *timed)]
+    make_datasets(golden.rules["datasets"], tasks)
+    labels = [f"time of {name}" for one in timed for name in one.names]
+    width = max(map(len, [*methods, *labels]))
     results, wrong = [], []
     with progress_bar() as progress:
         for done, method in enumerate(methods):
             progress("methods", done, len(methods), method)
             found = run_method(method, golden)
             passes, line = report(found, golden)
-            print(f"{method:<{max(map(len, methods))}}  {line}", flush=True)  # noqa: T201
+            print(f"{method:<{width}}  {line}", flush=True)  # noqa: T201
             results.append(found)
             wrong += [] if passes else [found]
+        # Each round can lower a time, so a time to write needs all rounds.
+        enough = (lambda *_: False) if options.write else golden.accepts
+        times = paces(golden.clock, timed, enough, progress=progress) if timed else {}
+    for label, (name, pace) in zip(labels, times.items(), strict=True):
+        print(f"{label:<{width}}  {golden.about(name, pace)}")  # noqa: T201
     if options.write and all(found.status in VALID for found in wrong):
-        golden.write([found for found in results if found.status in VALID])
+        golden.write([found for found in results if found.status in VALID], times)
         print(f"wrote {golden.path}")  # noqa: T201
-        return 0
+        wrong = []
     if wrong:
         names = " ".join(found.method for found in wrong)
         print(  # noqa: T201
             "If new results are intended, raise `version` in conf/method/NAME.yaml, or MEASURES if a measure "
             f"changed, and write the golden values: sshade-eval check --write {names}"
         )
-    return 1 if wrong else 0
+    return 0 if not wrong and all(golden.accepts(name, pace) for name, pace in times.items()) else 1
+
+
+def _timed(name: str, facts: Mapping[str, Any]) -> Timed:
+    flags = (facts.get(flag, False) for flag in ("drag", "full"))
+    return Timed(name, facts["task"], facts["method"], facts.get("level"), *flags)
 
 
 def _matches(method: str, patterns: Sequence[str]) -> bool:

@@ -68,12 +68,12 @@ class TimedCase(NamedTuple):
         task = task_of(self.source, truth=False)
         if self.level is None:
             return task
-        task = _deformation(task)
+        task = deformation(task)
         V, F = igl.upsample(np.array(task.mesh.V), np.array(task.mesh.F), self.level)
         return DeformationTask(f"{task.name}, level {self.level}", Mesh(V, F), task.handles)
 
 
-def _deformation(task: Task) -> DeformationTask:
+def deformation(task: Task) -> DeformationTask:
     """Return a task of a deformation; raise InputError for a pose transfer."""
     if not isinstance(task, DeformationTask):
         raise InputError(f"{task.name} is a pose transfer; only `speed` times transfers, without --sizes")
@@ -160,14 +160,24 @@ def _call_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
 
 def _drag_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
     """Return the drag of a method that :class:`sshade.Deformer` binds."""
+    return partial(drag, deformation(task), deformer_options(method))
+
+
+def deformer_options(method: TimedMethod) -> dict[str, Any]:
+    """Return the options of :class:`sshade.Deformer` from the configuration of a method that it binds."""
     label, config, name = method.label, method.config, method.config.get("method")
     if locate(config["_target_"]) is not deform or name not in ("fast", "paper"):
         raise InputError(f"{label} cannot be bound: sshade.Deformer binds the methods paper and fast")
     if config["coarse"] is not None:
         raise InputError(f"{label} cannot be bound: sshade.Deformer has its own solver of proxies")
     names = set(accepted(name)) - {"coarse"}
-    options = {"method": name, **{key: value for key, value in config.items() if key in names}}
-    return partial(drag, _deformation(task), options)
+    return {"method": name, **{key: value for key, value in config.items() if key in names}}
+
+
+def bound(task: DeformationTask, options: dict[str, Any]) -> Deformer:
+    """Bind the mesh and the handles of a task."""
+    handles = task.handles
+    return Deformer(task.mesh, handles.index, group=handles.group, weight=handles.weight, **options)
 
 
 def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
@@ -200,8 +210,8 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     """
     handles, rest = task.handles, task.mesh.V[task.handles.index]
     begin = perf_counter()
-    deformer = Deformer(task.mesh, handles.index, group=handles.group, weight=handles.weight, **options)
-    bound = perf_counter()
+    deformer = bound(task, options)
+    ready = perf_counter()
     first = deformer.step(handles.target)
     solved = perf_counter()
     minimum = deformer.settle().vertices
@@ -218,8 +228,8 @@ def drag(task: DeformationTask, options: dict[str, Any]) -> Row:
     _timed_steps(deformer, path[-2::-1], out)
     whole, solve, carry = np.median(forth, axis=0)
     seconds = {
-        "bind": bound - begin,
-        "first": solved - bound,
+        "bind": ready - begin,
+        "first": solved - ready,
         "step": whole,
         "step_95": np.percentile(forth[:, 0], 95),
         "step_solve": solve,
@@ -270,7 +280,7 @@ def time_commands(methods: Sequence[str], cases: Sequence[TimedCase], *, rounds:
     """
     rows = []
     for load in [case.load for case in cases] or [tiny_task]:
-        task = _deformation(load())
+        task = deformation(load())
         say(f"{task.name}: {task.mesh.n:,} vertices")
         with TemporaryDirectory() as folder:
             mesh, handles, out = (str(Path(folder, name)) for name in ("m.ply", "h.json", "o.ply"))

@@ -1,4 +1,4 @@
-"""Golden values: what differs or is slow fails, and new values need a higher version."""
+"""Golden values: what differs, is slow or sleeps fails, and new values need a higher version."""
 
 from math import inf
 
@@ -8,7 +8,7 @@ import yaml
 import eval.check
 from eval.check import GOLDEN, Found, GoldenFile
 from eval.main import call, main
-from eval.run.attempt import attempt
+from eval.pace import Pace
 
 HEAD = """\
 tolerance: 1.0e-4
@@ -16,39 +16,41 @@ floor: {"%": 0.01, deg: 0.01, "-": 1.0e-6}
 counts: {tolerance: 0.1, least: 2}
 loose:
   - {methods: [bbw], tolerance: 0.5, measures: [edge]}
-slower: 2.5
+slower: 1.6
+asleep: 0.1
 datasets: {}
 cases:
-  bend: {task: hairpin around=12, methods: [arap, elastic], small: true, timed: true}
+  bend: {task: hairpin around=12, methods: [arap, elastic], small: true}
 small: {"*": max_iterations=3}
+timed:
+  clock: {task: hairpin around=12, method: elastic}
+  tube: {task: hairpin around=12, method: arap}
+  large: {task: hairpin around=12, method: arap, full: true}
 
 values:
 """
 
 
-class Clock:
-    """Seconds that the evaluator is told for each run of a method, and for an iteration of Elastic."""
+class Paces:
+    """Times that the evaluator is told."""
 
     def __init__(self) -> None:
-        self.method, self.iteration = 3.0, 2.0
+        self.found = Pace(1.5, 0.0)
 
-    def __call__(self, config, task, **options):
-        done = attempt(config, task, **options)
-        if done.vertices is None:
-            return done
-        told = {"seconds.total": self.method, "seconds.solve": self.iteration * done.facts["iterations"]}
-        return done._replace(facts={**done.facts, **told})
+    def __call__(self, clock, timed, enough, *, progress):
+        self.asked = {one.name: enough(one.name, self.found) for one in timed}
+        return dict.fromkeys(self.asked, self.found)
 
 
 @pytest.fixture
-def clock(monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(eval.check, "attempt", clock)
-    return clock
+def paces(monkeypatch):
+    paces = Paces()
+    monkeypatch.setattr(eval.check, "paces", paces)
+    return paces
 
 
 @pytest.fixture
-def golden(here, clock, monkeypatch):
+def golden(here, paces, monkeypatch):
     """Golden values of `arap` on a small tube, in a file of their own."""
     path = here / "golden.yaml"
     path.write_text(HEAD)
@@ -60,9 +62,13 @@ def golden(here, clock, monkeypatch):
 
 def change(path, **entry):
     """Replace parts of the entry of `arap`; return the new text of the file."""
-    values = yaml.safe_load(path.read_text())["values"]
-    values["arap"] |= entry
-    path.write_text(HEAD + "".join(f"  {line}\n" for line in yaml.safe_dump(values).splitlines()))
+    document = yaml.safe_load(path.read_text())
+    document["values"]["arap"] |= entry
+    values, times = (
+        "".join(f"  {line}\n" for line in yaml.safe_dump(document[part]).splitlines())
+        for part in ("values", "times")
+    )
+    path.write_text(f"{HEAD}{values}times:\n{times}")
     return path.read_text()
 
 
@@ -76,7 +82,7 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys, name):
     text = change(golden, **bend(golden, edge=right * 1.001))
     assert call("check", ["arap"]) == 1
     told = capsys.readouterr().out
-    assert "arap  differs in 1 of" in told and "edge of bend" in told
+    assert "arap          differs in 1 of" in told and "edge of bend" in told
     assert "raise `version` in conf/method/NAME.yaml" in told and told.endswith("check --write arap\n")
     assert main(["check", "--write", "arap"]) == 2
     assert "raise `version` in conf/method/arap.yaml" in capsys.readouterr().err
@@ -86,18 +92,39 @@ def test_a_changed_value_fails_until_a_version_rises(golden, capsys, name):
     assert bend(golden)["bend"]["edge"] == right
 
 
-def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, clock, capsys):
-    clock.method = 30.0
-    assert call("check", ["arap"]) == 1
-    assert "arap  is too slow; takes 15 iterations of elastic, golden 1.5" in capsys.readouterr().out
-    assert call("check", ["--write", "arap"]) == 0 and call("check", ["arap"]) == 0
+def test_a_slow_method_fails_and_its_new_time_can_be_written(golden, paces, capsys):
+    paces.found = Pace(2.5, 0.0)
+    assert call("check", ["arap"]) == 1 and paces.asked == {"tube": False}
+    assert "time of tube  is too slow; takes 2.5, golden 1.5" in capsys.readouterr().out
+    assert call("check", ["--write", "arap"]) == 0 and paces.asked == {"tube": False}
+    assert call("check", ["arap"]) == 0 and paces.asked == {"tube": True}
+    paces.found = Pace(1.5, 0.0)
+    assert call("check", ["arap"]) == 0
+    assert "time of tube  is faster; takes 1.5, golden 2.5" in capsys.readouterr().out
+
+
+def test_a_sleeping_method_fails_whatever_is_written(golden, paces, capsys):
+    paces.found = Pace(1.5, 0.17)
+    for arguments in (["arap"], ["--write", "arap"], ["arap"]):
+        assert call("check", arguments) == 1
+        assert "time of tube  sleeps 0.17 s; takes 1.5, golden 1.5" in capsys.readouterr().out
+
+
+def test_what_takes_long_is_timed_on_demand(golden, paces):
+    assert call("check", ["--full", "arap"]) == 1 and paces.asked == {"tube": True, "large": False}
+    assert call("check", ["--full", "--write", "arap"]) == 0 and call("check", ["--full", "arap"]) == 0
+    assert call("check", ["elastic"]) == 1 and paces.asked == {"tube": True, "large": True}
 
 
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (ModuleNotFoundError("No module named 'torch'", name="torch"), 0, "arap  left out: ModuleNotFound"),
-        (ArithmeticError("no"), 1, "arap  failed: ArithmeticError: no"),
+        (
+            ModuleNotFoundError("No module named 'torch'", name="torch"),
+            0,
+            "arap          left out: ModuleNotFound",
+        ),
+        (ArithmeticError("no"), 1, "arap          failed: ArithmeticError: no"),
     ],
 )
 def test_a_method_without_a_result_is_left_out_or_fails_and_keeps_its_values(
@@ -136,9 +163,8 @@ def test_every_method_has_committed_values_of_its_version():
     folder = GOLDEN.parent / "method"
     names = {path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.yaml")}
     assert set(file.values) == names - {"external"}
+    assert set(file.times) == {name for one in file.timed for name in one.names}
     for name, entry in file.values.items():
         cases = [case for case in file.cases if case.takes(name)]
-        assert set(entry) == {"version", "measures", *(case.name for case in cases)} | {
-            "time" for c in cases if c.timed
-        }
+        assert set(entry) == {"version", "measures", *(case.name for case in cases)}
         assert yaml.safe_load((folder / f"{name}.yaml").read_text()).get("version", 1) == entry["version"]
