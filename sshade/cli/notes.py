@@ -152,6 +152,13 @@ def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterat
         yield f"handles given by position were snapped by at most {snap:.3g}, {share}"
     if dense:
         yield "the handles are dense: --method interpolate follows them without an elastic surface in between"
+    if "yielding" in (facts.volume_constraint or ""):
+        share = f"{100 * (facts.volume_error or 0.0):.2g} %"
+        more = "more" if (facts.volume_pressure or 0.0) < 0 else "less"
+        yield f"the handles ask for {share} {more} volume; the volume yields"
+    if "yielding" in (facts.area_constraint or ""):
+        share = f"{100 * (facts.area_error or 0.0):.2g} %"
+        yield f"the handles ask for another area; the area yields by {share} on the proxy"
     if flat := facts.faces_without_area:
         yield f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged"
     if dropped := facts.duplicates + rest.duplicates + rest.collapsed:

@@ -39,7 +39,7 @@ from sshade.method.assembly import Assembly, Components, Part, Whole
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.piece import Piece, Steps
 from sshade.method.polish import polished, set_up
-from sshade.method.regions import enclosed_volume, has_regions
+from sshade.method.regions import has_regions
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.majority import HandleGroups, MajorityMotion
@@ -47,6 +47,7 @@ from sshade.problem.options import Options, OptionValues, as_row, resolve
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.frames import checked_out
+from sshade.solver.constraints import enclosed_volume
 
 log = logging.getLogger(__name__)
 

@@ -26,7 +26,7 @@ from sshade.core.threads import ThreadTeam, available_cpus, beside, in_threads, 
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.method.nearest_placement import NearestPlacement
-from sshade.method.proxy_solver import ProxySolver
+from sshade.method.proxy_solver import ProxySolver, solver_threads
 from sshade.method.regions import HandleRegions, Sampler, all_on_targets, sample_with_handles
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
@@ -35,6 +35,7 @@ from sshade.problem.task import DeformationResult, DeformationTask, Handles, joi
 from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
+from sshade.solver.joints import with_round_joints
 
 #: Number of mesh vertices from which on several threads prolong N' to M'.
 LARGE = 50_000
@@ -43,6 +44,8 @@ LARGE = 50_000
 #: Relative volume deficit of M' above which the proxy is solved again, and largest number of further solves,
 #: whether for the volume or for handles.
 VOLUME_ERROR, VOLUME_ROUNDS = 1e-3, 3
+#: Tolerance of a pose whose joints are made round afterwards, as a multiple of the method's.
+POSE = 2.0
 #: Largest distance of a hard handle from its target that needs no further solve, as a fraction of the
 #: bounding-box diagonal.
 MET = 1e-5
@@ -210,7 +213,8 @@ class Piece:
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
                     V, results = mean_of(pool.map(run, range(options.samplings)))
         # With a corrected volume, each M' is on its targets.
-        if corrects_volume(options):
+        yields = any("yielding" in (result.facts.volume_constraint or "") for result in results)
+        if corrects_volume(options) and not yields:
             V = self.regions.correct_volume(V)
         else:
             V = self.regions.on_targets(V, handles)
@@ -362,10 +366,13 @@ class Proxy:
         scale = abs(regions.volume) or 1.0 if corrects else 1.0
         iterations, seconds = 0.0, {"solve": 0.0, "carry": 0.0}
         best, smallest, was_exact, coarser = None, inf, False, None
+        round_joints = piece.options.joints > 0 and (settle or self._solver.at_start)
         for _ in range(1 + VOLUME_ROUNDS if settle or self._solver.at_start else 1):
             begin = perf_counter()
             left = replace(stop, max_iterations=int(stop.max_iterations - iterations))
-            solve = partial(self._solver.solve, self._place(handles), volume_goal=self._goal, stop=left)
+            rough = replace(left, tolerance=POSE * left.tolerance) if round_joints else left
+            on_proxy, goal = self._place(handles), self._goal
+            solve = partial(self._solver.solve, on_proxy, volume_goal=goal, stop=rough)
             try:
                 if self._binding is None:
                     with beside(self._bind, size=piece.mesh.n) as binding:
@@ -373,6 +380,11 @@ class Proxy:
                         self._binding = binding.result()
                 else:
                     solved = solve()
+                if round_joints and piece.options.coarse is None:
+                    options, workers = piece.options, solver_threads(piece.options, self.mesh.n)
+                    solved = with_round_joints(
+                        self.mesh, on_proxy, solved, options, volume_goal=goal, stop=left, workers=workers
+                    )
             except FloatingPointError:  # the positions are of no use to the next solve
                 self._solver.reset()
                 raise
@@ -382,7 +394,8 @@ class Proxy:
             begin = perf_counter()
             V, degenerate = self.binding.carry(solved.positions, rotations=R, team=team, out=out)
             V = regions.on_targets(V, handles) if corrects else V
-            deficit = regions.volume_deficit(V) if corrects else 0.0
+            yields = solved.constraints.volume_constraint == "yielding"
+            deficit = regions.volume_deficit(V) if corrects and not yields else 0.0
             missing = abs(deficit) / scale
             seconds["carry"] += perf_counter() - begin
             worse = missing > max(smallest, VOLUME_ERROR)
@@ -417,6 +430,8 @@ class Proxy:
             energy=found.energy,
             volume_error=found.constraints.volume_error,
             area_error=found.constraints.area_error,
+            volume_pressure=found.constraints.volume_pressure,
+            area_pressure=found.constraints.area_pressure,
             volume_constraint=found.constraints.volume_constraint,
             area_constraint=found.constraints.area_constraint,
         )

@@ -16,6 +16,7 @@ from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.aim import Aim
+from sshade.solver.joints import HOLD
 from sshade.solver.local_global import BoundSystem, bind_system, project, solve
 from sshade.solver.quasi_newton import WINDOW_OF_POLISH
 from sshade.solver.solution import Solution
@@ -42,7 +43,10 @@ def polished(
 
     A proxy finds the low frequencies of the motion, for which iterations at full resolution take longest.
     A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
-    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh.
+    (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. A surface hardly resists
+    bending, and would leave the pose: a head would sway around a nose that is fixed. Where joints are round,
+    every vertex is therefore pulled softly to its place after the proxy. The pull is far weaker than the
+    surface over the distance between samples, and far stronger over the length of a limb.
 
     Parameters
     ----------
@@ -68,12 +72,14 @@ def polished(
     begun = perf_counter()
     workers = options.workers or available_cpus()
     turns = _rotations_near_handles(task, samples=proxy.facts.samples)
-    aim = replace(prepared.aim, prescribed=turns)
+    system, aim = prepared.system, replace(prepared.aim, prescribed=turns)
+    if options.joints:
+        system, aim = _held_by(task, proxy.vertices, system, aim)
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
     solution = solve(
-        prepared.system,
+        system,
         aim,
         options,
         start=start.pop(),  # so that the solver can free it
@@ -87,7 +93,10 @@ def polished(
         graph, samples = vertex_graph(task.mesh), proxy.facts.samples
         regions = HandleRegions(task.mesh, task.handles, vertices=samples, graph=graph)
         turned = regions.on_targets(solution.positions, task.handles)
-        solution = _solution_at(prepared.system, solution, turned, aim, options, workers)
+        if solution.constraints.volume_constraint == "yielding":
+            solution = replace(solution, positions=turned)
+        else:
+            solution = _solution_at(system, solution, turned, aim, options, workers)
         progress("regions", 1, 1)
     seconds = {
         "proxy": arrived - begin,
@@ -102,11 +111,27 @@ def polished(
         energy=solution.energy,
         volume_error=solution.constraints.volume_error,
         area_error=solution.constraints.area_error,
+        volume_pressure=solution.constraints.volume_pressure,
+        area_pressure=solution.constraints.area_pressure,
         volume_constraint=solution.constraints.volume_constraint,
         area_constraint=solution.constraints.area_constraint,
     )
     converged = solution.converged or None
     return DeformationResult(solution.positions, solution.iterations, converged, seconds, facts=facts)
+
+
+def _held_by(task: DeformationTask, V: np.ndarray, system: System, aim: Aim) -> tuple[System, Aim]:
+    """Pull every vertex to its place in V (n, 3) in place of the attachment."""
+    handles, mesh = task.handles, task.mesh
+    stiffness = HOLD * mesh.vertex_areas / mesh.area
+    stiffness[handles.index] = 0.0
+    own = np.flatnonzero(stiffness)
+    index, stiffness = (
+        np.concatenate([handles.index, own]),
+        np.concatenate([handles.stiffness, stiffness[own]]),
+    )
+    targets = np.concatenate([handles.target, V[own]])
+    return system.with_handles(index, stiffness=stiffness), replace(aim, targets=targets)
 
 
 def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

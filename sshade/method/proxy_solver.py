@@ -201,7 +201,8 @@ class ProxySolver:
             set_up = partial(bind_system, task, self._options, volume_goal=volume_goal)
             return beside(set_up, size=self._proxy.n)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
-        aim = Aim(targets, handles.prescribed_rotations, fraction, volume_goal, handles.majority)
+        rotations, yields = handles.prescribed_rotations, self._options.yields
+        aim = Aim(targets, rotations, fraction, volume_goal, handles.majority, yields)
         kept = BoundSystem(self._system, aim)
         return nullcontext(Later(lambda: kept))
 

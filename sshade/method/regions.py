@@ -20,7 +20,6 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from sshade.core.errors import InputError
-from sshade.core.threads import in_ranges
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.sides import flagged, numbered
@@ -32,7 +31,7 @@ from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import thinned
 from sshade.proxy.sample import Sampling, proxy_vertices, sample_proxy
-from sshade.solver.constraints import ROUNDING, volume_and_area
+from sshade.solver.constraints import ROUNDING, enclosed_volume
 
 #: Length of an edge between handle vertices in the sampling, as a fraction of its length.
 INSIDE = 1 / 3
@@ -249,12 +248,6 @@ def sample_with_handles(
     number = regions.number[sampling.samples]
     on = np.flatnonzero(number >= 0)
     return sampling, Placement(lambda handles: handles.sampled(number[on], on, mesh.V))
-
-
-def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
-    """Return the volume inside the faces F (m, 3) of a closed, oriented surface at positions V (n, 3)."""
-    origin = V[F[0, 0]]
-    return float(sum(in_ranges(volume_and_area, len(F), F, V, origin))[0])
 
 
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:

@@ -20,6 +20,10 @@ def _distinct(values: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(values))
 
 
+def _largest(values: Sequence[float]) -> float:
+    return max(values, key=abs)
+
+
 def _first(values: Sequence[Any]) -> Any:
     return values[0]
 
@@ -73,6 +77,8 @@ class Facts:
         Last energy, the mean over proxies. Of the polish, if there is one.
     volume_error, area_error : float or None
         Largest relative errors of constrained volumes and areas: of M after a polish, else of N.
+    volume_pressure, area_pressure : float or None
+        Multipliers of the constraints over the rest area: how hard they push, without unit.
     volume_constraint, area_constraint : str or None
         States of the constraints: see :meth:`sshade.solver.constraints.ConstrainedSurface.report`.
     components : int
@@ -115,6 +121,8 @@ class Facts:
     energy: float | None = _fact(samplings=_mean)
     volume_error: float | None = _fact(samplings=max, pieces=max)
     area_error: float | None = _fact(samplings=max, pieces=max)
+    volume_pressure: float | None = _fact(samplings=_largest, pieces=_largest)
+    area_pressure: float | None = _fact(samplings=_largest, pieces=_largest)
     volume_constraint: str | None = _fact(samplings=_distinct, pieces=_distinct)
     area_constraint: str | None = _fact(samplings=_distinct, pieces=_distinct)
 

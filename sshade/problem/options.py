@@ -82,6 +82,9 @@ class Options:
     thickness : float
         Weight with which opposite points of a wall or a limb keep their distance. Raise it, first to 1, if
         the walls of a vessel swell or limbs pinch where they bend; 0 turns it off.
+    joints : float
+        Weight of the thickness in a second solve, which holds the parts that hardly strain and makes the
+        joints between them round; 0 turns it off. Lower it if joints should stay sharper.
     inertia : float
         Weight with which the surface stays with the rigid motion of most handle groups, where it need not
         move farther than a twentieth of the diagonal. Raise it, first to 0.1, if torso and thighs sway when
@@ -143,6 +146,7 @@ class Options:
     attachment: float = _option(0.0, "[0, inf)")
     bending: float = _option(0.0, "[0, inf)")
     thickness: float = _option(0.0, "[0, inf)")
+    joints: float = _option(0.0, "[0, inf)", "fast fine")
     inertia: float = _option(0.0, "[0, inf)", "fast fine")
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
@@ -159,6 +163,11 @@ class Options:
     polish: bool = _option(False, "", "")
     method: str = "paper"
     given: frozenset[str] = field(default=frozenset(), compare=False)
+
+    @property
+    def yields(self) -> bool:
+        """Whether exact constraints have a largest pressure: without a goal, where triangles soften."""
+        return self.volume_goal is None and self.stiffness < 1.0
 
     @property
     def stop(self) -> Stop:
@@ -202,6 +211,7 @@ class OptionValues(TypedDict, total=False):
     attachment: float | None
     bending: float | None
     thickness: float | None
+    joints: float | None
     inertia: float | None
     tolerance: float | None
     max_iterations: int | None
@@ -223,7 +233,7 @@ MATRIX = ("bending", "thickness", "inertia")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "workers", "seed"),
-    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", *MATRIX),
+    "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", *MATRIX, "joints"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
     "Paper": ("coarse", "accelerate"),
     "Polish": ("detail", "proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations"),
@@ -251,6 +261,7 @@ _FAST = Options(
     start="rigid",
     guide_attachment=3.0,
     multilevel=True,
+    joints=1.0,
     method="fast",
 )
 #: Values that `detail` chooses at 0, 1/4, 1/2, 3/4 and 1, with lines between them. A strong attachment on the
@@ -259,7 +270,7 @@ _FAST = Options(
 _ALONG_DETAIL = {
     "proxy_attachment": (0.3, 0.3, 0.3, 0.05, 0.0),
     "attachment": (0.1, 0.03, 0.01, 0.01, 0.0),
-    "bending": (0.003, 0.001, 0.0, 0.0, 0.0),
+    "bending": (0.004, 0.003, 0.003, 0.001, 0.0),
     "strain_limit": (4.0, 4.0, 4.0, 4.0, 0.0),
 }
 

@@ -34,6 +34,8 @@ class Aim:
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
     majority : MajorityMotion, optional
         Motion towards which inertia pulls; without one, inertia is off.
+    yields : bool
+        Whether exact constraints yield beyond :data:`sshade.solver.constraints.PRESSURE`.
     """
 
     targets: np.ndarray
@@ -41,6 +43,7 @@ class Aim:
     fraction: np.ndarray | None = None
     volume_goal: float = 1.0
     majority: MajorityMotion | None = None
+    yields: bool = False
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:

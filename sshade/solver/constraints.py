@@ -9,6 +9,11 @@ method then changes the multipliers and moves the shape along the directions ``z
 constant at convergence, so the directions may belong to an earlier shape. They are renewed every few steps
 only, because each direction takes a linear solve.
 
+An exact constraint yields before it fights the handles. Its pressure is its multiplier over the rest area, a
+number without unit. Where a step would need a larger pressure than :data:`PRESSURE`, the constraint pushes
+with this pressure instead and its equation is dropped: the penalty ``2 corners PRESSURE x rest area x |C_q -
+1|``, which is exact as long as less pressure is enough.
+
 Iterates before the last one may miss the exact constraints by :data:`NEAR`. The safeguard of the iteration
 compares Lagrangians instead of energies, because they do not depend on such errors to first order.
 
@@ -44,6 +49,11 @@ EVERY, EVERY_OF_BOTH = 8, 4
 REACHED = 1e-6
 #: Weight of an area that cannot be met exactly, and number of failed steps after which it keeps this weight.
 RELAXED, GIVE_UP = 1.0, 30
+#: Largest pressure of an exact volume and of an exact area. Poses of bodies and animals need up to 0.004 and
+#: 0.013; a handle that pushes a spot out of a surface, and handles that imply another volume, ask for more.
+PRESSURE = 0.012, 0.03
+#: Steps in which constraints are exact in any case. Poses of bodies need more pressure in the first four.
+EARLY = 10
 #: Least volume of a body, as a multiple of area^1.5. A flat body has less, and no volume constraint.
 FLAT = 1e-9
 #: Error of an equation at which Newton's method stops at the end of a solve, and largest one for iterates
@@ -88,14 +98,18 @@ class ConstraintReport(NamedTuple):
     volume_error, area_error : float or None
         Relative; NaN if the rest shape has no volume or no area, None if unknown.
     volume_constraint, area_constraint : str or None
-        "free", "weighted", "exact", or "infeasible" if the error of an exact constraint is above
-        :data:`REACHED`. The volume may be "off: " and the reason.
+        "free", "weighted", "exact", "yielding" where it pushes with the largest pressure, or "infeasible" if
+        the error of an exact constraint is above :data:`REACHED`. The volume may be "off: " and the reason.
+    volume_pressure, area_pressure : float or None
+        Multipliers of the constraints over the rest area.
     """
 
     volume_error: float | None = None
     area_error: float | None = None
     volume_constraint: str | None = None
     area_constraint: str | None = None
+    volume_pressure: float | None = None
+    area_pressure: float | None = None
 
 
 class ConstrainedSurface:
@@ -139,28 +153,6 @@ class ConstrainedSurface:
         origin = P[self.F[0, 0]]
         return sum(_over(team, volume_and_area, len(self.F), self.F, P, origin, rows=FACES))
 
-    def report(self, P: np.ndarray, volume: float, area: float, *, volume_goal: float) -> ConstraintReport:
-        """Describe volume and area at positions P (n, 3) after a solve with these weights and this goal."""
-        now = self.measure(P, ThreadTeam(1))
-        without_area = self.rest[AREA] == 0
-        volume_error = (
-            math.nan if self.without_volume else float(abs(now[VOLUME] / self.rest[VOLUME] - volume_goal))
-        )
-        area_error = math.nan if without_area else float(abs(now[AREA] / self.rest[AREA] - 1.0))
-        off = f"off: {self.without_volume}" if volume > 0 and self.without_volume else ""
-        return ConstraintReport(
-            volume_error, area_error, off or _state(volume, volume_error), _state(area, area_error)
-        )
-
-
-def _state(weight: float, error: float) -> str:
-    """Return the state of a constraint of which a relative error is left."""
-    if weight == 0:
-        return "free"
-    if weight < math.inf:
-        return "weighted"
-    return "exact" if error <= REACHED else "infeasible"
-
 
 class Constraints:
     """Multipliers and directions of one solve. P and B are (n, 3) float64 in the solver's order.
@@ -180,6 +172,11 @@ class Constraints:
     team : ThreadTeam
     single : bool
         Store gradients and directions in single precision. Exact constraints stay exact.
+
+    Attributes
+    ----------
+    yields : (q,) bool
+        Exact constraints that push with their largest pressure in the present step.
 
     Raises
     ------
@@ -204,6 +201,7 @@ class Constraints:
         if self._kinds and not surface.connected:
             raise InputError("constraints on volume and area need a connected mesh: solve for each component")
         self._surface, self._team, self._corners = surface, team, corners
+        self._given = volume, area
         weights, self._area = np.array([volume, area]), surface.rest[AREA] or 1.0
         #: Weights asked for. `_lasting` has the weights from now on, and `_weight` the weights of this step.
         self._asked, self._every = weights[self._kinds], EVERY_OF_BOTH if np.isinf(weights).all() else EVERY
@@ -214,15 +212,22 @@ class Constraints:
         self._violation, self._steps, self._error, self._near = 0.0, 0, np.zeros(count), 0.0
         #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
+        self.yields = np.zeros(count, dtype=bool)
+        #: Number of steps taken.
+        self._taken = 0
         self.aim(1.0)
 
     def __len__(self) -> int:
         """Number of constrained quantities."""
         return len(self._kinds)
 
-    def aim(self, volume_goal: float) -> None:
-        """Set the goal of the volume, as a multiple of its value at rest; an exact area is tried again."""
-        goals = np.array([volume_goal, 1.0])
+    def aim(self, volume_goal: float, *, yields: bool = True) -> None:
+        """Set the goal of the volume, as a multiple of its value at rest; an exact area is tried again.
+
+        With `yields`, exact constraints have a largest pressure, :data:`PRESSURE`.
+        """
+        goals, most = np.array([volume_goal, 1.0]), np.array(PRESSURE if yields else (math.inf, math.inf))
+        self._most = most[self._kinds] * self._area
         self._scale = 1.0 / self._surface.rest[self._kinds] / goals[self._kinds]
         self._lasting = self._weight = self._asked
         self._failures = 0
@@ -242,9 +247,32 @@ class Constraints:
         value = self._surface.measure(P, self._team)[self._kinds] if known is None else known
         self._error, exact = self._scale * value - 1.0, np.isinf(self._weight)
         # The rest energy is 2 corners x area; with the penalty's 1/2 a factor of 1 remains.
-        weighted = np.where(exact, 0.0, self._weight) * self._error**2
-        self._error[~exact] = 0.0
-        return float((self._corners * self._area * weighted).sum())
+        weighted = self._area * np.where(exact, 0.0, self._weight) * self._error**2
+        weighted[self.yields] = 2.0 * np.abs(self._multiplier * self._error)[self.yields]
+        self._error[~exact | self.yields] = 0.0
+        return float((self._corners * weighted).sum())
+
+    def report(self, P: np.ndarray, goal: float) -> ConstraintReport:
+        """Describe volume and area at positions P (n, 3) after a solve with a goal of the volume."""
+        surface, now = self._surface, self._surface.measure(P, ThreadTeam(1))
+        pressure, yields = np.zeros(2), np.zeros(2, dtype=bool)
+        pressure[self._kinds] = self._multiplier / self._area
+        yields[self._kinds] = self.yields
+        volume, area = self._given
+        volume_error = area_error = math.nan
+        if not surface.without_volume:
+            volume_error = float(abs(now[VOLUME] / surface.rest[VOLUME] - goal))
+        if surface.rest[AREA] > 0:
+            area_error = float(abs(now[AREA] / surface.rest[AREA] - 1.0))
+        off = f"off: {surface.without_volume}" if volume > 0 and surface.without_volume else ""
+        return ConstraintReport(
+            volume_error,
+            area_error,
+            off or _state(volume, volume_error, yields[VOLUME]),
+            _state(area, area_error, yields[AREA]),
+            float(pressure[VOLUME]),
+            float(pressure[AREA]),
+        )
 
     @property
     def correction(self) -> float:
@@ -296,15 +324,21 @@ class Constraints:
         self._steps += 1
         self._weight, multiplier = self._lasting, self._multiplier
         may_fail = self._kinds[-1] == AREA and math.isinf(self._weight[-1])
-        saved = P.copy() if may_fail else P, multiplier.copy()
+        saved = P.copy() if np.isinf(self._weight).any() else P, multiplier.copy()
         rough: dict[str, Any] = {"left": LEFT}
         rough |= {"close": max(CLOSE, OF_STEP * self._near), "certain": max(CERTAIN, OF_STEP * self._near)}
         self._violation = self._newton(P, multiplier, **rough)
-        failed = may_fail and self._violation > REACHED
+        exact = np.isinf(self._weight)
+        self._taken += 1
+        self.yields = exact & (np.abs(multiplier) > self._most) & (self._taken > EARLY)
+        if self.yields.any():
+            self._yield(P, multiplier, *saved, rough)
+        failed = may_fail and self._violation > REACHED and not self.yields[-1]
         self._failures = self._failures + 1 if failed else 0
         if failed:
             P[:], multiplier[:] = saved
             self._weight = np.append(self._weight[:-1], RELAXED)
+            self.yields = np.zeros_like(self.yields)
             self._violation = self._newton(P, multiplier, **rough)
         if self._failures >= GIVE_UP:
             self._lasting = self._weight
@@ -312,12 +346,34 @@ class Constraints:
         if self._violation > REACHED:  # the multipliers would add up from step to step: start again from 0
             multiplier[:], self._steps = 0.0, 0
 
+    def _yield(
+        self, P: np.ndarray, multiplier: np.ndarray, P0: np.ndarray, before: np.ndarray, rough: dict[str, Any]
+    ) -> None:
+        """Take the step from P0 and the multipliers before again, with the largest pressure of what yields.
+
+        With one constraint at its limit, the other may reach its own.
+        """
+        limit = np.sign(multiplier) * self._most
+        for _ in range(len(multiplier)):
+            P[:] = P0
+            multiplier[:] = np.where(self.yields, limit, before)
+            _over(self._team, _shift, len(P), P, self._Z, multiplier - before)
+            self._violation = 0.0
+            if self.yields.all():
+                break
+            self._violation = self._newton(P, multiplier, active=~self.yields, **rough)
+            more = ~self.yields & np.isinf(self._weight) & (np.abs(multiplier) > self._most)
+            if not more.any():
+                break
+            limit[more] = (np.sign(multiplier) * self._most)[more]
+            self.yields |= more
+
     def restore(self, P: np.ndarray, *, exactly: bool = False) -> bool:
         """Move P until the exact constraints hold; False if their error is larger than after `project`.
 
         Without `exactly`, errors up to :data:`NEAR` and the tolerance count as none.
         """
-        exact, self._reached = np.isinf(self._weight), None
+        exact, self._reached = np.isinf(self._weight) & ~self.yields, None
         close = CLOSE if exactly else max(CLOSE, self._near)
         if not exact.any():
             return True
@@ -375,6 +431,23 @@ class Constraints:
             if action == MOVE_LAST:
                 break
         return best
+
+
+def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
+    """Return the volume inside the faces F (m, 3) uint32 of a closed surface at positions V (n, 3)."""
+    origin = V[F[0, 0]]
+    return float(sum(in_ranges(volume_and_area, len(F), F, V, origin))[0])
+
+
+def _state(weight: float, error: float, yields: np.bool_) -> str:
+    """Return the state of a constraint of which a relative error is left."""
+    if weight == 0:
+        return "free"
+    if weight < math.inf:
+        return "weighted"
+    if yields:
+        return "yielding"
+    return "exact" if error <= REACHED else "infeasible"
 
 
 def _reason_for_no_volume(mesh: Mesh, rest: np.ndarray) -> str:

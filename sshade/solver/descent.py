@@ -83,17 +83,36 @@ class Energy:
                 term.turn(number, self.R)
             return energy
 
+        # The sum of the fits is the quadratic energy without a constant, the rest energy. With strain weights
+        # the energy is known only after the forces.
+        quadratic = sum(self._team(fit, len(self._ordered.ranges)))
+        total = self._sum_forces(u)
+        return quadratic if self.weight is None else total - self._system.rest_energy
+
+    def turn(self, u: np.ndarray, rotations: np.ndarray) -> None:
+        """Compute the forces at positions u (n, 3) for given rotations (n, 3, 3) in the solver's order."""
+
+        def turn(number: int) -> None:
+            for term in self.terms:
+                term.local(number, u, self.R)
+            _, first, end = self._ordered.ranges[number]
+            self.R[first:end] = rotations[first:end].reshape(-1, 9)
+            for term in self.terms:
+                term.turn(number, self.R)
+
+        self._team(turn, len(self._ordered.ranges))
+        self._sum_forces(u)
+
+    def _sum_forces(self, u: np.ndarray) -> float:
+        """Compute the forces at positions u for the present rotations, and return the energy."""
+
         def force(number: int) -> float:
             energy = 0.0
             for term in self.terms:
                 energy += term.forces(number, u, self.R, self.forces)
             return energy
 
-        # The sum of the fits is the quadratic energy without a constant, the rest energy. With strain weights
-        # the energy is known only after the forces.
-        quadratic = sum(self._team(fit, len(self._ordered.ranges)))
-        total = sum(self._team(force, len(self._ordered.ranges)))
-        return quadratic if self.weight is None else total - self._system.rest_energy
+        return sum(self._team(force, len(self._ordered.ranges)))
 
     def _rotate(self, number: int) -> float:
         """Replace covariances S in R by rotations, fitted or prescribed; return ``sum tr(R S)``."""
@@ -193,7 +212,7 @@ class Descent:
     def aim(self, aim: Aim) -> None:
         """Set what the next solve aims at."""
         self.energy.aim(aim)
-        self.aim_volume(aim.volume_goal)
+        self.aim_volume(aim.volume_goal, yields=aim.yields)
 
     def begin(self, tolerance: float) -> None:
         """Fit the rotations to the present iterate, where a solve with a tolerance begins."""
@@ -202,6 +221,12 @@ class Descent:
             self._quasi_newton.cut()
         self.value = self._local_step()
         self.rejected = 0
+
+    def begin_turned(self, rotations: np.ndarray) -> None:
+        """Begin at the global step from the present iterate for rotations (n, 3, 3) in the solver's order."""
+        self.energy.turn(self.u, rotations)
+        self._linear.solve(self.energy.forces, self._g, self._team)
+        self.u += self._g
 
     def _local_step(self, *, restored: bool = False) -> float:
         """Fit the rotations; return the energy. If `restored`, :meth:`restore` has just been called."""
@@ -278,10 +303,10 @@ class Descent:
         """
         return self.constraints.restore(self.u, exactly=exactly)
 
-    def aim_volume(self, goal: float) -> None:
-        """Set the goal of the volume alone."""
+    def aim_volume(self, goal: float, *, yields: bool = False) -> None:
+        """Set the goal of the volume alone, and whether exact constraints may yield."""
         self.volume_goal = goal
-        self.constraints.aim(goal)
+        self.constraints.aim(goal, yields=yields)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""

@@ -93,7 +93,7 @@ class Drag:
             self._predict(targets, aim.fraction)
         state.begin(stop.tolerance)
         done = run(state, replace(stop, least_iterations=LEAST if moved else 1))
-        return solution_of(self._system, state, done, targets, self._options)
+        return solution_of(self._system, state, done, targets)
 
     def _predict(self, targets: np.ndarray, fraction: np.ndarray | None) -> None:
         """Repeat a fraction of the last move of the shape, from -1 to 1, and go on to the targets."""

@@ -49,6 +49,7 @@ def solve(
     *,
     start: np.ndarray | None = None,
     rotations: np.ndarray | None = None,
+    turned: np.ndarray | None = None,
     stop: Stop | None = None,
     window: int = WINDOW,
     workers: int = 1,
@@ -74,6 +75,8 @@ def solve(
     rotations : (n, 3, 3) float64, optional
         Rotations of an earlier solution near `start`. They make the first local step faster and do not
         change its result.
+    turned : (n, 3, 3) float64, optional
+        Rotations in the solver's order. The first iterate is then the global step from `start` for them.
     stop : Stop, optional
         By default the options' own.
     window : int
@@ -110,14 +113,16 @@ def solve(
         state.aim(replace(aim, targets=targets))
         if rotations is not None:
             state.energy.begin_with(rotations)
+        if turned is not None:
+            state.begin_turned(turned)
         state.begin(stop.tolerance)
         if state.softens:
             stop = replace(stop, tolerance=SOFTENED * stop.tolerance)
         done = run(state, stop, progress=progress)
-    return solution_of(system, state, done, targets, options)
+    return solution_of(system, state, done, targets)
 
 
-def solution_of(system: System, state: Descent, done: Run, targets: np.ndarray, options: Options) -> Solution:
+def solution_of(system: System, state: Descent, done: Run, targets: np.ndarray) -> Solution:
     """Return the result of a finished run, in the mesh's order of vertices."""
     place = system.ordered.place
     return Solution(
@@ -129,9 +134,7 @@ def solution_of(system: System, state: Descent, done: Run, targets: np.ndarray, 
         residual_curve=done.residual_curve,
         energy=system.rest_energy + state.value,
         rejected=state.rejected,
-        constraints=system.surface.report(
-            state.u, options.volume, options.area, volume_goal=state.volume_goal
-        ),
+        constraints=state.constraints.report(state.u, state.volume_goal),
     )
 
 
@@ -223,5 +226,11 @@ def bind_system(
         multigrid=not factorised,
         exact_steps=exact_steps,
     )
-    aim = Aim(targets, task.handles.prescribed_rotations, volume_goal=volume_goal, majority=majority)
+    aim = Aim(
+        targets,
+        task.handles.prescribed_rotations,
+        volume_goal=volume_goal,
+        majority=majority,
+        yields=options.yields,
+    )
     return BoundSystem(system, aim, perf_counter() - begin)

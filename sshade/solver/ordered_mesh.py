@@ -41,10 +41,13 @@ class OrderedMesh:
         :func:`sshade.solver.laplacian.half_cotangents`.
     kind : {"spokes", "spokes_and_rims"}
         Edges or triangles.
+    with_struts : (n,) bool, optional
+        Vertices of the mesh that have struts; by default all.
 
     Attributes
     ----------
-    mesh : Mesh
+    mesh, with_struts
+        The parameters.
     vertex : (n,) int
         Vertex of the mesh at each place of the solver's order.
     place : (n,) int32
@@ -69,10 +72,11 @@ class OrderedMesh:
         On an unknown kind of elements.
     """
 
-    def __init__(self, mesh: Mesh, kind: Elements) -> None:
+    def __init__(self, mesh: Mesh, kind: Elements, with_struts: np.ndarray | None = None) -> None:
         if kind not in get_args(Elements):
             raise InputError(f"unknown elements {kind!r}; use 'spokes' or 'spokes_and_rims'")
         self.mesh = mesh
+        self.with_struts = with_struts
         self.vertex = band_order(mesh)
         self.place = np.empty(mesh.n, dtype=np.int32)
         self.place[self.vertex] = np.arange(mesh.n, dtype=np.int32)

@@ -67,6 +67,8 @@ class Solution:
                 facts.get("area_error"),
                 facts.get("volume_constraint"),
                 facts.get("area_constraint"),
+                facts.get("volume_pressure"),
+                facts.get("area_pressure"),
             ),
         )
 

@@ -55,6 +55,8 @@ class System:
         Use a V-cycle, which is set up in each solve, in place of a factorisation. Time and memory are linear
         in the size of the mesh, and low energies are reached sooner if triangles soften. Choose it beyond
         100,000 vertices. See :mod:`sshade.solver.factorisation`.
+    with_struts : (n,) bool, optional
+        Vertices that have struts, if the options have a thickness; by default all.
     exact_steps : int
         Number of nearly exact first steps with multigrid, for a start far from the minimum. The step that
         proves convergence is nearly exact as well.
@@ -83,11 +85,12 @@ class System:
         *,
         elements: Elements = "spokes_and_rims",
         stiffness: np.ndarray | None = None,
+        with_struts: np.ndarray | None = None,
         multigrid: bool = False,
         exact_steps: int = 0,
     ) -> None:
         self.mesh = mesh
-        self.ordered = OrderedMesh(mesh, elements)
+        self.ordered = OrderedMesh(mesh, elements, with_struts)
         self.multigrid = multigrid
         self.exact_steps = exact_steps
         self._options = options or Options()

@@ -57,7 +57,8 @@ class Term(ABC):
     def matrix(self, order: Order) -> csr_array | np.ndarray:
         """Return M (n, n), or its diagonal (n,), with the vertices in an order.
 
-        For fixed R, ``E(P + D) <= E(P) + corners (tr(D^T M D) - 2 tr(D^T B))`` with the forces B at P.
+        For fixed R, ``E(P + D) <= E(P) + corners (2 tr(D^T M D) - 2 tr(D^T B))`` with the forces B at P: a
+        global step with M then descends. Of a quadratic energy, M usually is the matrix itself.
         """
 
     def begun(self, options: Options) -> Self:

@@ -54,7 +54,7 @@ def grown(V: np.ndarray) -> np.ndarray:
 def test_an_elastic_surface_fights_dense_handles_that_change_the_volume():
     dense = task(grown)
     found = deform(dense, method="interpolate")
-    assert off(found, grown) < 5e-4 and off(deform(dense), grown) > 5e-3
+    assert off(found, grown) < 5e-4 and off(deform(dense), grown) > 3e-3
     assert np.array_equal(found.vertices[dense.handles.index], dense.handles.target)
 
 

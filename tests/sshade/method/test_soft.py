@@ -35,8 +35,9 @@ def followed(task: DeformationTask, V: np.ndarray) -> float:
 @pytest.mark.parametrize("index", [None, REGIONS], ids=["landmarks", "regions"])
 @pytest.mark.parametrize("name", METHODS)
 def test_methods_pull_soft_handles_as_far_as_the_minimum_at_full_resolution_does(name, index):
-    """Without constraints, softening and attachment, all methods have the same minimum."""
-    same = {} if name == "paper" else {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
+    """Without constraints, softening, attachment and joints, all methods have the same minimum."""
+    plain = {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0, "joints": 0, "bending": 0.0}
+    same = {} if name == "paper" else plain
     if name == "fine":
         same["polish_iterations"] = 300
     gone = {}
@@ -73,7 +74,7 @@ def test_a_soft_handle_inside_a_hard_region_moves_as_far_as_its_weight_says(weig
     weights = np.r_[np.full(len(index) - 1, np.inf), weight]
     task = DeformationTask("tip", BODY, Handles(index, target, group=group, weight=weights))
     way = followed(task, local_global(task, start="rigid", tolerance=1e-7).vertices)
-    same = {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0}
+    same = {"volume": 0.0, "area": 0.0, "stiffness": 1.0, "attachment": 0.0, "joints": 0, "bending": 0.0}
     for name, error in (("fast", 0.2), ("fine", 0.01)):
         V = METHODS[name](task, vertices=600, **same).vertices
         assert followed(task, V) == pytest.approx(way, rel=error)

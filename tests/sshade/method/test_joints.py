@@ -1,0 +1,134 @@
+"""The second solve makes joints round, keeps the pose, and leaves alone what hardly strains."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from eval.metrics import measure
+from sshade import DeformationTask, Deformer, deform
+from sshade.solver.boxes import distances, opposite_vertices
+from sshade.solver.constraints import PRESSURE
+from sshade.solver.joints import BAND, MARGIN, hold
+from tests.shapes import bumpy, end_handles, icosphere, jittered, moved_parts, strip, tube
+
+LIMB = tube(32, 90, length=9.0)
+
+
+def bent_limb(angle: float) -> DeformationTask:
+    """A limb whose upper end is turned about an axis across its middle."""
+    z = LIMB.V[:, 2]
+    low, high = np.flatnonzero(z < 1.0), np.flatnonzero(z > 8.0)
+    turn = Rotation.from_rotvec([np.radians(angle), 0, 0])
+    centre = np.array([0, 0, 4.5])
+    handles = moved_parts(LIMB.V, (low, 0), (high, lambda V: centre + turn.apply(V - centre)))
+    return DeformationTask("limb", LIMB, handles)
+
+
+def test_a_bent_limb_is_round_and_keeps_its_pose():
+    task = bent_limb(100.0)
+    sharp, smooth = (deform(task, joints=joints, vertices=700) for joints in (0, 1))
+    before, after = (measure(task, found.vertices) for found in (sharp, smooth))
+    assert after["bend_tail"] < 0.7 * before["bend_tail"]
+    assert after["self_intersections"] <= before["self_intersections"]
+    V = smooth.vertices
+    np.testing.assert_allclose(V[task.handles.index], task.handles.target, atol=1e-12)
+    assert smooth.converged and smooth.facts.volume_constraint == sharp.facts.volume_constraint
+    assert np.linalg.norm(V - sharp.vertices, axis=1).mean() < 0.03 * LIMB.diagonal
+    # The middle keeps its width: the first solve pinches it.
+    i, j = opposite_vertices(LIMB)
+    width = [np.linalg.norm(U[i] - U[j], axis=1) for U in (LIMB.V, sharp.vertices, V)]
+    assert np.percentile(width[2] / width[0], 1) > np.percentile(width[1] / width[0], 1)
+
+
+def test_where_nothing_strains_the_bits_are_those_without_joints():
+    small = bent_limb(1.0)
+    without, found = (deform(small, joints=joints, vertices=700, tolerance=1e-5) for joints in (0, 1))
+    rough = deform(small, joints=0, vertices=700, tolerance=2e-5)
+    assert np.array_equal(found.vertices, rough.vertices)
+    assert np.abs(found.vertices - without.vertices).max() < 1e-3 * LIMB.diagonal
+
+
+def test_steps_show_the_pose_and_settling_makes_joints_round():
+    task = bent_limb(100.0)
+    rest = LIMB.V[task.handles.index]
+    drag, pose = (
+        Deformer(LIMB, task.handles.index, group=task.handles.group, vertices=700, joints=joints)
+        for joints in (1, 0)
+    )
+    for share in np.linspace(0.1, 1, 10):
+        targets = rest + share * (task.handles.target - rest)
+        shown, sharp = (one.step(targets, tolerance=1e-4).vertices for one in (drag, pose))
+    assert np.abs(shown - sharp).max() < 1e-2 * LIMB.diagonal
+    settled, minimum = (measure(task, one.settle().vertices)["bend_tail"] for one in (drag, pose))
+    assert settled < 0.8 * minimum
+
+
+def test_what_hardly_strains_is_held_and_the_hold_fades_towards_joints():
+    mesh = LIMB
+    P = mesh.V * [1, 1, 1.0]
+    joint = np.abs(mesh.V[:, 2] - 4.5) < 0.4
+    P[joint] *= [1.3, 1.3, 1]
+    held = hold(mesh, P)
+    distance = np.maximum(np.abs(mesh.V[:, 2] - 4.5) - 0.5, 0) / mesh.diagonal
+    assert held[joint].max() == 0.0 and held[distance > 1.5 * (MARGIN + BAND)].min() == 1.0
+    assert ((held > 0) & (held < 1)).any()
+    assert hold(mesh, mesh.V @ Rotation.from_rotvec([1, 2, 3]).as_matrix().T) is None
+
+
+@pytest.mark.parametrize("mesh", [jittered(icosphere(3), 0.02), bumpy(3), tube(20, 40), strip(9, 30)])
+def test_searches_in_boxes_find_what_loops_find(mesh):
+    V, rng = mesh.V, np.random.default_rng(0)
+    some = rng.choice(mesh.n, 40, replace=False)
+    offsets = rng.random(40) * mesh.mean_edge
+    far = np.linalg.norm(V[:, None] - V[some], axis=2) + offsets
+    np.testing.assert_allclose(distances(V, V[some], offsets), far.min(axis=1), rtol=1e-12)
+    first, second = opposite_vertices(mesh)
+    normals = np.zeros((mesh.n, 3))
+    a, b, c = (V[mesh.F[:, k]] for k in range(3))
+    for k in range(3):
+        np.add.at(normals, mesh.F[:, k], np.cross(b - a, c - a))
+    inward = -normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    assert (np.einsum("pd,pd->p", inward[first], inward[second]) <= -0.5 + 1e-9).all()
+    # No vertex lies inside of the largest ball that touches a vertex, if that ball ends at the opposite one.
+    arm = V[None] - V[first][:, None]
+    along = np.einsum("pnd,pd->pn", arm, inward[first])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.where(along > 1e-12, (arm**2).sum(axis=2) / (2 * along), np.inf)
+    least = radius.argmin(axis=1)
+    opposite = np.einsum("pd,pd->p", inward[first], inward[least]) <= -0.5
+    nearest = np.take_along_axis(radius, least[:, None], 1)[:, 0]
+    found = radius[np.arange(len(first)), second]
+    assert opposite.any() or len(first) == 0 or np.allclose(np.linalg.norm(V, axis=1), 1, atol=0.1)  # a ball
+    np.testing.assert_allclose(found[opposite], nearest[opposite], rtol=1e-6)
+
+
+def pushed(share: float, push: float) -> DeformationTask:
+    """A ball on which everything is fixed but a disc, whose middle is pushed."""
+    ball = icosphere(4)
+    order = np.argsort(-ball.V[:, 2])
+    free = order[: int(share * ball.n)]
+    core, held = free[: max(len(free) // 6, 7)], order[len(free) :]
+    return DeformationTask("disc", ball, moved_parts(ball.V, (held, 0), (core, [0, 0, push])))
+
+
+@pytest.mark.parametrize("push", [0.2, -0.2])
+def test_a_volume_yields_before_a_moat_is_dug(push):
+    task = pushed(0.12, push)
+    ring = np.setdiff1d(np.arange(task.mesh.n), task.handles.index)
+
+    def sink(V: np.ndarray) -> float:
+        off = np.linalg.norm(V[ring], axis=1) - 1
+        return float(-off.min() if push > 0 else off.max()) / abs(push)
+
+    found, exact = deform(task), deform(task, volume_goal=1.0)
+    assert found.facts.volume_constraint == "yielding" and found.converged
+    assert abs(found.facts.volume_pressure) == pytest.approx(PRESSURE[0])
+    assert exact.facts.volume_constraint == "exact"  # a goal is never limited
+    assert sink(found.vertices) < 0.05 < 0.2 < sink(exact.vertices)
+
+
+def test_a_volume_that_no_handle_fights_is_exact():
+    mesh = bumpy(4)
+    task = DeformationTask("bent", mesh, end_handles(mesh.V, count=12, shift=[0.3, 0, 0.2]))
+    found = deform(task)
+    assert found.facts.volume_constraint == "exact" and abs(found.facts.volume_pressure) < PRESSURE[0]
