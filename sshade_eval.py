@@ -9,7 +9,8 @@ from pathlib import Path
 
 def main() -> int:
     """Run the command; return the exit code."""
-    sys.path.insert(1, str(Path(__file__).parent))  # behind the folder of the script, before PYTHONPATH
+    # Before PYTHONPATH, and behind the folder of the script, which -P leaves out.
+    sys.path.insert(0 if sys.flags.safe_path else 1, str(Path(__file__).parent))
     from eval.main import main as evaluate
 
     return evaluate()

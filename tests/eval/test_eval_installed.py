@@ -72,7 +72,7 @@ class Editable:
         """Run code in a folder that is also on PYTHONPATH."""
         return run(folder, sys.executable, "-S", "-c", self.start + code, PYTHONPATH=".")
 
-    def script(self, folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
+    def script(self, folder: Path, name: str, *arguments: str, safe: str = "") -> subprocess.CompletedProcess:
         """Run a command of the installation in a folder that is also on PYTHONPATH."""
         scripts = ConfigParser()
         scripts.read(next(self.parent.glob("site/*.dist-info/entry_points.txt")))
@@ -80,7 +80,7 @@ class Editable:
         path = self.parent / name
         main = f"if __name__ == '__main__': sys.exit({function}())"
         path.write_text(f"{self.start}from {module} import {function}\n{main}\n")
-        return run(folder, sys.executable, "-S", path, *arguments, PYTHONPATH=".")
+        return run(folder, sys.executable, "-S", path, *arguments, PYTHONPATH=".", PYTHONSAFEPATH=safe)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +100,7 @@ def test_commands_and_workers_find_our_packages_before_packages_of_the_same_name
     sweep = ["run", "-m", *MINE, "dataset=hairpin", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     done = editable.script(own_folder, "sshade-eval", *sweep, "run.fresh=true")
     assert done.returncode == 0, done.stderr
+    assert editable.script(own_folder, "sshade-eval", "--help", safe="1").returncode == 0
     (row,) = records(collect(own_folder / "out/runs/single"))
     assert (row["method.target"], row["status"]) == ("mymethod.mine", "ok") and row["peak_mib"] > 10
 

@@ -16,9 +16,13 @@ from eval.publish.tables import FORMATS, to_markdown
 from eval.rows.frame import distinct, read_csv, records, write_csv
 from sshade.core.errors import InputError
 from tests.files import contents
+from tests.full import few
 
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
+#: Tables that take a second and more.
+SLOW = ("bodies_170k", "bodies_25k", "front_detail", "inertia", "noisy_170k", "noisy_2mm")
+QUICK = [path for path in ROWS if path.stem not in SLOW]
 TIMES = sorted((RESULTS / "timing").glob("*.csv"))
 #: Kinds of OpenBLAS's kernels, each with the feature of a processor that it needs.
 KERNELS = {"Prescott": "sse3", "Haswell": "avx2", "SkylakeX": "avx512f"}
@@ -111,7 +115,7 @@ def test_what_is_not_of_one_commit_of_this_project_is_not_published(project, row
     assert contents("results") == before
 
 
-@pytest.mark.parametrize("path", ROWS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", few(ROWS, *QUICK), ids=lambda path: path.stem)
 def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_place_in_the_project(path):
     rows = read_csv(path)
     table = make_table(rows, title=path.stem)
@@ -121,7 +125,7 @@ def test_committed_tables_follow_from_committed_rows_which_name_files_by_their_p
     assert not any(Path(source["root"]).is_absolute() for source in sources if "root" in source)
 
 
-@pytest.mark.parametrize("kernels", OFFERED)
+@pytest.mark.parametrize("kernels", few(OFFERED, OFFERED[0]) if len(OFFERED) > 1 else OFFERED)
 @pytest.mark.parametrize(
     ("paths", "threads"),
     [

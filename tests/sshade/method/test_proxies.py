@@ -63,18 +63,18 @@ def test_every_method_samples_a_quarter_and_says_so(method):
         assert deformation_graph(TASK).extra["nodes"] == 160
 
 
-@pytest.mark.parametrize("run", [paper, fast, "transfer"])
-def test_memory_does_not_grow_with_the_number_of_samplings(run):
+@pytest.mark.parametrize(("run", "most"), [(paper, 10), (fast, 10), (None, 20)])
+def test_memory_does_not_grow_with_the_number_of_samplings(run, most):
     mesh = bumpy(5)
     task = DeformationTask("body", mesh, end_handles(mesh.V, share=0.02, shift=[0, 0, 0.2]))
     peaks = []
-    for samplings in (1, 1, 10):  # the first call loads kernels
+    for samplings in (1, 1, most):  # the first call loads kernels
         options = {"vertices": 100, "samplings": samplings, "workers": 1}
         tracemalloc.start()
-        if run == "transfer":
+        if run is None:
             transfer_pose(mesh, bent(mesh.V), **options)
         else:
             run(task, **options, max_iterations=5)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[2] < peaks[1] + 4 * mesh.V.nbytes
+    assert peaks[2] < peaks[1] + 6 * mesh.V.nbytes
