@@ -7,10 +7,8 @@ from contextlib import contextmanager, suppress
 from time import sleep
 
 import pytest
-from eval_program import ENVIRONMENT, RUN
+from eval_program import ENVIRONMENT, RUN, run_eval
 from external_programs import wait_for
-
-from tests.full import few
 
 INTERRUPTED = "interrupted; the same command goes on from there"
 
@@ -52,16 +50,19 @@ def alive(group):
     return True
 
 
-@pytest.mark.parametrize("fresh", few(["false", "true"], "false"))
-def test_an_interrupt_or_the_end_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, fresh):
-    overrides = ["-m", "dataset=bumpy", "dataset.level=2", "method=stretching,endless", f"run.fresh={fresh}"]
-    for number, code, end in ((signal.SIGINT, 130, ""), (signal.SIGTERM, 143, "already there")):
-        with start_eval(tmp_path, *overrides) as process:
-            line = process.stdout.readline()
-            assert line.startswith("[1/2] stretching on bumpy_30: not_converged, ") and end in line
-            sleep(1.0)  # the endless run has then begun
-            os.killpg(process.pid, number)  # a terminal, too, signals every process
-            out, err = process.communicate(timeout=60)
-        assert (process.returncode, out, err) == (code, "", f"{INTERRUPTED}\n")
-        wait_for(lambda group=process.pid: not alive(group))
-        assert len(list(tmp_path.rglob("row.json"))) == 1 and not list(tmp_path.rglob("*.partial*"))
+@pytest.mark.parametrize(
+    ("name", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.full)]
+)
+@pytest.mark.usefixtures("in_process")
+def test_an_interrupt_or_the_end_leaves_complete_rows_and_the_same_command_goes_on(tmp_path, name, code):
+    sweep = ["-m", "dataset=bumpy", "dataset.level=2"]
+    assert run_eval(tmp_path, *sweep, "method=stretching").returncode == 0
+    with start_eval(tmp_path, *sweep, "method=stretching,endless") as process:
+        line = process.stdout.readline()
+        assert line.startswith("[1/2] stretching on bumpy_30: not_converged, ") and "already there" in line
+        sleep(1.0)  # the endless run has then begun
+        os.killpg(process.pid, signal.Signals[name])  # a terminal, too, signals every process
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (code, "", f"{INTERRUPTED}\n")
+    wait_for(lambda: not alive(process.pid))
+    assert len(list(tmp_path.rglob("row.json"))) == 1 and not list(tmp_path.rglob("*.partial*"))
