@@ -57,7 +57,7 @@ has = $(or $(wildcard $(BIN)/python),$(PYTHON)) -c 'import ctypes, sys; sys.plat
 # With this variable, each of the hundreds of test processes would compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tables test ci-benchmark bench robustness ablations transfers gallery update verify docs release clean
+.PHONY: tables test lint unit-tests ci-benchmark bench robustness ablations transfers gallery update verify docs release clean
 .PHONY: quick-figures quick-report system
 
 tables: $(READY) $(QUICK)/dataset.json
@@ -73,14 +73,20 @@ quick-figures:
 quick-report:
 	$(BIN)/sshade-eval report quick
 
+# Times are measured at the end, when nothing else runs.
 test: $(READY)
 	$(BIN)/python -m tools.compile_kernels
+	$(MAKE) --no-print-directory -j2 lint unit-tests
+	$(MAKE) --no-print-directory ci-benchmark
+
+lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+unit-tests: $(READY)
 	$(BIN)/python -m pytest -n 3 --dist loadfile
-	$(MAKE) --no-print-directory ci-benchmark
 
 ci-benchmark: $(READY)
 	$(BIN)/sshade-eval check
