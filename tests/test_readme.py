@@ -131,3 +131,5 @@ def test_the_commands_of_the_pages_leave_the_files_that_the_pages_name(folder):
     assert [name for name in named if not (folder / name).is_file()] == []
     assert sshade.read(folder / "example/rest.ply").V.shape == (110_210, 3)
     assert max(len(page.splitlines()) for page in PAGES) <= 100
+    assert {line for page in PAGES for line in re.findall(r"^pip .*", page, re.M)} == {"pip install ."}
+    assert re.search(r"```\nmake tables .*\nmake test .*\n```", README)
