@@ -22,7 +22,7 @@ def test_warnings_of_a_method_reach_the_user_of_a_sweep(tmp_path):
     overrides += ["method.vertices=80"]
     done = run_eval(tmp_path, *overrides, "-m", "run.force=true")  # a flag between settings
     assert done.returncode == 0, done.stderr
-    line = "WARNING sshade.method.pieces: the volume is not kept: the surface has a boundary"
+    line = "WARNING sshade.method.bound: the volume is not kept: the surface has a boundary"
     assert done.stderr.count("the volume is not kept") == done.stderr.count(line) == 1
 
 
