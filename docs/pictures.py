@@ -144,6 +144,13 @@ def artefacts_arms() -> Row:
     return Row(shapes, (0.3, 0.4, 1), (y > 0.95) & (abs(x) < 0.3), top=CROSSINGS)
 
 
+def joints() -> Row:
+    """Hands above the head: without round joints, with round joints, by `fine`, and the true pose."""
+    task = body(6)
+    shapes = solved(task, "fast joints=0; fast; fine; truth")
+    return Row(shapes, (0.3, 0.1, 1), task.mesh.V[:, 1] > 1.0)
+
+
 def without(subject: int, pose: int, options: dict[str, float], towards: Vector, *, above: float) -> Row:
     """A body at full size by `fast` with other options, by `fast`, and in its true pose, above a height."""
     task = load_task(DATA / "defaust", subject=subject, pose=pose, resolution="high")
@@ -228,7 +235,7 @@ def edit() -> Image.Image:
 
 FUNCTIONS = (
     *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
-    *(beyond_volume, beyond_attachment, beyond_guide, beyond_inertia, edit),
+    *(joints, beyond_volume, beyond_attachment, beyond_guide, beyond_inertia, edit),
 )
 #: Functions that return a picture, by the names of their files.
 PICTURES = {made.__name__: made for made in FUNCTIONS}
