@@ -133,6 +133,22 @@ def open_shape(
     return OpenShape(V, F, surface(V, F, weld=weld, rounding=rounding, repair=repair), made, space)
 
 
+def in_order(given: tuple[Any, ...], **named: Any) -> tuple[Any, ...]:
+    """Return positional arguments and then the named ones that are not None, in the order of their names.
+
+    Raises
+    ------
+    TypeError
+        Without arguments, or when a named argument would stand before a positional one.
+    """
+    names = [name for name, value in named.items() if value is not None]
+    if not given and not names:
+        raise TypeError("pass a mesh or vertices V and faces F, with handles b and targets bc")
+    if given and "V" in names:
+        raise TypeError("V stands before all other arguments; give them their names, too")
+    return (*given, *(named[name] for name in names))
+
+
 def open_arguments(
     shape: Any, arrays: tuple[Any, ...], names: tuple[str, ...], **options: Any
 ) -> tuple[OpenShape, tuple[Any, ...]]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, Unpack, overload
 
 import numpy as np
 
 from sshade.core.console import compilation_told
 from sshade.core.progress import Progress, silent
-from sshade.files.door import open_arguments
+from sshade.files.door import in_order, open_arguments
 from sshade.method.bound import Bound
 from sshade.problem.handle_checks import ids_of
-from sshade.problem.options import accepted, require_method, resolve, takes_options
+from sshade.problem.options import OptionValues, accepted, require_method, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, result_of
 
 ShapeT = TypeVar("ShapeT")
@@ -25,28 +25,50 @@ def deform(
     /,
     *,
     method: str | Callable[..., DeformationResult] = "fast",
-    **options: Any,
+    progress: Progress = silent,
+    **options: Unpack[OptionValues],
 ) -> DeformationResult: ...
 @overload
 def deform(
-    shape: ShapeT,
-    /,
-    *arrays: np.ndarray,
+    V: np.ndarray,
+    F: np.ndarray,
+    b: np.ndarray,
+    bc: np.ndarray,
+    *,
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
     refuse_unconstrained: bool = False,
     weld: float | None = None,
     repair: bool = False,
-    **options: Any,
+    progress: Progress = silent,
+    **options: Unpack[OptionValues],
+) -> np.ndarray: ...
+@overload
+def deform(
+    mesh: ShapeT,
+    /,
+    b: np.ndarray,
+    bc: np.ndarray,
+    *,
+    method: str | Callable[..., DeformationResult] = "fast",
+    weight: np.ndarray | float | None = None,
+    rotations: np.ndarray | None = None,
+    refuse_unconstrained: bool = False,
+    weld: float | None = None,
+    repair: bool = False,
+    progress: Progress = silent,
+    **options: Unpack[OptionValues],
 ) -> ShapeT: ...
 
 
 @takes_options(lambda given: (*accepted(given.get("method", "fast")), "progress"), task=DeformationTask)
 def deform(
-    shape: Any,
-    /,
-    *arrays: Any,
+    *shape: Any,
+    V: Any = None,
+    F: Any = None,
+    b: Any = None,
+    bc: Any = None,
     method: str | Callable[..., DeformationResult] = "fast",
     weight: np.ndarray | float | None = None,
     rotations: np.ndarray | None = None,
@@ -60,6 +82,8 @@ def deform(
     - ``deform(V, F, b, bc)`` returns positions (n, 3) float64,
     - ``deform(mesh, b, bc)`` returns another mesh of the same kind,
     - ``deform(task)`` returns a DeformationResult.
+
+    The arrays V, F, b and bc may also be given by their names.
 
     The surface may have several components, a boundary, a single side, edges of more than
     two faces, duplicate faces, and faces without area. Arrays and meshes may also have duplicate vertices
@@ -137,7 +161,8 @@ def deform(
     True
     """
     run = method if callable(method) else partial(_by_method, require_method(method))
-    if isinstance(shape, DeformationTask):
+    first, *arrays = in_order(shape, V=V, F=F, b=b, bc=bc)
+    if isinstance(first, DeformationTask):
         has = weight is not None or rotations is not None or refuse_unconstrained
         if arrays or has or repair or weld is not None:
             raise TypeError(
@@ -145,9 +170,11 @@ def deform(
                 "welded"
             )
         with compilation_told():
-            return result_of(shape, run(shape, **options))
+            return result_of(first, run(first, **options))
     with compilation_told():
-        opened, (b, bc) = open_arguments(shape, arrays, ("handles b", "targets bc"), weld=weld, repair=repair)
+        opened, (b, bc) = open_arguments(
+            first, tuple(arrays), ("handles b", "targets bc"), weld=weld, repair=repair
+        )
         b = ids_of(b, len(opened.V))
         if rotations is not None and np.ndim(rotations) == 2:
             rotations = np.broadcast_to(rotations, (len(b), *np.shape(rotations)))

@@ -10,6 +10,7 @@ from sshade.problem.options import (
     PRESETS,
     REGIONS,
     Options,
+    OptionValues,
     accepted,
     as_row,
     described,
@@ -112,3 +113,7 @@ def test_a_row_has_the_plain_values_of_what_the_method_takes():
     row = as_row(resolve("paper", {"coarse": print}))
     assert "vertices" in row and not {"coarse", "tolerance", "volume", "accelerate"} & set(row)
     assert as_row(resolve("paper", {"accelerate": False}))["accelerate"] is False
+
+
+def test_the_typed_keywords_are_the_options():
+    assert set(OptionValues.__annotations__) == {name for name in described() if described()[name].methods}

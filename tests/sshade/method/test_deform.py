@@ -176,3 +176,21 @@ def loses_a_vertex(task, **_):
 def test_what_does_not_fit_is_refused(call, error, words):
     with pytest.raises(error, match=words):
         call()
+
+
+def test_arrays_have_names():
+    mesh = bumpy(2)
+    b = np.array([0, 40, 80])
+    bc = mesh.V[b] + np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 0.2]])
+    expected = deform(mesh.V, mesh.F, b, bc)
+    for found in (
+        deform(V=mesh.V, F=mesh.F, b=b, bc=bc),
+        deform(bc=bc, b=b, F=mesh.F, V=mesh.V),
+        deform(mesh.V, mesh.F, b=b, bc=bc),
+        deform(mesh.V, mesh.F, b, bc=bc),
+        deform(mesh, b=b, bc=bc).V,
+    ):
+        np.testing.assert_array_equal(found, expected)
+    for call in (lambda: deform(), lambda: deform(mesh.V, V=mesh.V, F=mesh.F, b=b, bc=bc)):
+        with pytest.raises(TypeError):
+            call()
