@@ -64,6 +64,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "repeats": ("repeats", _count),
     "speed_up": ("times faster", _seconds),
     "speed_up_accelerated": ("times faster than accelerated", _seconds),
+    "cores_used": ("cores used", "{:.2f}".format),
     "seconds.method": ("method alone (s)", _seconds),
     "seconds.precompute": ("precomputation (s)", _seconds),
     "seconds.solve": ("solve (s)", _seconds),
@@ -81,7 +82,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "drag.return": ("there and back (%)", _percent),
     "iterations": ("iterations", _count),
     "extrapolated": ("extrapolated", str),
-    "cores_used": ("cores used", "{:.2f}".format),
+    "truth": ("truth (%)", "{:.2f}".format),
     "peak_mib": ("peak (MiB)", _count),
     "bytes_per_vertex": ("bytes a vertex", _count),
     "stages": ("other stages (s)", str),
@@ -143,7 +144,7 @@ def time_lines(rows: pd.DataFrame) -> pd.DataFrame:
     left_out = {"seconds.repeat", "seconds.total"} - {headline}
     stages = [name for name in kept if name.startswith("seconds.") and name not in left_out]
     drags = [name for name in kept if name.startswith("drag.")]
-    others = ["iterations", "extrapolated_to", "env.cores_used", "peak_mib"]
+    others = ["iterations", "extrapolated_to", "env.cores_used", "peak_mib", "metric.truth_distance"]
     for name in (*stages, *drags, *others):
         kept[name] = numbers(kept, name)
     groups = kept.groupby(LINE, sort=False)
@@ -158,6 +159,7 @@ def time_lines(rows: pd.DataFrame) -> pd.DataFrame:
     lines["extrapolated"] = texts.where(limit.notna(), None)
     lines["iterations"] = limit.fillna(lines["iterations"])
     lines[drags] = groups[drags].max()
+    lines["truth"] = groups["metric.truth_distance"].first()
     lines["peak_mib"] = groups["peak_mib"].max()
     per_vertex = lines["peak_mib"] * 2**20 / lines["vertices"].astype(float)
     lines["bytes_per_vertex"] = per_vertex.where(lines["kind"] == SCALING)
@@ -187,6 +189,13 @@ def notes(rows: pd.DataFrame) -> list[str]:
         f"{numbers(rows[kept], 'other_cores').max():.1%} of the machine's cores during a repeat; "
         f"rejected repeats: {sum(~kept)}{f' ({reasons})' if reasons else ''}.",
     ]
+    if "hair" in rows:
+        hair = numbers(rows, "hair").max()
+        found.append(f"Each call has new meshes, and targets moved by {hair:g} of the diagonal.")
+    if "quality" in rows:
+        compared = rows[rows["quality"].notna()].groupby("method.name", sort=False)["quality"].first()
+        files = "; ".join(f"{name} {file}" for name, file in compared.items())
+        found.append(f"Rows of equal runs, whose measures agree: {files}.")
     once = rows[kept].drop_duplicates(LINE, keep=False)
     if (numbers(once, "seconds.repeat") > LONG).any():
         found.append(f"A call of more than {LONG:g} s ran once, before the turns and without a warm-up.")

@@ -7,7 +7,9 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -16,13 +18,15 @@ from typing import Any, NamedTuple
 import igl
 import numpy as np
 
+from eval.bench.quality import COMPARED, require_quality
 from eval.bench.turns import Job, take_turns
-from eval.metrics import Task
-from eval.rows.store import VALID, Row
-from eval.run.attempt import attempt
-from eval.run.config import task_of
-from eval.run.environment import method_facts, process_memory, reset_peak_memory, task_facts
-from eval.run.targets import instantiate, locate, require_kind
+from eval.metrics import MEASURES, Task, measure
+from eval.rows.store import Row
+from eval.run.attempt import attempt, attempt_fresh
+from eval.run.config import task_of, with_truth
+from eval.run.environment import digest, method_facts, process_memory, reset_peak_memory, task_facts
+from eval.run.run import given
+from eval.run.targets import is_ours, locate
 from eval.run.warmup import tiny_task
 from sshade.core.console import say
 from sshade.core.errors import InputError
@@ -32,10 +36,12 @@ from sshade.mesh.mesh import Mesh
 from sshade.method.bound import Deformer
 from sshade.method.call import deform
 from sshade.problem.options import accepted
-from sshade.problem.task import DeformationTask
+from sshade.problem.task import DeformationTask, TransferTask
 
 #: Number of iterations from which the time of all iterations is estimated.
 BLOCK = 10
+#: Distance by which the targets of a call differ from the task, as a fraction of the diagonal.
+HAIR = 1e-6
 #: Number of steps of a drag from rest to the targets, and residual at which each step stops.
 STEPS, TOLERANCE = 60, 1e-4
 #: ``python -m sshade``, followed by the status of the process, which holds the peak of its memory.
@@ -81,15 +87,30 @@ def deformation(task: Task) -> DeformationTask:
 
 
 def time_calls(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
-    """Time calls of methods on tasks, in turns."""
-    tasks = [case.load() for case in cases]
-    return take_turns([_job(_call_of, method, task) for task in tasks for method in methods], rounds=rounds)
+    """Time calls of methods on tasks, in turns. Rows have measures of the last result, and ``quality``.
+
+    ``quality`` names the files with rows of equal runs, whose measures agree; see
+    :func:`eval.bench.quality.require_quality`.
+    """
+    timed = [Calls(method, task, case) for case in cases for task in [case.load()] for method in methods]
+    rows = take_turns([calls.job for calls in timed], rounds=rounds)
+    for calls in timed:
+        quality = calls.quality()
+        for row in rows:
+            if calls.job.facts.items() <= row.items():
+                row |= quality
+    return rows
 
 
 def time_drags(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
     """Time drags of methods that can be bound, in turns."""
     tasks = [case.load() for case in cases]
-    return take_turns([_job(_drag_of, method, task) for task in tasks for method in methods], rounds=rounds)
+    jobs = [
+        Job(method_facts(method.label, method.config) | task_facts(task), _drag_of(method, task))
+        for task in tasks
+        for method in methods
+    ]
+    return take_turns(jobs, rounds=rounds)
 
 
 def time_scaling(methods: Sequence[TimedMethod], cases: Sequence[TimedCase], *, rounds: int) -> list[Row]:
@@ -110,8 +131,10 @@ def in_new_process(function: Callable[..., Any], *arguments: Any) -> Any:
 def _time_case(methods: Sequence[TimedMethod], case: TimedCase, rounds: int) -> list[Row]:
     task = case.load()
     say(f"{task.name}: {task.mesh.n:,} vertices")
-    jobs = [_job(_call_of, method, task) for method in methods]
+    jobs = [Calls(method, task, case).job for method in methods]
+    copied = moved(task, 0)  # each call has such a copy
     before = process_memory("VmRSS")
+    del copied
     return take_turns([job._replace(call=partial(_with_peak, job, before)) for job in jobs], rounds=rounds)
 
 
@@ -125,42 +148,98 @@ def _with_peak(job: Job, before: int | None) -> Row:
     return row | {"peak_mib": (peak - before) / 2**20}
 
 
-def _job(call_of: Callable[..., Callable[[], Row]], method: TimedMethod, task: Task) -> Job:
-    return Job(method_facts(method.label, method.config) | task_facts(task), call_of(method, task))
+def moved(task: Task, number: int) -> Task:
+    """Return what a method is given in a call: new meshes, a hash as name, and targets moved by a hair.
+
+    Each group of moved handles, or the pose of a transfer, is moved by :data:`HAIR` diagonals. Each number
+    has another direction.
+    """
+    task = given(task)
+    rng = np.random.default_rng(number)
+    if isinstance(task, TransferTask):
+        return replace(task, posed=task.posed + _hair(rng, 1) * task.mesh.diagonal)
+    handles = task.handles
+    _, group = np.unique(handles.group, return_inverse=True)
+    shift = _hair(rng, group.max() + 1)[group] * task.mesh.diagonal
+    moves = handles.dynamic if handles.dynamic.any() else ~handles.dynamic
+    target = np.where(moves[:, None], handles.target + shift, handles.target)
+    return replace(task, handles=replace(handles, target=target))
 
 
-def _call_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
-    """Return the call of a method; an extrapolated one runs :data:`BLOCK` of its iterations."""
-    label, config, limit = method.label, method.config, None
-    require_kind(instantiate({**config, "_partial_": True}), type(task), target=config["_target_"])
-    if method.extrapolated:
-        limit = config.get("max_iterations") or 0
-        if "tolerance" not in config or limit <= BLOCK:
-            raise InputError(f"--extrapolate needs a tolerance and more than {BLOCK} iterations of {label}")
-        config = config | {"max_iterations": BLOCK, "tolerance": 0.0}
+def _hair(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return vectors (count, 3) of the length :data:`HAIR`."""
+    directions = rng.normal(size=(count, 3))
+    return HAIR * directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
-    def call() -> Row:
-        facts = attempt(config, task, seed=0).facts
-        if facts["status"] not in VALID:
-            raise InputError(f"{label} cannot be timed on {task.name}: {facts['reason']}")
+
+class Calls:
+    """Calls of a method on a task; an extrapolated method runs :data:`BLOCK` of its iterations.
+
+    No call can use what another one has left: its meshes are new, and its targets are its own. Methods of
+    others run in new processes.
+    """
+
+    def __init__(self, method: TimedMethod, task: Task, case: TimedCase) -> None:
+        self.label, self.config, self.limit = method.label, method.config, 0
+        self.task, self.case = task, case
+        self.job = Job(method_facts(self.label, self.config) | task_facts(task), self._call)
+        self.number = 0
+        self.shape = ""
+        self.last: tuple[Task, np.ndarray, Row] | None = None
+        if method.extrapolated:
+            self.limit = self.config.get("max_iterations") or 0
+            if "tolerance" not in self.config or self.limit <= BLOCK:
+                raise InputError(
+                    f"--extrapolate needs a tolerance and more than {BLOCK} iterations of {self.label}"
+                )
+            self.config = self.config | {"max_iterations": BLOCK, "tolerance": 0.0}
+
+    def _call(self) -> Row:
+        self.number += 1
+        task = moved(self.task, self.number)
+        if is_ours(self.config):
+            done = attempt(self.config, task, seed=0)
+        else:
+            done = attempt_fresh(self.config, task, seed=0, time_limit=None)
+        facts, before = done.facts, self.shape
+        self.shape = "" if done.vertices is None else digest(done.vertices.tobytes())
+        if self.shape in ("", before):
+            why = facts["reason"] or "it gives the same shape for other targets"
+            raise InputError(f"{self.label} cannot be timed on {self.task.name}: {why}")
+        if self.case.level is None and done.vertices is not None:
+            self.last = task, done.vertices, facts
         row = {name: value for name, value in facts.items() if name.startswith("seconds.")}
         row |= {name: facts[name] for name in ("iterations", "converged", "env.cores_used")}
         del row["seconds.cpu"]
-        if limit is not None:
-            if "seconds.solve" not in row:
-                raise InputError(f"--extrapolate needs the time of the iterations alone, which {label} lacks")
-            solve = row["seconds.solve"] * limit / row["iterations"]
-            total = row["seconds.total"] - row["seconds.solve"] + solve
-            row |= {"seconds.total": total, "seconds.solve": solve}
-            row |= {"extrapolated_to": limit, "converged": None}
-        return row
+        return row | {"hair": HAIR} | (self._extrapolated(row) if self.limit else {})
 
-    return call
+    def _extrapolated(self, row: Row) -> Row:
+        """Return the columns of all iterations from the columns of :data:`BLOCK` iterations."""
+        if "seconds.solve" not in row:
+            raise InputError(
+                f"--extrapolate needs the time of the iterations alone, which {self.label} lacks"
+            )
+        solve = row["seconds.solve"] * self.limit / row["iterations"]
+        total = row["seconds.total"] - row["seconds.solve"] + solve
+        whole = {"seconds.total": total, "seconds.solve": solve}
+        return whole | {"extrapolated_to": self.limit, "converged": None}
+
+    def quality(self) -> Row:
+        """Return measures of the last result, and ``quality``; nothing for 10 iterations and finer meshes."""
+        if self.limit or self.last is None:
+            return {}
+        task, vertices, facts = self.last
+        found = measure(with_truth(task, self.case.source), vertices)
+        row = {name: found.get(name.removeprefix("metric.")) for name in COMPARED}
+        options = {name: value for name, value in facts.items() if name.startswith("method.")}
+        run = {"measures": MEASURES, "seed": 0}
+        return row | {"quality": require_quality(self.job.facts | options | run | row)}
 
 
 def _drag_of(method: TimedMethod, task: Task) -> Callable[[], Row]:
-    """Return the drag of a method that :class:`sshade.Deformer` binds."""
-    return partial(drag, deformation(task), deformer_options(method))
+    """Return the drag of a method that :class:`sshade.Deformer` binds; each drag has a new mesh."""
+    options, numbers = deformer_options(method), count(1)
+    return lambda: drag(deformation(moved(task, next(numbers))), options)
 
 
 def deformer_options(method: TimedMethod) -> dict[str, Any]:

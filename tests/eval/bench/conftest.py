@@ -3,6 +3,7 @@
 import pytest
 
 import eval.bench.jobs
+import eval.bench.quality
 import eval.bench.turns
 
 
@@ -21,5 +22,6 @@ def machine(monkeypatch):
 
     set_load(0.0)
     monkeypatch.setattr(eval.bench.turns, "SHORTEST", 1e-3)
+    eval.bench.quality._rows.cache_clear()
     monkeypatch.setattr(eval.bench.jobs, "in_new_process", lambda function, *given: function(*given))
     return set_load

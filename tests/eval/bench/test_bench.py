@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eval.bench import jobs
+from baselines import arap
+from eval.bench import jobs, quality
 from eval.main import call, main
-from eval.rows.frame import numbers, read_csv
+from eval.rows.frame import numbers, read_csv, write_csv
 from eval.run.warmup import tiny_transfer
 from sshade.core.errors import InputError
 
@@ -31,6 +32,55 @@ def test_a_line_a_repeat(machine, case):
     stages, whole = numbers(rows, "seconds.precompute") + numbers(rows, "seconds.solve"), numbers(rows, TOTAL)
     own = rows["method.name"] == "elastic"
     assert (stages[own] <= whole[own]).all() and (whole <= numbers(rows, "seconds.repeat")).all()
+
+
+def test_no_call_can_use_what_another_one_left(machine, case, monkeypatch):
+    """The meshes and the targets of calls differ, and no name tells which case it is."""
+    given, original = [], arap.arap
+
+    def seen(task, **options):
+        given.append(task)
+        return original(task, **options)
+
+    monkeypatch.setattr(arap, "arap", seen)
+    bench("speed", "--methods", "arap max_iterations=2 warm_up=null", "--cases", case, "--rounds", "2")
+    assert len(given) == 3 and len({id(task.mesh) for task in given}) == 3
+    assert {task.name for task in given}.isdisjoint({"rest", "pose", "rest.ply"})
+    first, second, _ = (task.handles for task in given)
+    gaps = np.linalg.norm(first.target - second.target, axis=1) / given[0].mesh.diagonal
+    assert (gaps[first.dynamic] > 1e-8).all() and gaps.max() <= 2e-6 and (gaps[~first.dynamic] == 0).all()
+
+
+def test_a_method_that_remembers_is_refused(machine, case, monkeypatch, capsys):
+    remembered, original = [], arap.arap
+
+    def remembering(task, **options):
+        remembered.append(original(task, **options))
+        return remembered[0]
+
+    monkeypatch.setattr(arap, "arap", remembering)
+    assert main(["bench", "speed", "--methods", "arap warm_up=null", "--cases", case]) == 2
+    assert "it gives the same shape for other targets" in capsys.readouterr().err
+
+
+def test_measures_are_compared_with_rows_of_the_same_method_and_data(machine, case, capsys):
+    dataset = ["dataset=mesh", "dataset.mesh=rest.ply", "dataset.handles=pose.json"]
+    assert call("run", ["method=arap", *dataset, "run.experiment=mine"]) == 0
+    assert call("collect", ["mine_mesh"]) == 0
+    rows = bench("speed", "--methods", "arap", "elastic", "--cases", case, "--rounds", "1")
+    assert rows["quality"].tolist() == ["out/rows/mine_mesh.csv", "no row"]
+    assert (numbers(rows, "metric.edge") > 0).all()
+    table = Path("out/tables/speed.md").read_text()
+    assert "measures agree: arap out/rows/mine_mesh.csv; elastic no row." in table
+    assert "- Each call has new meshes, and targets moved by 1e-06 of the diagonal." in table
+    changed = read_csv("out/rows/mine_mesh.csv").assign(
+        **{"metric.edge": numbers(rows, "metric.edge")[0] * 1.1}
+    )
+    write_csv("out/rows/mine_mesh.csv", changed)
+    quality._rows.cache_clear()
+    assert main(["bench", "speed", "--methods", "arap", "--cases", case, "--rounds", "1"]) == 2
+    told = capsys.readouterr().err
+    assert "metric.edge is" in told and "out/rows/mine_mesh.csv: the rows are of other code" in told
 
 
 def test_iterations_are_extrapolated(machine, case):
