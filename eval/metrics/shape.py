@@ -20,6 +20,8 @@ from sshade.mesh.sides import sides_by_edge
 OPPOSED = -1e-9
 #: Largest ratio of twice the area to the squared longest side at which a face may be a segment or a point.
 THIN = 1e-10
+#: Extent of a mesh when its intersections are searched, up to a factor of two.
+SIZE = 2.0**20
 
 
 class ShapeTopology:
@@ -149,7 +151,7 @@ class MeasuredShape:
         i, j, k, o = (self.columns[:, ids] for ids in self.topology.dihedral)
         edge = j - i
         first, second = cross(edge, k - i), cross(o - i, edge)
-        return np.arctan2(dot(cross(first, second), edge), dot(first, second) * norm(edge))
+        return _arctan2(dot(cross(first, second), edge), dot(first, second) * norm(edge))
 
     @cached_property
     def first_form(self) -> FirstForm:
@@ -192,7 +194,12 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the angles (k,) between directions (3, k) in radians; zero if a direction has no length."""
-    return np.arctan2(norm(cross(a, b)), dot(a, b))
+    return _arctan2(norm(cross(a, b)), dot(a, b))
+
+
+def _arctan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return angles in radians; zero for zeros of any sign, with which a rigid motion may end."""
+    return np.arctan2(y + 0.0, x + 0.0)  # -0.0 + 0.0 is 0.0
 
 
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, percent: float) -> float:
@@ -215,7 +222,8 @@ def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
       predicates", 2003; with J. R. Shewchuk's arithmetic). A face that has collapsed into a segment counts
       like any other face. A face that has shrunk into a point is excluded.
     * They share one corner, and one face crosses the opposite side of the other face. The decision uses
-      floating point, so faces that only touch may count or not.
+      floating point, so faces that only touch may count or not. It has an absolute tolerance, which is
+      nothing for the size to which the mesh is scaled, :data:`SIZE`.
     * They share an edge and overlap in a plane, up to 1e-8 of the size of a face. Neighbours with opposite
       orientations and duplicate faces do not count.
 
@@ -227,6 +235,8 @@ def intersecting_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     import igl.predicates
 
     found = np.zeros(len(F), dtype=bool)
+    extent = float(np.ptp(V, axis=0).max())
+    V = np.ldexp(V, int(np.log2(SIZE / extent))) if extent > 0 else V  # by a power of two, which is exact
     first, second, third = V[F.T]
     extended = np.flatnonzero(((first != second) | (first != third)).any(axis=1))
     F = np.ascontiguousarray(F[extended])

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from eval.metrics import METRICS, Deformed, measure
-from eval.metrics.shape import intersecting_faces
+from eval.metrics.shape import MeasuredShape, ShapeTopology, intersecting_faces
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, Handles
 from tests.shapes import bent, bumpy, jittered, strip
@@ -192,3 +192,11 @@ def test_faces_that_intersect_at_rest_do_not_count():
     assert measure(task, V)["self_intersections"] == 0
     lowered = V - np.where(np.arange(9) >= 6, 8.5, 0.0)[:, None] * [0, 0, 1]
     assert intersecting_faces(lowered, mesh.F).all() and measure(task, lowered)["self_intersections"] == 1
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_angles_beside_an_edge_without_length_are_zero_in_every_direction(sign):
+    """Products with its coordinates are zeros, whose sign a rigid motion changes."""
+    V = sign * np.array([[1.0, 1, 1], [1, 1, 1], [2, 3, 4], [4, 2, 3]])
+    shape = MeasuredShape(ShapeTopology(np.array([[0, 1, 2], [1, 0, 3]]), 4), V)
+    assert not shape.corner_angles.any() and not shape.dihedral_angles.any()

@@ -60,3 +60,14 @@ def test_neighbours():
     assert not meet([*WALL, [1, 3, 1e-3]], edge)
     assert not meet([*WALL, [1, -3, 0]], edge)
     assert not meet([*WALL, [1, -3, 1]], [[0, 1, 2], [0, 1, 3]])  # wound against each other
+
+
+def test_intersections_do_not_depend_on_the_unit_of_length():
+    """libigl decides about faces with a common corner up to an absolute length."""
+    rng = np.random.default_rng(0)
+    V = np.concatenate([5 * pair + rng.normal(size=(5, 3)) for pair in range(300)])
+    F = np.concatenate([np.array([[0, 1, 2], [0, 3, 4]]) + 5 * pair for pair in range(300)])
+    found = intersecting_faces(V, F)
+    assert 30 < found.sum() < 300
+    for unit in (1e-9, 1e-6, 0.3, 1e6):
+        np.testing.assert_array_equal(intersecting_faces(unit * V, F), found)
