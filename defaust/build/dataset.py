@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from defaust.build.doubts import check_registrations
 from defaust.build.lock import sole_builder
 from defaust.build.options import BuildOptions
 from defaust.build.subject import UnusableError
@@ -22,7 +21,7 @@ from defaust.folder import layout
 from defaust.folder.card import contradiction_texts, render_card
 from defaust.folder.record import read_dataset, read_json
 from defaust.sources.source import Source, SourcePose
-from sshade import InputError, Mesh
+from sshade import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import available_cpus, number_of_workers
 
@@ -74,8 +73,8 @@ def build(
     ------
     InputError
         When `out` holds other files or a dataset with other options, another process builds there, or no
-        subject can be built; when two poses of a subject have equal vertices. With `strict`, when any mesh
-        cannot be used.
+        subject can be built; when two poses of a subject have equal vertices. With `strict`, when any mesh in
+        a file cannot be used, or cannot be the subject's; see :mod:`defaust.build.doubts`.
     """
     out = Path(out)
     workers = number_of_workers(workers, default=available_cpus())
@@ -86,9 +85,8 @@ def build(
         raise InputError(f"{out} is a file; give a folder")
     _report_left_out(recipe["source"], strict=strict)
     if "files" in recipe["source"] and not (out / layout.DATASET).is_file():
-        for subject in recipe["build"]["subjects"]:
-            if subject not in unusable:
-                _check_meshes(source, subject, strict=strict)
+        usable = [subject for subject in recipe["build"]["subjects"] if subject not in unusable]
+        check_registrations(source, usable, strict=strict)
     with sole_builder(out):
         _prepare(out, recipe)
         subjects = recipe["build"]["subjects"]
@@ -117,29 +115,6 @@ def build(
         if not done:
             raise unusable[subjects[0]]
         return _finish(out, recipe, records=[done[s] for s in subjects if s in done], unusable=unusable)
-
-
-def _check_meshes(source: Source, subject: int, *, strict: bool) -> None:
-    """Raise InputError if two poses of a subject are equal; with `strict`, if a mesh cannot be used."""
-    seen: dict[bytes, str] = {}
-    reads: list[tuple[str, Callable[[], Mesh | None]]] = []
-    if strict:
-        reads.append(("the rest pose", partial(source.rest, subject)))
-    reads += [(pose.name, partial(source.posed, subject, pose)) for pose in source.poses(subject)]
-    for name, read in reads:
-        try:
-            mesh = read()
-        except InputError as error:
-            if strict:
-                raise InputError(f"subject {subject}: {error}; strict=false leaves it out") from error
-            continue
-        if mesh is not None:
-            other = seen.setdefault(hashlib.sha256(mesh.V.tobytes()).digest(), name)
-            if other != name:
-                raise InputError(
-                    f"subject {subject}: {other} and {name} have equal vertices, so they are one pose; take "
-                    "the files again, or leave one pose out"
-                )
 
 
 def _report_left_out(source: dict[str, Any], *, strict: bool) -> None:

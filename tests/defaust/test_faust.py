@@ -12,7 +12,7 @@ from defaust.cli import main
 from defaust.folder.layout import sha256
 from defaust.tasks import list_tasks
 from sshade import InputError
-from sshade.files.meshes import write_mesh
+from sshade.files.meshes import read_mesh, write_mesh
 from tests.defaust.registrations import BODIES, POSES, SMALL, faust, write_faust
 from tests.shapes import icosphere
 
@@ -94,6 +94,56 @@ def test_a_damaged_copy_is_refused_or_its_pose_is_left_out(copy, tmp_path, refus
     assert main(["build", *command, "subjects=[0]", "strict=false"]) == 0
     assert f"left out: subject 0, pose 1: {message}" in caplog.text
     assert list_tasks(out) == [(0, 2), (0, 3), (0, 4)]
+
+
+def of_subject(folder, number, subject):
+    write_faust(folder / "other", subjects=[subject])
+    return (folder / f"other/tr_reg_{10 * subject + number:03d}.ply").rename(
+        folder / f"tr_reg_00{number}.ply"
+    )
+
+
+def changed(folder, number, change):
+    path = folder / f"tr_reg_00{number}.ply"
+    V, F = read_mesh(path).V.copy(), read_mesh(path).F
+    write_mesh(path, change(V), F)
+
+
+def one_vertex_away(V):
+    V[100] += [0.5, 0, 0]
+    return V
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: of_subject(folder, 3, 2), "subject 0, 3_forearms_raised: its volume is 1.2"),
+        (lambda folder: changed(folder, 3, lambda V: 1000 * V), "its mean edge is 1e+03 times as long as at"),
+        (lambda folder: changed(folder, 3, one_vertex_away), "times as long as at rest: a vertex is out of"),
+        (
+            lambda folder: shutil.copy(folder / "tr_reg_003.ply", folder / "tr_reg_036.ply"),
+            "subject 3, 6_arms_forward: it has the vertices of subject 0, 3_forearms_raised; take the file",
+        ),
+        (
+            lambda folder: shutil.copy(folder / "tr_reg_000.ply", folder / "tr_reg_030.ply"),
+            "subject 3, the rest pose: it has the vertices of subject 0, the rest pose; take the file again",
+        ),
+    ],
+    ids=["another body", "millimetres", "a vertex", "a copied pose", "a subject under two names"],
+)
+def test_a_registration_that_cannot_be_right_is_refused(copy, tmp_path, refused, damage, message):
+    damage(copy)
+    out = tmp_path / "out"
+    command = ["source=faust", "target_vertices=null", "workers=1", f"source.root='{copy}'", f"out='{out}'"]
+    refused([*command, "subjects=[0,3]", "source.target_poses=[1,3,6]"], message)
+    assert not out.exists()
+
+
+def test_a_build_that_is_not_strict_takes_a_doubtful_registration(copy, tmp_path):
+    changed(copy, 3, one_vertex_away)
+    options = replace(SMALL, subjects=(0,), target_vertices=None)
+    document = build(faust(copy), tmp_path / "out", options=options, strict=False, workers=1)
+    assert len(document["subjects"][0]["poses"]) == 4
 
 
 @pytest.mark.parametrize(
