@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eval.bench.jobs import TOLERANCE, TimedCase, TimedMethod, bound, deformation, deformer_options
+from eval.bench.cases import TimedCase, TimedMethod, deformation
+from eval.bench.drags import TOLERANCE, bound, deformer_options
 from eval.metrics import Task
 from eval.rows.store import VALID
 from eval.run.attempt import attempt
@@ -145,7 +146,8 @@ class _Drag:
     """A mesh to bind and to drag."""
 
     def __init__(self, task: DeformationTask, options: dict[str, Any]) -> None:
-        self.task, self.options = task, options
+        self.task = task
+        self.options = options
 
     def bind(self) -> None:
         """Bind the mesh, whose properties are not known yet."""
@@ -178,7 +180,8 @@ class _Meter:
     """Measure calls in a ``with`` block. A thread looks whether all other threads of the process sleep."""
 
     def __init__(self) -> None:
-        self.asleep, self.own_cpu = 0.0, 0.0
+        self.asleep = 0.0
+        self.own_cpu = 0.0
         self.end = Event()
         self.thread = Thread(target=self._look, daemon=True)
 

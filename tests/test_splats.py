@@ -11,7 +11,7 @@ from tests.test_names import ROOT, SOURCES
 ALLOWED = {
     "baselines/accelerated.py": 1,
     "defaust/configuration.py": 1,
-    "eval/bench/jobs.py": 1,
+    "eval/bench/drags.py": 1,
     "eval/check.py": 1,
     "eval/run/config.py": 1,
     "eval/run/targets.py": 2,

@@ -26,7 +26,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eval.bench.jobs import TimedCase, TimedMethod, time_calls, time_commands, time_drags, time_scaling
+from eval.bench.cases import TimedCase, TimedMethod
+from eval.bench.jobs import time_calls, time_commands, time_drags, time_scaling
 from eval.bench.turns import LONG
 from eval.publish.columns import markdown_table
 from eval.rows.files import TIMING, add_out, write_text

@@ -29,9 +29,10 @@ from eval.rows.store import (
     run_folder,
     write_run,
 )
-from eval.run.attempt import NOTHING, Attempt, attempt, attempt_fresh
+from eval.run.attempt import NOTHING, Attempt, attempt
 from eval.run.config import RunConfig, load_case, with_truth
 from eval.run.environment import digest, environment, method_facts, task_checksum, task_facts
+from eval.run.fresh import attempt_fresh
 from eval.run.targets import is_ours
 from sshade.core.console import say
 from sshade.core.errors import InputError

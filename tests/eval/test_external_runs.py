@@ -49,7 +49,7 @@ def test_the_time_limit_ends_a_program_and_its_children(task, tmp_path):
 
 def test_a_result_after_the_limit_is_a_timeout(task, tmp_path, monkeypatch):
     """A method may exceed its limit without noticing; its row must still be a timeout."""
-    monkeypatch.setattr("eval.run.attempt.LAST_WORDS", 30.0)
+    monkeypatch.setattr("eval.run.fresh.LAST_WORDS", 30.0)
     method = {"_target_": "eval_cases.sleeping", "seconds": 0.3, "warm_up": {"seconds": 0.0}}
     row = run(task, method, name="s", root=tmp_path, time_limit=0.2).row
     assert (row["status"], row["reason"]) == ("timeout", "no result within 0.2 s")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baselines import arap
-from eval.bench import jobs, quality
+from eval.bench import cases, jobs, quality
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
 from eval.run.warmup import tiny_transfer
@@ -142,8 +142,8 @@ def test_mistakes_are_told_in_a_sentence(machine, case, capsys, arguments, words
 
 
 def test_pose_transfers_are_neither_subdivided_nor_deformed_by_the_command(monkeypatch):
-    monkeypatch.setattr(jobs, "task_of", lambda *_, **__: tiny_transfer())
+    monkeypatch.setattr(cases, "task_of", lambda *_, **__: tiny_transfer())
     with pytest.raises(InputError, match="icosphere is a pose transfer"):
-        jobs.TimedCase({}, level=1).load()
+        cases.TimedCase({}, level=1).load()
     with pytest.raises(InputError, match="icosphere is a pose transfer"):
-        jobs.time_commands(["fast"], [jobs.TimedCase({})], rounds=1)
+        jobs.time_commands(["fast"], [cases.TimedCase({})], rounds=1)
