@@ -31,6 +31,7 @@ import pandas as pd
 
 from eval.publish.columns import TRUTH, markdown_table
 from eval.publish.comparison import poses_of
+from eval.publish.intervals import rounded
 from eval.publish.paper import beside
 from eval.publish.summary import by_half
 from eval.rows.files import read_conf
@@ -139,7 +140,7 @@ def by_pose(path: Path, methods: list[str], rivals: list[str], *, link: str) -> 
     truth = numbers(rows, TRUTH).groupby(case).mean().unstack()
     truth = truth[[*dict.fromkeys([*methods, *rivals])]].dropna()
     first, *others = rivals
-    nearer = pd.DataFrame({other: truth[first] < truth[other] for other in others})
+    nearer = rounded(truth[others].sub(truth[first], axis=0), truth) > 0
 
     def line(name: str, cases: pd.Index) -> list[str]:
         counts = " / ".join(map(str, nearer.loc[cases].sum()))

@@ -29,6 +29,9 @@ SURROUNDINGS = 0.22
 NEARBY = 0.15
 #: Smallest contradiction that is reported, as a fraction of the diagonal: about 4 cm on a body.
 CONTRADICTION = 0.02
+#: Decimals of stored fractions and of stored angles in degrees. Last bits of fitted rotations depend on the
+#: processor, and dataset.json does not.
+FRACTION, ANGLE = 6, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,7 @@ def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, An
     ]
     return {
         "moving": sum(len(group.source) for group in groups if group.kind == DYNAMIC),
-        "static_moved": float(max(moved)) / rest.diagonal if moved and posed is not None else None,
+        "static_moved": _fraction(max(moved), rest) if moved and posed is not None else None,
         "groups": [
             {
                 "landmark": group.landmark,
@@ -96,11 +99,11 @@ def case_facts(rest: Mesh, posed: Mesh | None, handles: Sequence[Mapping[str, An
             }
             for group in groups
         ],
-        "contradictions": _contradictions(groups, rest.diagonal),
+        "contradictions": _contradictions(groups, rest),
     }
 
 
-def _contradictions(groups: Sequence[_Group], diagonal: float) -> list[dict[str, Any]]:
+def _contradictions(groups: Sequence[_Group], rest: Mesh) -> list[dict[str, Any]]:
     """List static landmarks that contradict a dynamic landmark nearby.
 
     The rigid motion of the dynamic landmark's handles says where the surface around it goes. If it takes a
@@ -119,13 +122,18 @@ def _contradictions(groups: Sequence[_Group], diagonal: float) -> list[dict[str,
     for moving in (group for group in groups if group.kind == DYNAMIC):
         R, t = moving.motion
         for group in fixed:
-            apart = float(moving.distance[group.index].min()) / diagonal
+            apart = _fraction(moving.distance[group.index].min(), rest)
             taken = group.source @ R.T + t
-            distance = float(np.linalg.norm(taken - group.source, axis=1).mean()) / diagonal
+            distance = _fraction(np.linalg.norm(taken - group.source, axis=1).mean(), rest)
             if apart <= NEARBY and distance > CONTRADICTION:
                 pair = {"static": group.landmark, "dynamic": moving.landmark}
                 found.append(pair | {"apart": apart, "distance": distance})
     return found
+
+
+def _fraction(length: float, rest: Mesh) -> float:
+    """Return a length as a fraction of the diagonal."""
+    return round(float(length) / rest.diagonal, FRACTION)
 
 
 def _group(rest: Mesh, posed: Mesh | None, graph: VertexGraph, entry: Mapping[str, Any]) -> _Group:
@@ -149,7 +157,7 @@ def _residual(group: _Group) -> float:
     R, t = group.motion
     extent = np.sqrt(((group.source - group.source.mean(axis=0)) ** 2).sum(axis=1).mean())
     missed = np.sqrt(((group.source @ R.T + t - group.target) ** 2).sum(axis=1).mean())
-    return float(missed / extent) if extent > 0 else 0.0
+    return round(float(missed / extent), FRACTION) if extent > 0 else 0.0
 
 
 def _turned(rest: Mesh, posed: Mesh, group: _Group) -> float:
@@ -158,4 +166,4 @@ def _turned(rest: Mesh, posed: Mesh, group: _Group) -> float:
 
     near = group.distance <= SURROUNDINGS * np.sqrt(rest.area)
     R, _ = rigid_motion(rest.V[near], posed.V[near], weights=rest.vertex_areas[near])
-    return float(np.degrees(Rotation.from_matrix(group.motion[0] @ R.T).magnitude()))
+    return round(float(np.degrees(Rotation.from_matrix(group.motion[0] @ R.T).magnitude())), ANGLE)

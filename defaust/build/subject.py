@@ -151,7 +151,7 @@ def _mesh_facts(mesh: Mesh) -> dict[str, Any]:
         **({} if mesh.is_manifold and mesh.is_oriented else {"oriented_manifold": False}),
         "volume": _volume(mesh),
         "area": mesh.area,
-        "diagonal": mesh.diagonal,
+        "diagonal": float(f"{mesh.diagonal:.12g}"),  # its last bit depends on the processor
         "self_intersecting_faces": int(self_intersecting(mesh).sum()),
     }
 

@@ -26,6 +26,8 @@ POSES_SHA256 = "571fc05a34963b728bd5ba6e5a9162ab31f973b599c3822e93c0153a947de500
 CORRELATION = 0.015
 #: Number of waves that the noise is the sum of.
 WAVES = 400
+#: Step of displacements as a fraction of their root mean square, so that last bits do not decide.
+STEP = 1e-5
 
 
 @cache
@@ -55,12 +57,14 @@ def correlated_noise(points: np.ndarray, *, rms: float, seed: list[int]) -> np.n
     Returns
     -------
     (n, 3) float64
+        In steps of :data:`STEP`, because last bits of the field depend on the processor.
     """
     rng = np.random.default_rng(seed)
     wave = rng.normal(size=(3, WAVES)) / CORRELATION
     phase = rng.uniform(0.0, 2.0 * np.pi, size=WAVES)
     field = np.cos(points @ wave + phase) @ rng.normal(size=(WAVES, 3))
-    return field * (rms / np.sqrt((field**2).sum(axis=1).mean()))
+    step = STEP * rms
+    return step * np.round(field / (STEP * np.sqrt((field**2).sum(axis=1).mean())))
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,18 @@ from defaust.folder.record import read_dataset
 from sshade import InputError
 from tests.defaust.toy import KEPT, OPTIONS, Balls, flip_a_byte
 from tests.files import contents
+from tests.kernels import OFFERED
+
+#: Command that builds a small dataset whose files and record hold sums of products.
+NOISY = [sys.executable, "-m", "defaust", "build", "source=noisy", "subjects=[6]", "target_vertices=null"]
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory):
+    """The dataset of :data:`NOISY`, with the kernels that the library chooses; do not change it."""
+    out = tmp_path_factory.mktemp("data") / "noisy"
+    subprocess.run([*NOISY, f"out={out}"], check=True)
+    return out
 
 
 def test_the_record_lists_every_file_and_measures_the_cases(finished):
@@ -39,6 +51,14 @@ def test_the_record_lists_every_file_and_measures_the_cases(finished):
 def test_builds_are_byte_identical_with_any_number_of_workers(finished, tmp_path):
     build(Balls(), tmp_path / "again", options=OPTIONS, workers=2)
     assert contents(tmp_path / "again") == contents(finished)
+
+
+@pytest.mark.parametrize("kernels", OFFERED)
+def test_a_build_is_the_same_with_other_kernels_of_the_library(kernels, noisy, tmp_path):
+    """Noise, and the fitted rotations of handles, are sums of products."""
+    variables = {"OPENBLAS_CORETYPE": kernels, "OPENBLAS_NUM_THREADS": "2"}
+    subprocess.run([*NOISY, f"out={tmp_path / 'noisy'}"], env=os.environ | variables, check=True)
+    assert contents(tmp_path / "noisy") == contents(noisy)
 
 
 def test_a_killed_build_is_resumed(finished, tmp_path, monkeypatch):

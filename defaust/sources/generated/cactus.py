@@ -24,6 +24,8 @@ LATTICE = 150_000
 CLOSE, ATTEMPTS = 0.02, 8
 #: Rounds of moving each vertex to the mean of its neighbours and back onto the surface.
 ROUNDS = 10
+#: Decimals of coordinates. Last bits of exponentials depend on the processor.
+DECIMALS = 8
 #: Number of points at which the union is evaluated together.
 BLOCK = 1 << 20
 
@@ -62,7 +64,7 @@ def cactus(vertices: int) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(doublings):
         V, F = igl.upsample(V, F)
         V = _onto_surface(V)
-    return V, F
+    return V.round(DECIMALS), F
 
 
 def union(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import llvmlite.binding
 import pytest
 from eval_rows import frame, row
 
@@ -17,6 +16,7 @@ from eval.rows.frame import distinct, read_csv, records, write_csv
 from sshade.core.errors import InputError
 from tests.files import contents
 from tests.full import few
+from tests.kernels import OFFERED
 
 RESULTS = Path(__file__).parents[3] / "results"
 ROWS = sorted((RESULTS / "rows").glob("*.csv"))
@@ -24,8 +24,6 @@ ROWS = sorted((RESULTS / "rows").glob("*.csv"))
 SLOW = ("bodies_170k", "bodies_25k", "front_detail", "inertia", "noisy_170k", "noisy_2mm")
 QUICK = [path for path in ROWS if path.stem not in SLOW]
 TIMES = sorted((RESULTS / "timing").glob("*.csv"))
-#: Kinds of OpenBLAS's kernels, each with the feature of a processor that it needs.
-KERNELS = {"Prescott": "sse3", "Haswell": "avx2", "SkylakeX": "avx512f"}
 #: Program that prints the tables of rows in every format.
 REMAKE = """
 import sys
@@ -37,7 +35,6 @@ for path in map(Path, sys.argv[1:]):
     table = make_table(read_csv(path), title=path.stem)
     print(*(text_of(table) for text_of in FORMATS.values()), sep="", end="")
 """
-OFFERED = [kind for kind, feature in KERNELS.items() if llvmlite.binding.get_host_cpu_features().get(feature)]
 
 
 def clean(method="arap", task="t1", **changes):
