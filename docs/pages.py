@@ -13,7 +13,8 @@ a test compares the blocks with the results and the code:
   numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``.
 - ``<!-- poses NAME: METHOD, ...; METHOD, RIVAL, ... -->`` to ``<!-- end -->`` has the mean distance to the
   true pose of methods in each pose, from ``results/rows/NAME.csv``, and the number of cases in which the
-  first method after the semicolon is nearer than each of its rivals.
+  first method after the semicolon is nearer than each of its rivals. A sentence below has the mean
+  differences to the rivals, with their intervals.
 - ``<!-- rows -->`` to ``<!-- end -->`` is a table whose rows begin with the name of an experiment. Its last
   column summarises ``results/rows/NAME.csv``.
 - ``<!-- options -->`` to ``<!-- end -->`` is the reference of :mod:`sshade.problem.options`.
@@ -29,13 +30,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from eval.publish.columns import TRUTH, markdown_table
-from eval.publish.comparison import poses_of
-from eval.publish.intervals import rounded
+from eval.publish.columns import COLUMNS, TRUTH, markdown_table
+from eval.publish.comparison import poses_of, subjects_of
+from eval.publish.intervals import Resampling, differences, rounded
 from eval.publish.paper import beside
 from eval.publish.summary import by_half
+from eval.publish.tables import difference_text
 from eval.rows.files import read_conf
-from eval.rows.frame import numbers, read_csv, valid
+from eval.rows.frame import numbers, of_methods, read_csv, valid
 from sshade.core.errors import counted
 from sshade.problem.options import GROUPS, REGIONS, default, described
 
@@ -149,9 +151,26 @@ def by_pose(path: Path, methods: list[str], rivals: list[str], *, link: str) -> 
 
     body = [line(pose, own.index) for pose, own in truth.groupby("pose")]
     head = ["pose", *methods, f"{first} nearer than {' / '.join(others)}"]
-    text = "mean distance to the true pose (% of the diagonal), and cases in which {} is nearer"
+    text = f"mean distance to the true pose (% of the diagonal), and cases in which {first} is nearer"
     table = markdown_table(head, [*body, line("all", truth.index)], left=head[:1])
-    return f"[{path.stem}]({link}/rows/{path.name}): {text.format(first)}.\n\n{table}\n"
+    caption = f"[{path.stem}]({link}/rows/{path.name}): {text}."
+    return f"{caption}\n\n{table}\n\n{mean_differences(rows, truth, first, others)}\n"
+
+
+def mean_differences(rows: pd.DataFrame, truth: pd.DataFrame, first: str, others: list[str]) -> str:
+    """Return a sentence with the mean differences of a method to others, and their intervals."""
+    truth = truth.droplevel("pose")
+    subjects, poses = ([names[task] for task in truth.index] for names in (subjects_of(rows), poses_of(rows)))
+    resampling = Resampling.of(subjects, poses)
+    column = next(column for column in COLUMNS if column.source == TRUTH)
+    found = {
+        other: differences(truth, other, resampling, decimals=column.decimals).loc[first] for other in others
+    }
+    texts = [f"{other} {difference_text(column, own, '*{}*')}" for other, own in found.items()]
+    return (
+        f"Mean difference of {first} to {', to '.join(texts)}. In italics: the interval contains zero, so "
+        "the means cannot tell."
+    )
 
 
 def tables_of(path: Path) -> tuple[dict[str, list[list[str]]], str]:
@@ -188,6 +207,7 @@ def caption_notes(text: str) -> list[str]:
     else:
         half = next((HALVES[word] for note in notes for word in HALVES if note.startswith(word)), "cases")
         chosen = [re.sub("; means over all [^.]*", "", cases.replace("cases", half, 1))]
+        chosen += re.findall(r"Of an older version than today's code: [^.]*\.", text)
     chosen += ["No ranks: too few subjects or poses." for note in notes if note.startswith("No ranks")]
     return chosen + [re.sub(r" \(.*", ".", note) for note in notes if note.startswith("Warning")]
 
@@ -203,7 +223,7 @@ def line_of_rows(line: str, folder: Path) -> str:
 
 def rows_text(path: Path) -> str:
     """Summarise an experiment: runs, cases, vertices, and the sum of the times of all runs, if known."""
-    rows = read_csv(path)
+    rows = of_methods(read_csv(path))
     done = valid(rows)
     sizes = [f"{n / 1000:.0f}k" for n in (done["task.vertices"].min(), done["task.vertices"].max())]
     hours = numbers(done, "seconds.total").sum() / 3600

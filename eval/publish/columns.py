@@ -13,7 +13,9 @@ from eval.rows.store import TRANSFER, VALID
 #: Functions that are references rather than methods, with their notes in tables.
 REFERENCES = {
     "baselines.identity.identity": "a reference, not a method: the rest shape with its handles at their "
-    "targets. It is not ranked."
+    "targets. It is not ranked.",
+    "eval.metrics.measure": "no method, but the true shapes, measured like results. They stretch and bend, "
+    "too: a measure of change below theirs is no better.",
 }
 #: Largest mean distance of the handles to their targets for a success, % of the bounding-box diagonal.
 REACHED = 0.1

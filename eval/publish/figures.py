@@ -27,7 +27,7 @@ from eval.publish.panels import Camera, Case
 from eval.publish.plotting import FIGURES, new_figure, save, style
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, has_runs, read_conf
-from eval.rows.frame import distinct, method_names, numbers, records, valid
+from eval.rows.frame import distinct, method_names, numbers, of_methods, records, valid
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
 from sshade.core.errors import InputError
@@ -98,7 +98,8 @@ def read_cases(experiment: Experiment, *, names: Sequence[str], methods: Sequenc
     InputError
         If there is no such run or result, or a dataset has changed since the run.
     """
-    every = experiment.rows.assign(found=experiment.rows["status"].isin(VALID))
+    rows = of_methods(experiment.rows)
+    every = rows.assign(found=rows["status"].isin(VALID))
     # The latest run with a result; without a result, the latest run.
     every = every.sort_values(["found", "date"]).drop_duplicates(["task.name", "method.name"], keep="last")
     rows = every[every["found"]]

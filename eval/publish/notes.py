@@ -22,7 +22,7 @@ from eval.publish.columns import (
 )
 from eval.publish.comparison import Comparison, subjects_of
 from eval.publish.intervals import LEAST
-from eval.rows.frame import distinct, method_order, numbers
+from eval.rows.frame import distinct, method_order, numbers, of_methods
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
 from sshade.core.errors import InputError, counted
@@ -37,7 +37,7 @@ HALF_NOTES = {
 REBUILT_NOTE = (
     "The paper gives d_H 5.66e-3 and d_C 3.76e-8 for triangle frames on TOSCA's classes without wolf and "
     "gorilla (6000 samples, 10 samplings). They were not reproduced: by the definitions below, 66 poses "
-    "of seven classes have 9.4e-3 and 3.0e-7. Errors of other poses do not compare."
+    "of seven classes have 9.4e-3 and 3.0e-7, measured outside. Errors of other poses do not compare."
 )
 #: Note on transfers of edited shapes.
 TRANSFERRED_NOTE = (
@@ -57,14 +57,20 @@ def shortened(names: Iterable[str]) -> str:
 
 
 def version_note(rows: pd.DataFrame) -> str:
-    """Return the note on the commits of rows, and on versions of methods other than the first."""
-    commits = shortened(str(commit)[:8] for commit in distinct(rows, "env.commit")) or "unknown"
+    """Return the note on the commits of rows, and on versions of methods other than the first.
+
+    The first commit is that of the most lines; the lines of other commits are named.
+    """
+    started = begun(rows)
+    lines = started["method.name"].groupby(started["env.commit"].map(lambda commit: str(commit)[:8])).unique()
+    first, *others = sorted(lines.items(), key=lambda pair: -len(pair[1])) or [("unknown", [])]
+    commits = [first[0], *(f"{commit} ({', '.join(names)})" for commit, names in others)]
     modified = " (with changes)" if True in distinct(rows, "env.modified") else ""
-    versions = begun(rows).groupby("method.name")["method.version"].max()
+    versions = of_methods(started).groupby("method.name")["method.version"].max()
     later = [f"{name} {version}" for name, version in versions.items() if version > 1]
     current = current_versions()
     old = [name for name, version in versions.items() if version < current.get(name, 0)]
-    text = f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
+    text = f"Commit: {'; '.join(commits)}{modified}. Version of methods: {', '.join(['1', *later])}."
     return text + (f" Of an older version than today's code: {', '.join(old)}." if old else "")
 
 

@@ -31,7 +31,7 @@ from eval.publish.summary import by_half, make_table
 from eval.publish.tables import TIE, printed
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out, write_text
-from eval.rows.frame import distinct, method_names, records, valid
+from eval.rows.frame import distinct, method_names, of_methods, records, valid
 from eval.rows.store import Row
 from eval.run.config import load_task
 from sshade import plotting
@@ -228,7 +228,7 @@ def write_page(
     InputError
         If no experiment has a named case, or the rows of an experiment make no table.
     """
-    every = pd.concat([experiment.rows for experiment in experiments], ignore_index=True)
+    every = pd.concat([of_methods(experiment.rows) for experiment in experiments], ignore_index=True)
     known = set(every["task.name"])
     unknown = [name for name in cases if name not in known]
     if unknown:
@@ -285,7 +285,8 @@ def _section(
     progress: Progress,
 ) -> dict[str, Any]:
     """Return the contents of the section of an experiment."""
-    rows, runs = experiment.rows, begun(experiment.rows)
+    rows = experiment.rows
+    runs = begun(of_methods(rows))
     table = make_table(rows, title=experiment.name)
     groups = list(experiment.cases(cases))
     turnable = len(groups) if cases else TURNABLE

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import (
+    REFERENCES,
     SUCCESS,
     TRUTH,
     Column,
@@ -25,9 +26,9 @@ from eval.publish.columns import (
 from eval.publish.comparison import Comparison, compare, means
 from eval.publish.intervals import differences, places, reference_of
 from eval.publish.notes import case_notes, common_notes, rank_note, require_one_version, version_note
-from eval.rows.frame import CASE, distinct, method_names
+from eval.rows.frame import CASE, distinct, method_names, numbers, of_methods, valid
 from eval.rows.splits import HELD_OUT, TUNING, split_of
-from eval.rows.store import VALID
+from eval.rows.store import TRUE_POSE, VALID
 from sshade.core.errors import InputError
 
 #: Smallest number of common cases for the table of worst cases.
@@ -135,11 +136,13 @@ def make_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) 
         If the rows are of several datasets, the rows of a method have different configurations or versions
         or repeat a run, or the reference has no rank.
     """
+    every, rows = rows, of_methods(rows)
+    true_poses = valid(every).drop(rows.index, errors="ignore")
     _check_one_experiment(rows)
     if reference not in (None, *rows["method.name"]):
         raise InputError(f"{title} has no method {reference!r}; it has {', '.join(method_names(rows))}")
     require_one_version(rows)
-    table_of = partial(_table, reference=reference)
+    table_of = partial(_table, reference=reference, true_poses=true_poses)
     transfers = are_transfers(rows)
     rows = rows if transfers else with_success(rows)
     columns = columns_of(rows)
@@ -158,8 +161,12 @@ def make_table(rows: pd.DataFrame, *, title: str, reference: str | None = None) 
             f"{title} has no differences to {reference!r}, which is not ranked; name one of "
             f"{', '.join(comparison.ranked)}"
         )
-    notes = [*case_notes(first, comparison, half=half), *table.notes, version_note(rows)]
+    notes = [*case_notes(first, comparison, half=half), *table.notes, version_note(every)]
     notes += common_notes(rows, columns=columns)
+    if any(column.source == TRUTH for column in columns) and not transfers:
+        missing = "its rows are not one for each case." if len(true_poses) else "not measured here."
+        known = REFERENCES["eval.metrics.measure"] if TRUE_POSE in table.lines.index else missing
+        notes.append(f"{TRUE_POSE}: {known}")
     return table._replace(notes=notes, parts=parts, label=HALVES[half] if half else "")
 
 
@@ -212,9 +219,10 @@ def _table(
     rows: pd.DataFrame,
     comparison: Comparison,
     *,
+    true_poses: pd.DataFrame,
     reference: str | None = None,
 ) -> Table:
-    """Return the table of rows and their comparison, with the note on ranks."""
+    """Return the table of rows and their comparison, with the line of true poses and the note on ranks."""
     lines = _lines(rows, comparison)
     values = means(comparison.values, "method.name").reindex(lines.index)
     if SUCCESS in rows:  # over all runs, also missing ones, not only the common cases
@@ -222,7 +230,23 @@ def _table(
     spread = comparison.spread.drop(columns=SUCCESS, errors="ignore").reindex(index=lines.index)
     notes = rank_note(comparison, columns)
     table = Table(title, columns, lines, values, spread, values * np.nan, notes=notes)
-    return _with_differences(table, comparison, reference)
+    return _with_true_pose(_with_differences(table, comparison, reference), comparison, true_poses)
+
+
+def _with_true_pose(table: Table, comparison: Comparison, rows: pd.DataFrame) -> Table:
+    """Add the means of the true poses as the last line, if the rows have one of each common case."""
+    rows = rows[rows["task.name"].isin(comparison.common)]
+    if not len(rows) or sorted(rows["task.name"]) != sorted(comparison.common):
+        return table
+    means = {c.heading: numbers(rows, c.source).mean(skipna=False) for c in table.columns}
+    facts = {"runs": len(rows), "valid": len(rows), "cases": len(rows), "converged": "-", "competes": False}
+    lines = pd.concat([table.lines, pd.DataFrame(facts, index=[TRUE_POSE])]).rename_axis("method.name")
+    return table._replace(
+        lines=lines,
+        means=pd.concat([table.means, pd.DataFrame(means, index=[TRUE_POSE])]),
+        spread=table.spread.reindex(lines.index),
+        places=table.places.reindex(lines.index),
+    )
 
 
 def _with_differences(table: Table, comparison: Comparison, wanted: str | None) -> Table:

@@ -26,7 +26,7 @@ from eval.rows.frame import newest, numbers, read_csv, write_csv
 from sshade.core.errors import InputError
 
 #: The project's packages. Methods from all other packages belong to users.
-OWN = ("sshade", "baselines")
+OWN = ("sshade", "baselines", "eval")
 
 #: Heading of the counts of cases in which a method is nearer to the true pose than the reference.
 NEARER = "nearer"

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from eval.rows.files import FOLDER_HELP, ROWS, RUNS, add_out, experiment_folder, rows_file
-from eval.rows.frame import method_names, newest, read_csv, records, to_frame, valid, write_csv
+from eval.rows.frame import method_names, newest, of_methods, read_csv, records, to_frame, valid, write_csv
 from eval.rows.store import DamagedRun, Row, read_row, require_vertices, run_folder, run_folders
 from sshade.core.console import say
 from sshade.core.errors import InputError
@@ -88,14 +88,16 @@ class Experiment(NamedTuple):
     @property
     def methods(self) -> list[str]:
         """Return the methods in the order of the table."""
-        return method_names(self.rows)
+        return method_names(of_methods(self.rows))
 
     def cases(self, names: Sequence[str] = ()) -> Iterator[list[Row]]:
         """Yield the valid rows of each case, or of the named ones; methods in order, with their first seed.
 
         Name and checksum identify a case, because cases with different resolutions can share a name.
         """
-        rows = valid(self.rows).assign(place=lambda rows: rows["method.name"].map(self.methods.index))
+        rows = valid(of_methods(self.rows)).assign(
+            place=lambda rows: rows["method.name"].map(self.methods.index)
+        )
         case = ["task.name", "task.vertices", "task.checksum"]
         rows = rows.sort_values(["place", "seed"]).drop_duplicates([*case, "method.name"])
         for (name, *_), group in rows.groupby(case):

@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from eval.rows.files import writing
-from eval.rows.store import VALID, Row, in_order, is_text, row_problem
+from eval.rows.store import TRUE_POSE, VALID, Row, in_order, is_text, row_problem
 from sshade.core.errors import InputError
 
 #: This project's methods, in the order of tables.
@@ -58,6 +58,11 @@ def distinct(rows: pd.DataFrame, column: str) -> list[Any]:
 def valid(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows with a result."""
     return rows[rows["status"].isin(VALID)]
+
+
+def of_methods(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows without those of true poses."""
+    return rows[rows["method.name"] != TRUE_POSE]
 
 
 def newest(rows: pd.DataFrame) -> pd.DataFrame:

@@ -27,6 +27,8 @@ STATUSES = ("ok", "not_converged", "timeout", "failed", "skipped")
 VALID = ("ok", "not_converged")
 #: Value of ``task.kind`` for pose transfers; rows of deformations by handles have no ``task.kind``.
 TRANSFER = "transfer"
+#: Value of ``method.name`` in the row of a true pose, which is measured like a result and is no method.
+TRUE_POSE = "true pose"
 
 #: Infinities by their text in ``row.json``.
 _INFINITIES = {str(value): value for value in (math.inf, -math.inf)}

@@ -19,6 +19,7 @@ from eval.metrics import MEASURES, Task, measure
 from eval.rows.splits import require_split
 from eval.rows.store import (
     TRANSFER,
+    TRUE_POSE,
     VALID,
     DamagedRun,
     Row,
@@ -40,6 +41,9 @@ from sshade.core.progress import Progress, silent
 from sshade.mesh.mesh import Mesh
 from sshade.problem.task import DeformationTask, TransferTask
 
+#: What stands in a row of a true pose in place of a method's configuration.
+MEASURED = {"_target_": "eval.metrics.measure", "version": 1}
+
 
 class Outcome(NamedTuple):
     """A row and the folder of its run; whether the row was there already."""
@@ -60,7 +64,7 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     The clock times the method only. A method that raises leaves a row with status ``failed``. A method whose
     extra is not installed leaves a row with status ``skipped``. Both are run again next time. A row with
     status ``timeout`` is run again with a longer limit only. A damaged row is made again, with a note.
-    Methods that are not the project's run in a new process.
+    Methods that are not the project's run in a new process. The true pose of the case gets a row of its own.
 
     Parameters
     ----------
@@ -84,10 +88,9 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     row = identity(config, task)
     folder = run_folder(config.runs, row)
     if not config.run.force and (stored := _stored(folder, config, task)) is not None:
+        _store_true_pose(stored, config, jobs=jobs, progress=progress)
         return Outcome(stored, folder, found=True)
-    row |= {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
-    row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
-    row["env.time_limit"] = config.run.time_limit
+    row |= _circumstances(config, jobs=jobs)
     copied = given(task)
     if fresh:
         limit = config.run.time_limit
@@ -98,7 +101,32 @@ def run(config: RunConfig, *, jobs: int = 1, progress: Progress = silent) -> Out
     done = _measured(done, task, progress)
     row |= meta_facts(task) | done.facts
     write_run(folder, row, vertices=done.vertices)
+    _store_true_pose(row, config, jobs=jobs, progress=progress)
     return Outcome(row, folder)
+
+
+def _store_true_pose(row: Row, config: RunConfig, *, jobs: int, progress: Progress) -> None:
+    """Measure the true pose of a row's case like a result, and store it, unless it is unknown or stored."""
+    if row.get("metric.truth_distance") is None or row.get("task.kind") == TRANSFER:
+        return
+    own = config.run._replace(fresh=False, time_limit=None)
+    config = config._replace(label=TRUE_POSE, method=MEASURED, seed=0, run=own)
+    task = load_case(config)
+    row = identity(config, task)
+    folder = run_folder(config.runs, row)
+    if _stored(folder, config, task) is None:
+        task = with_truth(task, config.source)
+        facts = {"status": "ok", "reason": "", "iterations": None, "converged": None}
+        done = _measured(Attempt(facts, task.truth), task, progress)
+        row |= _circumstances(config, jobs=jobs) | meta_facts(task) | done.facts
+        write_run(folder, row, vertices=done.vertices)
+
+
+def _circumstances(config: RunConfig, *, jobs: int) -> Row:
+    """Return the columns that say where and when a row was made."""
+    row = {f"env.{fact}": value for fact, value in environment(jobs=jobs).items()}
+    row |= {"date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "peak_mib": None}
+    return row | {"env.time_limit": config.run.time_limit}
 
 
 def given(task: Task) -> Task:

@@ -1,5 +1,6 @@
 """One run, one row: clock, statuses, keys, the store."""
 
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -50,6 +51,25 @@ def test_a_row_holds_everything(task, tmp_path):
     assert row["seconds.total"] >= row["seconds.solve"] > 0 and row["seconds.cpu"] > 0
     assert row["env.cores_used"] == pytest.approx(row["seconds.cpu"] / row["seconds.total"], abs=1e-3)
     assert row["env.version.libigl"] == environment.version_of("libigl") and row["env.version.blas"]
+
+
+def test_the_true_pose_of_a_case_gets_one_row_which_measures_it_like_a_result(task, tmp_path):
+    run(task, STRETCHING, name="s", root=tmp_path / "unknown")
+    assert not run_folders(tmp_path / "unknown" / "true_pose")
+    known = replace(task, truth=2 * task.mesh.V)
+    for name, settings in {"s": {}, "fresh": {"fresh": True}, "again": {"force": True}}.items():
+        run(known, STRETCHING, name=name, root=tmp_path, **settings)
+    found = run_folders(tmp_path / "true_pose")
+    row = read_row(found[0])
+    assert len(found) == 1 and row["method.name"] == "true pose" and row["status"] == "ok"
+    expected = {f"metric.{name}": value for name, value in measure(known, known.truth).items()}
+    assert {name: value for name, value in row.items() if name.startswith("metric.")} == expected
+    assert row["metric.truth_distance"] == 0 and row["metric.volume"] == pytest.approx(700)
+    assert row["iterations"] is None and not any(name.startswith("seconds.") for name in row)
+    shutil.rmtree(found[0])  # as in runs of an older version; the same command adds the row
+    assert (
+        run(known, STRETCHING, name="s", root=tmp_path).found and run_folders(tmp_path / "true_pose") == found
+    )
 
 
 def test_what_a_method_tells_reaches_the_row_but_neither_arrays_nor_infinities_nor_its_seed(task, tmp_path):

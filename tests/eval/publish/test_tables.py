@@ -1,6 +1,7 @@
 """Tables: small tables by hand, common cases, seeds, and rows that must not be mixed."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from eval_rows import lost, missing, row, table_of
 
@@ -83,6 +84,35 @@ def test_success_is_the_share_of_all_runs_that_reach_their_handles():
 def test_rows_that_must_not_be_mixed_are_refused(one, two, words):
     with pytest.raises(InputError, match=words):
         table_of(row("a", **one), row("b"), row("a", **{"task": "t2", **two}))
+
+
+def test_the_true_pose_is_a_line_at_the_foot_that_no_rank_and_no_note_on_runs_knows():
+    cases = [f"t{i}" for i in range(6)]
+    rows = [
+        row(name, task, metric__truth_distance=t) for name, t in (("a", 2.0), ("b", 1.0)) for task in cases
+    ]
+    without = table_of(*rows)
+    assert "true pose: not measured here." in without.notes
+    facts = {"iterations": None, "converged": None, "seconds.total": None, "metric.truth_distance": 0.0}
+    facts |= {"env.machine": "another", "task.checksum": "last bits", "env.commit": "0123456789"}
+    true = [row("true pose", task, metric__edge=2.0 + i) | facts for i, task in enumerate(cases)]
+    table = table_of(*rows, *true)
+    *lines, last = to_markdown(table).split("\n\n")[1].splitlines()
+    assert lines == to_markdown(without).split("\n\n")[1].splitlines()
+    assert last == "| true pose | 6 | 1.00 | 2.00 | 4.50 | 4.000 | 0.000 | n/a |"
+    pd.testing.assert_frame_equal(table.places.drop(index="true pose"), without.places)
+    assert table.places.loc["true pose"].isna().all() and "true pose" not in table.differences["truth"].index
+    assert table.notes[:-2] == [note.replace(".", "; 01234567 (true pose).", 1) if "Commit" in note else note
+                                for note in without.notes[:-2]]  # fmt: skip
+    # Of another set of cases, its means would not compare.
+    assert "true pose: its rows are not one for each case." in table_of(*rows, *true[1:]).notes
+
+
+def test_lines_of_other_commits_are_named():
+    rows = [
+        row(name, env__commit=commit) for name, commit in (("a", "1" * 9), ("b", "1" * 9), ("c", "2" * 9))
+    ]
+    assert any(note.startswith("Commit: 11111111; 22222222 (c). Version") for note in table_of(*rows).notes)
 
 
 def on(method, volumes, **changes):
