@@ -173,13 +173,6 @@ def beyond_guide() -> Row:
     return without(5, 9, {"guide_attachment": 0.0}, (1, 0.2, 0.6), above=0)
 
 
-def beyond_inertia() -> Row:
-    """A body that reaches forward: without inertia, with inertia, and the true pose."""
-    task = load_task(DATA / "noisy_25k_2mm", subject=1, pose=2)
-    shapes = solved(task, "fast; fast inertia=0.2; truth")
-    return Row(shapes, (1, 0.1, 0.2), np.ones(task.mesh.n, bool))
-
-
 def colours(result: Deformed, top: float) -> np.ndarray | None:
     """Return the largest bend at each vertex (n,), or 1 at faces that intersect others; None for plain."""
     if top == PLAIN:
@@ -235,7 +228,7 @@ def edit() -> Image.Image:
 
 FUNCTIONS = (
     *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
-    *(joints, beyond_volume, beyond_attachment, beyond_guide, beyond_inertia, edit),
+    *(joints, beyond_volume, beyond_attachment, beyond_guide, edit),
 )
 #: Functions that return a picture, by the names of their files.
 PICTURES = {made.__name__: made for made in FUNCTIONS}

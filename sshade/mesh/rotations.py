@@ -85,63 +85,6 @@ def fit_rotations(S, Q):
 
 
 @kernel
-def fit_median(rest, moved, turns, fits, nearest):
-    """Fit the motion with the least sum of distances between moved points and their goals.
-
-    Each weighted least-squares fit has the inverse distances of the last one as its weights.
-
-    Parameters
-    ----------
-    rest, moved : (k, 3) float64
-        Points and their goals.
-    turns : bool
-        Whether the motion may turn; else it is a translation.
-    fits : int
-    nearest : float
-        Least distance in a weight.
-
-    Returns
-    -------
-    found : (k, 3) float64
-        The points, moved.
-    distance : (k,) float64
-        Of each from its goal.
-
-    References
-    ----------
-    E. Weiszfeld, "Sur le point pour lequel la somme des distances de n points donnes est minimum", 1937.
-    """
-    k = len(rest)
-    found, distance, weight = np.empty((k, 3)), np.empty(k), np.ones(k)
-    R, Q = np.zeros((1, 9)), np.zeros((1, 4))
-    R[0, 0] = R[0, 4] = R[0, 8] = Q[0, 0] = 1.0
-    for _ in range(fits):
-        total, source, goal = weight.sum(), np.zeros(3), np.zeros(3)
-        for i in range(k):
-            weight[i] /= total
-            for a in range(3):
-                source[a] += weight[i] * rest[i, a]
-                goal[a] += weight[i] * moved[i, a]
-        if turns:
-            R[:] = 0.0
-            for i in range(k):
-                for a in range(3):
-                    for b in range(3):
-                        R[0, 3 * a + b] += weight[i] * (rest[i, a] - source[a]) * (moved[i, b] - goal[b])
-            fit_rotations(R, Q)
-        for i in range(k):
-            square = 0.0
-            for a in range(3):
-                found[i, a] = goal[a]
-                for b in range(3):
-                    found[i, a] += R[0, 3 * a + b] * (rest[i, b] - source[b])
-                square += (moved[i, a] - found[i, a]) ** 2
-            distance[i] = np.sqrt(square)
-            weight[i] = 1.0 / max(distance[i], nearest)
-    return found, distance
-
-
-@kernel
 def quaternions(R):
     """Convert rotation matrices to unit quaternions.
 

@@ -452,7 +452,7 @@ class Assembly:
             weight=np.concatenate([handles.weight[number], np.full(count, np.inf)]),
             portion=portion,
             rotation=rotation,
-        ).following(handles.majority)
+        )
 
 
 def at_means(vertex: np.ndarray, V: np.ndarray) -> np.ndarray:

@@ -42,7 +42,6 @@ from sshade.method.polish import polished, set_up
 from sshade.method.regions import has_regions
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
-from sshade.problem.majority import HandleGroups, MajorityMotion
 from sshade.problem.options import Options, OptionValues, as_row, resolve
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
@@ -180,12 +179,8 @@ class Bound:
         mesh, handles = self._task.mesh, self._task.handles
         whole = mesh.topology.components == 1 and mesh.is_manifold and mesh.is_oriented
         self._components = None if whole else Components(mesh, handles.index)
-        self._groups: HandleGroups | None = None
-        if self._options.inertia:
-            self._groups = HandleGroups(mesh, handles.index, handles.group)
-        #: The handles of the last call, and the majority motion of the last step with its targets.
+        #: The handles of the last call.
         self._last: Handles | None = None
-        self._last_majority: tuple[MajorityMotion, np.ndarray] | None = None
 
     @property
     def mesh(self) -> Mesh:
@@ -229,12 +224,6 @@ class Bound:
         guess = None if guess is None else self.mesh.checked(guess, "guess")
         _warn_if_nothing_is_fixed(self._task.at(handles), self._options)
         self._last = handles
-        if self._groups is not None:
-            majority = self._groups.motion(handles.target)
-            if not majority.certainty:
-                log.warning("inertia is %s", majority.state)
-            self._last_majority = majority, handles.target
-            handles = handles.following(majority)
         task = self._task.at(handles, guess=guess)
         for piece in self._pieces.values():
             piece.reset()
@@ -282,10 +271,6 @@ class Bound:
             own.max_iterations if max_iterations is None else max_iterations,
         )
         self._last = handles
-        if self._groups is not None:
-            motion = self._groups.following(self._last_majority, handles.target)
-            self._last_majority = motion, handles.target
-            handles = handles.following(motion)
         task = self._task.at(handles)
         own_out = out if self._is_whole else None
         return self._placed(self._deformed(task, stop, step=True, out=own_out), task, out=out)
@@ -314,10 +299,6 @@ class Bound:
             )
         handles = self._last
         self._require_out(out)
-        if self._groups is not None:  # the motion of a drag may lag as well
-            motion = self._groups.motion(handles.target)
-            self._last_majority = motion, handles.target
-            handles = handles.following(motion)
         stop = replace(self._options.stop, tolerance=SETTLED * self._options.tolerance)
         task = self._task.at(handles)
         own_out = out if self._is_whole else None
@@ -327,7 +308,6 @@ class Bound:
         """Forget the last shape: the next step starts as the method does."""
         for piece in self._pieces.values():
             piece.reset()
-        self._last_majority = None
 
     def rebind(
         self, index: np.ndarray, *, group: np.ndarray | None = None, weight: np.ndarray | float = inf
@@ -430,8 +410,6 @@ class Bound:
         result = assembly.together()
         if not step:
             _warn_of_volume(assembly.states)
-        if (majority := task.handles.majority) is not None:
-            result = replace(result, facts=replace(result.facts, inertia=majority.state))
         return result
 
     def _assembly(self, task: DeformationTask, progress: Progress, *, rigid: bool = True) -> Assembly | Whole:

@@ -80,7 +80,7 @@ class NearestPlacement(Placement):
         return float(np.linalg.norm(missed, axis=1).max())
 
     def _snapped(self, handles: Handles) -> Handles:
-        snapped = Handles.from_positions(
+        return Handles.from_positions(
             self._proxy,
             self._mesh.V[handles.index],
             handles.target,
@@ -89,4 +89,3 @@ class NearestPlacement(Placement):
             rotation=handles.rotation,
             strict=False,  # a sample of the proxy stands for many vertices
         ).with_portions(self._proxy)
-        return snapped.following(handles.majority)

@@ -202,7 +202,7 @@ class ProxySolver:
             return beside(set_up, size=self._proxy.n)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
         rotations, yields = handles.prescribed_rotations, self._options.yields
-        aim = Aim(targets, rotations, fraction, volume_goal, handles.majority, yields)
+        aim = Aim(targets, rotations, fraction, volume_goal, yields)
         kept = BoundSystem(self._system, aim)
         return nullcontext(Later(lambda: kept))
 

@@ -53,9 +53,6 @@ class Facts:
         Largest distance of a hard handle from its target.
     volume_goal_error : float or None
         Largest relative error of the volume goal over the pieces.
-    inertia : str or None
-        With inertia: "on", "fades" where the handle groups hardly agree on a motion, or "off: " and the
-        reason why they have none.
     followed : bool or None
         Of a pose in a sequence: whether it started from the pose before.
     samples : int
@@ -105,7 +102,6 @@ class Facts:
     options: Mapping[str, Any] = field(default_factory=dict, metadata={"pieces": _first})
     hard_handle_error: float | None = _fact()
     volume_goal_error: float | None = _fact(pieces=max)
-    inertia: str | None = _fact()
     followed: bool | None = _fact()
 
     samples: int = _fact(0, samplings=_first, pieces=sum)

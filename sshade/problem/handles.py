@@ -21,7 +21,6 @@ from sshade.problem.handle_checks import (
     first_of_each,
     per_handle,
 )
-from sshade.problem.majority import MajorityMotion
 from sshade.problem.snapping import EXPLAINED, corrected_targets, merged_by_vertex, snap_to_vertices
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
@@ -65,8 +64,6 @@ class Handles:
         Number of handles dropped because another handle of their group has the same vertex.
     merge_distance : float
         Largest distance between the target of a merged handle and the target of its vertex.
-    majority : MajorityMotion, optional
-        Motion of most groups of the whole mesh; methods set it for the option `inertia`.
     extent : float, optional
         Length, by default the diagonal of the bounding box of all targets. Targets of one vertex are equal
         if they differ by at most :data:`sshade.problem.handle_checks.SAME_TARGET` times this length. Give the
@@ -90,7 +87,6 @@ class Handles:
     rotation: np.ndarray | None = None
     merged: int = 0
     merge_distance: float = 0.0
-    majority: MajorityMotion | None = None
     extent: InitVar[float | None] = None
 
     def __post_init__(self, extent: float | None) -> None:
@@ -184,12 +180,6 @@ class Handles:
         moved._set({"target": target, "rotation": checked_rotation(rotation, len(self))})
         return moved
 
-    def following(self, majority: MajorityMotion | None) -> Handles:
-        """Return the same handles with a majority motion."""
-        known = copy(self)
-        object.__setattr__(known, "majority", majority)
-        return known
-
     def require_same(self, other: Handles) -> None:
         """Raise InputError unless other handles have the same vertices, groups and weights."""
         for what, same in {
@@ -222,7 +212,7 @@ class Handles:
             portion = portion[number] if len(number) == len(self) else self._gathered(portion, number, V)
         arrays = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         some = {name: values[number] for name, values in arrays.items()}
-        return Handles(**{**some, "index": index, "portion": portion}, majority=self.majority)
+        return Handles(**{**some, "index": index, "portion": portion})
 
     def _gathered(self, portion: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
         """Return the portions (s,) of the remaining handles with those of the handles left out."""

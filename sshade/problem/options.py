@@ -85,10 +85,6 @@ class Options:
     joints : float
         Weight of the thickness in a second solve, which holds the parts that hardly strain and makes the
         joints between them round; 0 turns it off. Lower it if joints should stay sharper.
-    inertia : float
-        Weight with which the surface stays with the rigid motion of most handle groups, where it need not
-        move farther than a twentieth of the diagonal. Raise it, first to 0.1, if torso and thighs sway when
-        arms move; 0 turns it off.
     tolerance : float
         Residual at which iteration stops: the largest move of a vertex in one plain iteration, as a fraction
         of the bounding-box diagonal. Proxies of ``fast`` and ``fine`` stop at three times this value, because
@@ -147,7 +143,6 @@ class Options:
     bending: float = _option(0.0, "[0, inf)")
     thickness: float = _option(0.0, "[0, inf)")
     joints: float = _option(0.0, "[0, inf)", "fast fine")
-    inertia: float = _option(0.0, "[0, inf)", "fast fine")
     tolerance: float = _option(1e-5, "[0, inf)")
     max_iterations: int = _option(1000, "[0, inf)")
     start: Any = _option("rest", "rest rigid")
@@ -212,7 +207,6 @@ class OptionValues(TypedDict, total=False):
     bending: float | None
     thickness: float | None
     joints: float | None
-    inertia: float | None
     tolerance: float | None
     max_iterations: int | None
     start: Start | None
@@ -229,7 +223,7 @@ class OptionValues(TypedDict, total=False):
 #: Options of the energy that may change without a new factorisation, and options that change the matrix, as
 #: ``attachment`` does through the handles.
 ENERGY = ("volume", "area", "stiffness", "strain", "strain_limit")
-MATRIX = ("bending", "thickness", "inertia")
+MATRIX = ("bending", "thickness")
 #: Options by the headings of the reference.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "workers", "seed"),

@@ -8,7 +8,6 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.mesh.rigid import rigid_motion
-from sshade.problem.majority import MajorityMotion
 from sshade.problem.options import Start
 from sshade.problem.task import DeformationTask
 
@@ -32,8 +31,6 @@ class Aim:
         solve with one factorisation.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
-    majority : MajorityMotion, optional
-        Motion towards which inertia pulls; without one, inertia is off.
     yields : bool
         Whether exact constraints yield beyond :data:`sshade.solver.constraints.PRESSURE`.
     """
@@ -42,7 +39,6 @@ class Aim:
     prescribed: tuple[np.ndarray, np.ndarray] | None = None
     fraction: np.ndarray | None = None
     volume_goal: float = 1.0
-    majority: MajorityMotion | None = None
     yields: bool = False
 
 

@@ -106,7 +106,7 @@ def with_round_joints(
     stiffness = pulls(mesh, held)
     stiffness[handles.index] = 0.0
     own = np.flatnonzero(stiffness)
-    solid = replace(options, stiffness=1.0, thickness=options.joints, inertia=0.0)
+    solid = replace(options, stiffness=1.0, thickness=options.joints)
     # A volume that has yielded stays as it is; so does an area, as a weight keeps nearly.
     states = pose.constraints
     if states.volume_constraint == "yielding":

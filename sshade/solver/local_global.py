@@ -214,9 +214,6 @@ def bind_system(
     # The targets stay, so vertices without a pull are left out of the system.
     pulled = fraction > 0
     targets, stiffness = targets[pulled], (attachment.stiffness * fraction)[pulled]
-    majority = task.handles.majority
-    if majority is None or not majority.certainty:
-        options = replace(options, inertia=0.0)
     system = System(
         task.mesh,
         attachment.vertex[pulled],
@@ -230,7 +227,6 @@ def bind_system(
         targets,
         task.handles.prescribed_rotations,
         volume_goal=volume_goal,
-        majority=majority,
         yields=options.yields,
     )
     return BoundSystem(system, aim, perf_counter() - begin)

@@ -103,7 +103,7 @@ WORK: dict[str, Callable[[], np.ndarray]] = {
     "fine": partial(_deformed, method="fine", polish_iterations=3, workers=1),
     "accelerated arap sr": lambda: arap_sr(TASK, accelerate=True, **FEW).vertices,
     "bending": lambda: local_global(TASK, bending=0.1, stiffness=0.1, **FEW).vertices,
-    "inertia": partial(_deformed, DeformationTask("alone", BODY, ALONE), inertia=0.2),
+    "single points": partial(_deformed, DeformationTask("alone", BODY, ALONE)),
     "deformation graph": lambda: deformation_graph(TASK, nodes=40, **FEW).vertices,
     "blended affine frames": _bound,
     "reconstruction": lambda: transfer_pose(BODY, bent(BODY.V), vertices=50, samplings=1).vertices,

@@ -84,7 +84,6 @@ OTHER_ENERGY |= {
     "bending": 0.1,
     "thickness": 1.0,
     "joints": 0.2,
-    "inertia": 5.0,
 }
 
 

@@ -24,7 +24,7 @@ class Solver:
     def __init__(
         self, mesh: Mesh, index: np.ndarray, *, energy: str = "spokes_and_rims", **given: Any
     ) -> None:
-        weights = {name: given.pop(name) for name in ("bending", "thickness", "inertia") if name in given}
+        weights = {name: given.pop(name) for name in ("bending", "thickness") if name in given}
         self.system = System(mesh, np.asarray(index), Options(**weights), elements=energy, **given)
 
     def with_handles(self, index: np.ndarray, **given: Any) -> Solver:
