@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sshade.mesh.incidence import sides_by_edge
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import sides_by_edge
 from sshade.problem.task import DeformationTask, Handles
 
 NO_TURN = np.eye(3)

@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sshade.core.atomic import replacing
 from sshade.core.errors import InputError, reason
+from sshade.core.whole_files import replacing
 
 #: Version of the format of dataset.json.
 FORMAT = 1

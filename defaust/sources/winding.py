@@ -6,7 +6,7 @@ import numpy as np
 
 from sshade import Mesh
 from sshade.mesh.cutting import orientation
-from sshade.mesh.sides import sides_by_edge
+from sshade.mesh.incidence import sides_by_edge
 
 #: Order of the corners that turns a face over.
 TURNED = [0, 2, 1]

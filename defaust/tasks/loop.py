@@ -7,7 +7,7 @@ from scipy.sparse import coo_array, csr_array, eye_array
 
 from defaust.sources.winding import same_triangles
 from sshade import InputError, Mesh
-from sshade.mesh.sides import sides_by_edge
+from sshade.mesh.incidence import sides_by_edge
 
 
 def split(mesh: Mesh) -> Mesh:

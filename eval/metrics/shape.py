@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from sshade.mesh.sides import sides_by_edge
+from sshade.mesh.incidence import sides_by_edge
 
 #: A face is inverted if its normal times the sum of its neighbours' normals is below this bound. The bound is
 #: below zero, because the sum can cancel to rounding noise on a fold.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eval.rows.files import writing
-from sshade.core.atomic import check_suffix
+from sshade.core.whole_files import check_suffix
 from sshade.plotting.pictures import View, new_plotter, panel
 
 if TYPE_CHECKING:

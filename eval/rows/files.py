@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from eval import CONFIGURATION
-from sshade.core.atomic import replacing
 from sshade.core.errors import InputError, reason
+from sshade.core.whole_files import replacing
 
 #: Default folder of runs, with one folder per experiment.
 RUNS = Path("out/runs")
@@ -82,7 +82,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path that becomes `path` on success: see :func:`sshade.core.atomic.replacing`."""
+    """Yield a temporary path that becomes `path` on success: :func:`sshade.core.whole_files.replacing`."""
     make_folder(Path(path).parent)
     with replacing(path) as temporary:
         yield temporary

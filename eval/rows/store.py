@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from eval.rows.files import make_folder
-from sshade.core.atomic import replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import replacing
 
 Row = dict[str, Any]
 

@@ -15,7 +15,7 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.edit.dragging import bound_for_drag, step
 from sshade.edit.groups import Motion
-from sshade.files.door import open_shape
+from sshade.files.open_shape import open_shape
 from sshade.method.bound import Deformer
 from sshade.method.call import deform
 from sshade.problem.handles import Handles

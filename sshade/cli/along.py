@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sshade.cli.arguments import input_paths, read
-from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, naming
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.mesh_file import MeshFile, between
 
 if TYPE_CHECKING:
-    from sshade.files.door import OpenShape
+    from sshade.files.open_shape import OpenShape
     from sshade.mesh.mesh import Mesh
 
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sshade.core.atomic import check_output, naming
 from sshade.core.console import say
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, naming
 from sshade.files.by_library import READABLE, WRITABLE, require_libraries
 from sshade.files.handle_files import FORMATS as HANDLE_FILES
 from sshade.files.handle_files import is_landmark_file
@@ -21,8 +21,8 @@ from sshade.files.mesh_file import MeshFile, listed
 from sshade.problem.options import described, help_text
 
 if TYPE_CHECKING:
-    from sshade.files.door import OpenShape
     from sshade.files.handle_files import HandleFile
+    from sshade.files.open_shape import OpenShape
     from sshade.problem.handles import Handles
     from sshade.problem.task import DeformationTask
 
@@ -150,7 +150,7 @@ def read(path: Path, output: Path | None = None) -> MeshFile:
 
 def open_mesh(options: argparse.Namespace, output: Path | None = None) -> tuple[MeshFile, OpenShape]:
     """Read MESH as :func:`read`, and open it with --weld and --repair."""
-    from sshade.files.door import open_shape  # imports large libraries
+    from sshade.files.open_shape import open_shape  # imports large libraries
 
     file = read(options.mesh, output)
     with naming(options.mesh):
@@ -187,7 +187,7 @@ def open_task(options: argparse.Namespace, given: Sequence[HandleFile]) -> OpenT
     InputError
         When handles do not fit the mesh, or differ between poses. The message names the file.
     """
-    from sshade.files.door import on_shape  # imports large libraries
+    from sshade.files.open_shape import on_shape  # imports large libraries
 
     file, shape = open_mesh(options, options.output)
     poses: list[Handles] = []

@@ -25,10 +25,10 @@ from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
 from sshade.cli.arguments import check_outputs
-from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress
+from sshade.core.whole_files import replacing
 
 #: The extension's own files.
 ADDON = Path(__file__).parents[1] / "blender"

@@ -11,7 +11,7 @@ from sshade.core.errors import InputError
 from sshade.files.mesh_file import MeshFile
 
 if TYPE_CHECKING:
-    from sshade.files.door import OpenShape
+    from sshade.files.open_shape import OpenShape
 
 #: Largest ratio of the mean edge lengths of two lists of faces in one shape.
 LONGER = 2.0

@@ -11,8 +11,8 @@ import argparse
 from pathlib import Path
 
 from sshade.cli.arguments import FORMATS, add_files, add_options, add_repair, check_outputs, open_mesh
-from sshade.core.atomic import replacing
 from sshade.core.console import announced_compilation, say
+from sshade.core.whole_files import replacing
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.problem.options import PROXIES, Options, checked
 

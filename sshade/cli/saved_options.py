@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sshade.core.atomic import naming
 from sshade.core.console import say
+from sshade.core.whole_files import naming
 from sshade.files.handle_files import HandleFile
-from sshade.files.handwritten import require_known
+from sshade.files.json_yaml import require_known
 from sshade.mesh.weld import check_weld
 from sshade.problem.options import require_method
 

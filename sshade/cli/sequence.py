@@ -11,9 +11,9 @@ from time import perf_counter
 import numpy as np
 
 from sshade.cli.arguments import NUMBER, OpenTask, check_outputs, has_number
-from sshade.core.atomic import check_output
 from sshade.core.console import progress_bar, say
 from sshade.core.errors import InputError, counted
+from sshade.core.whole_files import check_output
 from sshade.files.by_library import WRITABLE
 from sshade.files.mesh_file import MORPHS
 from sshade.problem.facts import Facts

@@ -23,10 +23,10 @@ from typing import Any
 
 from sshade.cli.arguments import FORMATS, HANDLES, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
-from sshade.core.atomic import naming, replacing
 from sshade.core.console import say
 from sshade.core.errors import InputError
 from sshade.core.natural import in_natural_order
+from sshade.core.whole_files import naming, replacing
 from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import FORMATS as HANDLE_FILES
 from sshade.files.handle_files import is_landmark_file, pose_files, read_handle_file
@@ -56,7 +56,7 @@ def command(options: argparse.Namespace) -> int:
     for path in meshes:
         check_mesh(path)
     given = read_handle_file(*pose) if pose else None
-    from sshade.files.door import on_shape
+    from sshade.files.open_shape import on_shape
 
     options.mesh = meshes[0]
     _, shape = open_mesh(options)

@@ -9,9 +9,9 @@ import numpy as np
 from sshade.edit.materials import srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import accessor_bytes
+from sshade.files.numbers_in_text import key_of
 from sshade.files.obj import words_of
 from sshade.files.ply import parsed
-from sshade.files.words import key_of
 
 #: Names of the colours of vertices in PLY files.
 _PLY = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")

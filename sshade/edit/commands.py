@@ -14,7 +14,7 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Group, Motion
 from sshade.edit.preview import preview
 from sshade.edit.session import Session
-from sshade.mesh.sides import flagged
+from sshade.mesh.incidence import flagged
 
 #: Arrays of an answer after a change of groups or of the selection.
 CHANGED = ("positions", "labels", "selection")
@@ -55,7 +55,7 @@ class Commands:
         InputError
             When the session refuses the command.
         Superseded
-            See :meth:`sshade.edit.work.Work.settle`.
+            See :meth:`sshade.edit.workspace.Workspace.settle`.
         """
         if name in PLAIN:
             getattr(self._session, name)()

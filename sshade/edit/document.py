@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import check_output, is_same_file, naming
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, is_same_file, naming
 from sshade.edit.colours import colours_of
 from sshade.edit.groups import Group, groups_of
 from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
 from sshade.files.by_library import WRITABLE
-from sshade.files.door import on_shape, open_shape
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import read_file, write_file
+from sshade.files.open_shape import on_shape, open_shape
 from sshade.files.task_files import write_handles
 from sshade.problem.task import DeformationTask
 

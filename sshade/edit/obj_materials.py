@@ -9,8 +9,8 @@ import numpy as np
 from sshade.edit.materials import Material, Skin
 from sshade.files.libraries import rest_of, texture_name
 from sshade.files.mesh_file import beside
+from sshade.files.numbers_in_text import key_of
 from sshade.files.obj import faces_of, words_of
-from sshade.files.words import key_of
 
 #: Colour of faces without a material.
 _PLAIN = Material(np.full(3, 0.8))

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.core.atomic import INCOMPLETE, expecting, read_npz, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import INCOMPLETE, expecting, read_npz, replacing
 from sshade.edit.groups import Group
 from sshade.edit.state import EditState
 from sshade.mesh.mesh import Mesh

@@ -28,7 +28,7 @@ from sshade.core.errors import InputError, reason
 from sshade.edit.commands import Commands
 from sshade.edit.document import FileExists
 from sshade.edit.session import Session
-from sshade.edit.work import Superseded
+from sshade.edit.workspace import Superseded
 from sshade.plotting import threejs
 
 log = logging.getLogger(__name__)

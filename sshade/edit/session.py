@@ -15,16 +15,15 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind
 from sshade.edit.selection import near, selected
-from sshade.edit.work import Work
 
 #: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
 AT_REST = 1e-6
 
 
-class Session(Work):
+class Session(Workspace):
     """A mesh, a selection of vertices, handle groups, and their history.
 
-    See :class:`sshade.edit.work.Work` for undo, drags and shapes.
+    See :class:`sshade.edit.workspace.Workspace` for undo, drags and shapes.
 
     Parameters
     ----------

@@ -14,9 +14,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sshade.core.atomic import check_suffix
 from sshade.core.console import how_to_install
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_suffix
 from sshade.files.mesh_file import DECLARED, SUFFIXES, MeshFile, check_input, present
 
 #: Modules that a format needs, by its suffix. An extra has a name and brings them all.

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import replacing
 from sshade.files.gltf import gltf_bytes, parsed_gltf, plain_gltf
 from sshade.files.gltf_scene import CHANGED, Gltf, NewAccessors, bounds, mesh_matrices
 from sshade.files.mesh_file import MeshFile, as_floats

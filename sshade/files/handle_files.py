@@ -44,9 +44,10 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
-from sshade.files.handwritten import (
+from sshade.core.whole_files import naming
+from sshade.files.implicit_arap import read_implicit_arap
+from sshade.files.json_yaml import (
     LONGEST,
     as_array,
     as_boxes,
@@ -55,7 +56,6 @@ from sshade.files.handwritten import (
     parsed_list,
     require_known,
 )
-from sshade.files.implicit_arap import read_implicit_arap
 from sshade.files.landmarks import ENDINGS, read_landmarks
 from sshade.files.mesh_file import between, check_input
 from sshade.problem.handle_checks import NO_HANDLES, require_rotations
@@ -128,7 +128,7 @@ class HandleGroup:
 
 @dataclass(frozen=True, eq=False)
 class HandleFile:
-    """A handle file that was read and checked. :func:`sshade.files.door.on_mesh` places it.
+    """A handle file that was read and checked. :func:`sshade.files.open_shape.on_mesh` places it.
 
     Attributes
     ----------

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
-from sshade.files.handwritten import as_points, decoded, parsed_yaml, require_known
+from sshade.core.whole_files import naming
+from sshade.files.json_yaml import as_points, decoded, parsed_yaml, require_known
 
 
 def read_implicit_arap(path: Path) -> list[tuple[np.ndarray, np.ndarray | None]]:

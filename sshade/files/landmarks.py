@@ -20,9 +20,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sshade.core.atomic import expecting, naming
 from sshade.core.errors import InputError, counted
-from sshade.files.handwritten import decoded, parsed_list
+from sshade.core.whole_files import expecting, naming
+from sshade.files.json_yaml import decoded, parsed_list
 from sshade.files.mesh_file import between, check_input
 
 #: Endings of landmark files.

@@ -17,8 +17,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from sshade.core.atomic import check_suffix, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_suffix, replacing
 from sshade.problem.similarity import LPS_RAS
 
 #: Suffixes of the formats of meshes that are read and written.

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.core.atomic import check_output, expecting, naming, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, expecting, naming, replacing
 from sshade.files.by_library import WRITABLE, check_mesh, read_by_library, write_by_library
 from sshade.files.gltf import plain_gltf, read_gltf
 from sshade.files.mesh_file import DECLARED, SUFFIXES, MeshFile, as_floats, copy_along
+from sshade.files.numbers_in_text import rows_of
 from sshade.files.obj import read_obj
 from sshade.files.off import read_off
 from sshade.files.ply import read_ply, write_ply
 from sshade.files.stl import read_stl, write_stl
-from sshade.files.words import rows_of
 from sshade.mesh.mesh import Mesh
 
 #: Suffixes of the formats in which :func:`write_mesh` stores positions as float32.

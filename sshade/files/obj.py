@@ -13,8 +13,8 @@ import numpy as np
 
 from sshade.files.libraries import library_files, library_names, moved_library
 from sshade.files.mesh_file import MeshFile, beside, fanned, present
+from sshade.files.numbers_in_text import Edits, Text, edited, key_of, without_comments
 from sshade.files.obj_normals import Corners, Obj, turned_normals
-from sshade.files.words import Edits, Text, edited, key_of, without_comments
 
 #: The beginning of a surface object of the Montreal Neurological Institute: its reflectance and its size, as
 #: text or binary.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.files.words import Edits, Numbers
+from sshade.files.numbers_in_text import Edits, Numbers
 from sshade.mesh.normals import smooth_groups, turned, turns
 from sshade.mesh.places import same_rows
 

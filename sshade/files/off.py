@@ -10,7 +10,7 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, fanned, present
-from sshade.files.words import Text, edited, without_comments
+from sshade.files.numbers_in_text import Text, edited, without_comments
 from sshade.mesh.normals import turned, vertex_turns
 
 #: The first word: letters for texture coordinates, colours and normals of vertices, in any order. A small n

@@ -16,8 +16,8 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, fanned, moved_reference, present, strip_triangles, unchanged
+from sshade.files.numbers_in_text import Numbers, Text, edited
 from sshade.files.ply_elements import Element, copy_rows, declared_words, read_header, take
-from sshade.files.words import Numbers, Text, edited
 from sshade.mesh.normals import turned, turns, vertex_turns
 from sshade.mesh.surface import as_single, single_steps
 

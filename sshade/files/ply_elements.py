@@ -10,7 +10,7 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.core.threads import CHUNK, ThreadTeam, available_cpus
-from sshade.files.words import BOM, Text
+from sshade.files.numbers_in_text import BOM, Text
 
 _OLD_NAMES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
 _NEW_NAMES = ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"]

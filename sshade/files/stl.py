@@ -8,7 +8,7 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.files.mesh_file import MeshFile, as_floats, present, unchanged
-from sshade.files.words import BOM, Numbers, Text, edited, key_of
+from sshade.files.numbers_in_text import BOM, Numbers, Text, edited, key_of
 from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import turned, turns
 from sshade.mesh.surface import as_single, single_steps

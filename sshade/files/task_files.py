@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import naming, replacing
 from sshade.core.errors import InputError
-from sshade.files.door import on_mesh, on_shape, open_shape
+from sshade.core.whole_files import naming, replacing
 from sshade.files.handle_files import FILE_RECORDS, read_handle_file
-from sshade.files.handwritten import require_known
+from sshade.files.json_yaml import require_known
 from sshade.files.meshes import read_file
+from sshade.files.open_shape import on_mesh, on_shape, open_shape
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationTask
@@ -76,7 +76,7 @@ def read_task(
     Raises
     ------
     InputError
-        See :func:`sshade.files.meshes.read_file`, :func:`sshade.files.door.open_shape`,
+        See :func:`sshade.files.meshes.read_file`, :func:`sshade.files.open_shape.open_shape`,
         :func:`read_handles` and :class:`sshade.DeformationTask`.
     """
     file = read_file(mesh)

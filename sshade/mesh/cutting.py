@@ -13,9 +13,9 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.kernels import kernel
+from sshade.mesh.incidence import EdgeSides, sides_by_edge
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.places import connected
-from sshade.mesh.sides import EdgeSides, sides_by_edge
 
 #: Difference below which two cosines count as equal. Between faces that continue a face equally well, the
 #: smaller inside angle decides.

@@ -10,9 +10,9 @@ import numpy as np
 
 from sshade.core.errors import InputError, counted
 from sshade.core.kernels import kernel
-from sshade.core.shown import Shown
+from sshade.core.notebook_view import Shown
 from sshade.mesh.faces import Connectivity, connectivity, face_areas, vertex_areas
-from sshade.mesh.sides import EdgeSides, flagged, sides_by_edge
+from sshade.mesh.incidence import EdgeSides, flagged, sides_by_edge
 
 #: Largest coordinate, and reciprocal of the smallest extent. Beyond, squared areas overflow or underflow.
 LARGEST = 1e60

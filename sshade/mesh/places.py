@@ -10,8 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sshade.core.kernels import kernel
+from sshade.mesh.incidence import flagged
 from sshade.mesh.mesh import Mesh, repeats_vertex
-from sshade.mesh.sides import flagged
 from sshade.mesh.weld import COPY
 
 #: Largest width of a group of near positions, as a multiple of the tolerance. A wider chain of positions is

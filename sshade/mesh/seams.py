@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sshade.mesh.incidence import sides_by_edge
 from sshade.mesh.mesh import Mesh, unit_rows
 from sshade.mesh.places import connected, on_boundary, vertex_places, with_faces
-from sshade.mesh.sides import sides_by_edge
 
 #: Cosine above which two faces at one edge lie upon each other, and do not continue each other.
 UPON = 0.999

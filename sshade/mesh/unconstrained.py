@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sshade.core.errors import counted
+from sshade.mesh.incidence import members
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.places import TOUCHING, same_places
 from sshade.mesh.rigid import rigid_motion
-from sshade.mesh.sides import members
 
 log = logging.getLogger(__name__)
 

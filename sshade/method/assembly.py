@@ -29,9 +29,9 @@ from scipy.sparse import csr_array
 from sshade.core.errors import InputError, counted
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.cutting import cut_to_manifold, without_duplicates
+from sshade.mesh.incidence import flagged, members, numbered
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
-from sshade.mesh.sides import flagged, members, numbered
 from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.method.junctions import deform_joined
 from sshade.method.regions import EDGE_SAMPLES

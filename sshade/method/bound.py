@@ -31,7 +31,7 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import beside
-from sshade.files.door import OpenShape, open_arguments
+from sshade.files.open_shape import OpenShape, open_arguments
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.places import opening_within
 from sshade.mesh.rigid import common_motion

@@ -10,7 +10,7 @@ import numpy as np
 
 from sshade.core.console import compilation_told
 from sshade.core.progress import Progress, silent
-from sshade.files.door import in_order, open_arguments
+from sshade.files.open_shape import in_order, open_arguments
 from sshade.method.bound import Bound
 from sshade.problem.handle_checks import ids_of
 from sshade.problem.options import OptionValues, accepted, require_method, resolve, takes_options

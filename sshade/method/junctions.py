@@ -15,8 +15,8 @@ import numpy as np
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, renamed
 from sshade.mesh.adjacency import vertex_graph
+from sshade.mesh.incidence import numbered
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import numbered
 from sshade.method.proxy_solver import ProxySolver
 from sshade.method.regions import EDGE_RATIO, edge_vertices
 from sshade.problem.options import Options

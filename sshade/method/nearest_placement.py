@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from sshade.core.errors import InputError
+from sshade.mesh.incidence import numbered
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import numbered
 from sshade.method.regions import Placement
 from sshade.problem.handles import Handles
 from sshade.problem.snapping import snap_to_vertices

@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from sshade.core.kernels import kernel
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.harmonic import harmonic
+from sshade.mesh.incidence import flagged, numbered
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import flagged, numbered
 from sshade.problem.handles import Handles
 from sshade.proxy.blended import nearest_rotations
 from sshade.proxy.fronts import Fronts

@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 
 from sshade.core.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
+from sshade.mesh.incidence import flagged, numbered
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import flagged, numbered
 from sshade.method.normal_shift import shifted
 from sshade.method.region_edges import RegionEdges
 from sshade.problem.facts import Facts

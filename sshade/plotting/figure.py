@@ -18,8 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sshade.core.atomic import check_output, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, replacing
 from sshade.files.arrays import Arrays
 from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh

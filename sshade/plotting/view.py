@@ -11,8 +11,8 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.mesh.clusters import cluster_vertices
+from sshade.mesh.incidence import members
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import members
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import sample_proxy
 

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from sshade.core.errors import InputError, counted
+from sshade.core.notebook_view import Shown
 from sshade.core.progress import Progress, silent
-from sshade.core.shown import Shown
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.unconstrained import HOW_TO_CONSTRAIN
 from sshade.problem.facts import Facts, Joint

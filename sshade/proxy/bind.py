@@ -8,8 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from sshade.mesh.adjacency import VertexGraph
+from sshade.mesh.incidence import members
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.mesh.sides import members
 from sshade.problem.options import Options, checked
 from sshade.proxy.binding import Binding, FrameKind, bind_proxy, frame_maker
 from sshade.proxy.frames import FrameMaker

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import INCOMPLETE, expecting, naming, read_npz, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import INCOMPLETE, expecting, naming, read_npz, replacing
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.proxy.binding import Binding, FrameKind, bind_proxy, frame_maker
 from sshade.proxy.frames import FrameMaker

@@ -36,7 +36,7 @@ import numpy as np
 
 from sshade.core.kernels import kernel
 from sshade.core.threads import in_ranges
-from sshade.mesh.sides import flagged, group_rows
+from sshade.mesh.incidence import flagged, group_rows
 from sshade.proxy.fronts import Fronts
 
 

@@ -29,8 +29,8 @@ from scipy.sparse import csr_array
 from sshade.core.kernels import kernel
 from sshade.core.threads import ThreadTeam, available_cpus, in_ranges
 from sshade.mesh.adjacency import VertexGraph
+from sshade.mesh.incidence import sort_by_id
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import sort_by_id
 from sshade.proxy import advance
 from sshade.proxy.fronts import Fronts, band, farthest_point_sampling
 

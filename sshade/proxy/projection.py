@@ -13,8 +13,8 @@ import numpy as np
 
 from sshade.core.kernels import kernel, subroutine
 from sshade.core.threads import in_ranges
+from sshade.mesh.incidence import sort_by_id
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import sort_by_id
 from sshade.proxy.sample import Sampling
 
 #: Difference, as a fraction of the largest coordinate, below which two triangles are equally near.

@@ -17,8 +17,8 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.mesh.adjacency import VertexGraph, vertex_graph
+from sshade.mesh.incidence import group_rows
 from sshade.mesh.mesh import Mesh, require_mesh
-from sshade.mesh.sides import group_rows
 from sshade.problem.handle_checks import checked_index
 from sshade.problem.options import Options
 from sshade.proxy import coarse

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sshade.core.kernels import kernel
+from sshade.mesh.incidence import sides_by_edge
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import sides_by_edge
 from sshade.proxy.frames import ZERO_AREA
 
 

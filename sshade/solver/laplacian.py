@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from sshade.core.kernels import kernel
 from sshade.core.threads import in_ranges
+from sshade.mesh.incidence import sides_by_edge, sort_by_id
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import sides_by_edge, sort_by_id
 
 #: Least slack in the triangle inequalities of a zero-area triangle after its edges are lengthened, as a
 #: fraction of the mesh's mean edge or of the triangle's longest edge, whichever is longer.

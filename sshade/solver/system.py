@@ -18,8 +18,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sshade.core.threads import ThreadTeam
+from sshade.mesh.incidence import flagged
 from sshade.mesh.mesh import Mesh
-from sshade.mesh.sides import flagged
 from sshade.problem.options import Elements, Options
 from sshade.solver.bound_handles import BoundHandles
 from sshade.solver.constraints import ConstrainedSurface

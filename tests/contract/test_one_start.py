@@ -39,7 +39,7 @@ def half_turn(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_every_door_starts_a_method_alike(name, half_turn):
+def test_every_entry_starts_a_method_alike(name, half_turn):
     task, folder = half_turn
     options, kept, in_editor = CALLS[name]
     expected = deform(task, **options).vertices
@@ -58,8 +58,8 @@ def test_every_door_starts_a_method_alike(name, half_turn):
         )
         session.settle()
         found["editor"] = session.shown
-    for door, V in found.items():
-        assert np.abs(V - expected).max() <= 1e-6 * task.mesh.diagonal, door
+    for entry, V in found.items():
+        assert np.abs(V - expected).max() <= 1e-6 * task.mesh.diagonal, entry
 
 
 def test_the_published_iterations_start_at_rest_and_the_others_at_the_rigid_motion(half_turn):

@@ -12,8 +12,8 @@ import numpy as np
 
 import tools.bake
 from sshade import InputError
-from sshade.core.atomic import replacing
 from sshade.core.console import run_command
+from sshade.core.whole_files import replacing
 from tools.bake import animals, bodies, new_bodies, noisy
 
 ASSETS = {"bodies": bodies.bake, "new_bodies": new_bodies.bake, "noisy": noisy.bake, "animals": animals.bake}

@@ -12,8 +12,8 @@ import pytest
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
 from sshade.cli.main import main
-from sshade.core.atomic import replacing
 from sshade.core.console import progress_bar, run_command
+from sshade.core.whole_files import replacing
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from sshade.files.task_files import read_handles, write_handles
 from tests.robustness.case import assert_refused, run

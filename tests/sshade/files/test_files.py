@@ -9,8 +9,8 @@ from threading import Barrier
 
 import pytest
 
-from sshade.core.atomic import check_output, read_npz, replacing
 from sshade.core.errors import InputError
+from sshade.core.whole_files import check_output, read_npz, replacing
 
 
 def write(path: Path, text: str = "new") -> None:

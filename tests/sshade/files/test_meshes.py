@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sshade import InputError, Mesh
-from sshade.files.door import open_shape
 from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_file, read_mesh, write_file, write_mesh
+from sshade.files.open_shape import open_shape
 from sshade.mesh.surface import surface
 from tests.shapes import bumpy, icosphere
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from sshade import Mesh
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.faces import connectivity
-from sshade.mesh.sides import group_rows, sides_by_edge, sort_by_id
+from sshade.mesh.incidence import group_rows, sides_by_edge, sort_by_id
 from tests.shapes import beside, block, double_torus, icosphere, jittered, strip, tetrahedron, torus, tube
 
 

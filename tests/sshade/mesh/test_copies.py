@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sshade import DeformationTask, Handles, deform
-from sshade.files.door import open_shape
 from sshade.files.meshes import read_file
+from sshade.files.open_shape import open_shape
 from sshade.mesh.surface import single_steps, surface
 from tests.shapes import icosphere, quads
 from tests.write import mesh_ply, obj

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sshade.files.words import Text, rows_of
+from sshade.files.numbers_in_text import Text, rows_of
 
 RNG = np.random.default_rng(0)
 DOUBLES = np.concatenate(

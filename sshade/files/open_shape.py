@@ -1,4 +1,4 @@
-"""The one door: vertices and faces of any kind become a surface with handles, and its positions go back.
+"""Open shapes: vertices and faces of any kind become a surface with handles, and its positions go back.
 
 A shape is arrays, a mesh of this package, of trimesh or of pyvista, or a mesh file that was read. The
 command, Python, the editor and Blender open shapes here, make their tasks here, and place results here.
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sshade.core.atomic import naming
 from sshade.core.errors import InputError, counted
+from sshade.core.whole_files import naming
 from sshade.files.handle_files import HandleFile, HandleGroup
 from sshade.files.mesh_file import MeshFile, unchanged
 from sshade.files.objects import MeshObject, mesh_in

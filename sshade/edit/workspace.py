@@ -1,4 +1,4 @@
-"""The work of a session: its states, its recovery file, and the shape that is shown."""
+"""The states of a session, its recovery file, and the shape that is shown."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Dragged(NamedTuple):
         return same and np.array_equal(own.weight, handles.weight) and self.method == method
 
 
-class Work:
+class Workspace:
     """States of a document, and the shape of the current state.
 
     Every method may be called from any thread. :meth:`undo` reverts all changes, except for files that were
