@@ -45,7 +45,7 @@ ablation_function   := experiment=ablation method=ablation/paper method.frame_fu
 ablation_frames     := experiment=ablation method=ablation/paper method.samplings=1,5 \
   method.frames=triangle,affine,blended,blended_affine label='paper-$${method.frames}-$${method.samplings}'
 ablation_coarse     := experiment=ablation \
-  method@method.coarse=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr
+  method@method.proxy_method=accelerated_elastic,elastic,accelerated_arap,arap,arap_sr
 TRANSFERS := isometric pose_transfer
 
 # Runs of small experiments, one on each CPU. Their tables print no times.

@@ -34,9 +34,9 @@ def deformer_options(method: TimedMethod) -> dict[str, Any]:
     label, config, name = method.label, method.config, method.config.get("method")
     if locate(config["_target_"]) is not deform or name not in ("fast", "paper"):
         raise InputError(f"{label} cannot be bound: sshade.Deformer binds the methods paper and fast")
-    if config["coarse"] is not None:
+    if config["proxy_method"] is not None:
         raise InputError(f"{label} cannot be bound: sshade.Deformer has its own solver of proxies")
-    names = set(accepted(name)) - {"coarse"}
+    names = set(accepted(name)) - {"proxy_method"}
     return {"method": name, **{key: value for key, value in config.items() if key in names}}
 
 

@@ -83,7 +83,7 @@ USUAL = (
     *("weld", "repair"),
 )
 #: Options of the methods that the command line can give.
-OPTIONS = [name for names in GROUPS.values() for name in names if name != "coarse"]
+OPTIONS = [name for names in GROUPS.values() for name in names if name != "proxy_method"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,6 +15,7 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind
 from sshade.edit.selection import near, selected
+from sshade.edit.workspace import Workspace
 
 #: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
 AT_REST = 1e-6

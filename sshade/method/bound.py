@@ -362,7 +362,7 @@ class Bound:
         if known is not None and known.fits(handles, None if step else part.options.vertices):
             return known
         options = options_of(part).of_proxy()
-        keep = self._keep and options.coarse is None and options.accelerate
+        keep = self._keep and options.proxy_method is None and options.accelerate
         progress = part.progress if keep else silent
         piece = Piece(part.task.mesh, handles, options, steps=self._steps, keep=keep, progress=progress)
         if keep:

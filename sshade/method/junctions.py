@@ -81,7 +81,7 @@ def deform_joined(
     handle = numbered(handles.index, parts.n)
     on = np.flatnonzero(handle[samples] >= 0)
     on_proxy = handles.sampled(handle[samples[on]], number[on], parts.V)
-    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, coarse=None)
+    free = replace(options.of_proxy(), volume=0.0, area=0.0, stiffness=1.0, thickness=0.0, proxy_method=None)
     start = None if guess is None else guess[samples[one]]
     solver = ProxySolver(proxy, free, guess=start, progress=renamed(progress, "junctions"))
     solved = solver.solve(on_proxy, volume_goal=1.0, stop=free.stop)

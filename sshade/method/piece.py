@@ -380,7 +380,7 @@ class Proxy:
                         self._binding = binding.result()
                 else:
                     solved = solve()
-                if round_joints and piece.options.coarse is None:
+                if round_joints and piece.options.proxy_method is None:
                     options, workers = piece.options, solver_threads(piece.options, self.mesh.n)
                     solved = with_round_joints(
                         self.mesh, on_proxy, solved, options, volume_goal=goal, stop=left, workers=workers
@@ -443,9 +443,9 @@ class Proxy:
 def corrects_volume(options: Options) -> bool:
     """Whether the volume deficit of M' is corrected where handles are regions.
 
-    A method of the user, which takes the place of our solver as the option `coarse`, takes no volume goal.
+    A user's `proxy_method` takes no volume goal.
     """
-    return options.volume == inf and options.coarse is None
+    return options.volume == inf and options.proxy_method is None
 
 
 def threads_of(options: Options) -> int:

@@ -57,7 +57,7 @@ GUIDE_AREA = 1.0
 
 
 class ProxySolver:
-    """The solver of a proxy N: ours, or the user's method ``options.coarse``.
+    """The solver of a proxy N: ours, or the user's method ``options.proxy_method``.
 
     Parameters
     ----------
@@ -146,8 +146,8 @@ class ProxySolver:
         """
         options, n, progress = self._options, self._proxy.n, self._progress
         task = DeformationTask("proxy", self._proxy, handles, guess=self._last)
-        if options.coarse is not None:
-            return Solution.of_method(options.coarse(task, seed=options.seed, progress=progress))
+        if options.proxy_method is not None:
+            return Solution.of_method(options.proxy_method(task, seed=options.seed, progress=progress))
         if self._system is not None and (handles.has_rotation & ~self._rotated).any():
             self._take(handles)
         with self._bound(task, handles, volume_goal) as bound:

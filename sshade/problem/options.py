@@ -98,7 +98,7 @@ class Options:
     guide_attachment : float
         Weight of the attachment in the guide energy, which is minimised first to choose a local minimum; 0
         turns the guide off. It is off by default where the proxy has no attachment.
-    coarse : Method, optional
+    proxy_method : Method, optional
         Method that deforms the proxy in place of our solver. The options of energy and iteration are then
         that method's own.
     accelerate : bool
@@ -147,7 +147,7 @@ class Options:
     max_iterations: int = _option(1000, "[0, inf)")
     start: Any = _option("rest", "rest rigid")
     guide_attachment: float = _option(0.0, "[0, inf)", "fast fine")
-    coarse: Callable[..., Any] | None = _option(None, "", "paper")
+    proxy_method: Callable[..., Any] | None = _option(None, "", "paper")
     accelerate: bool = _option(True, "", "paper")
     detail: float = _option(0.5, "[0, 1]", "fine")
     proxy_attachment: float = _option(0.0, "[0, inf)", "fine")
@@ -211,7 +211,7 @@ class OptionValues(TypedDict, total=False):
     max_iterations: int | None
     start: Start | None
     guide_attachment: float | None
-    coarse: Callable[..., Any] | None
+    proxy_method: Callable[..., Any] | None
     accelerate: bool | None
     detail: float | None
     proxy_attachment: float | None
@@ -229,7 +229,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Proxy": ("vertices", "coarser", "samplings", "frames", "workers", "seed"),
     "Energy": ("volume", "volume_goal", *ENERGY[1:], "attachment", *MATRIX, "joints"),
     "Iteration": ("tolerance", "max_iterations", "start", "guide_attachment"),
-    "Paper": ("coarse", "accelerate"),
+    "Paper": ("proxy_method", "accelerate"),
     "Polish": ("detail", "proxy_attachment", "proxy_bending", "proxy_stiffness", "polish_iterations"),
 }
 #: What to do instead where an option has a value out of its range.
@@ -447,8 +447,8 @@ def resolve(method: str, values: Mapping[str, Any]) -> Options:
         options = replace(options, start="rest")  # as published
     if options.volume_goal is not None and options.volume == 0:
         raise InputError("volume_goal needs a weight of the volume, which is 0 here; give volume=inf")
-    if options.volume_goal is not None and options.coarse is not None:
-        raise InputError("volume_goal needs our solver; leave `coarse` out")
+    if options.volume_goal is not None and options.proxy_method is not None:
+        raise InputError("volume_goal needs our solver; leave `proxy_method` out")
     if options.of_proxy().attachment == 0 and "guide_attachment" not in values:
         options = replace(options, guide_attachment=0.0)
     return options
@@ -457,7 +457,7 @@ def resolve(method: str, values: Mapping[str, Any]) -> Options:
 def as_row(options: Options) -> dict[str, Any]:
     """Return the options of a method as a flat mapping of plain values, for rows of results."""
     values = {name: getattr(options, name) for name in accepted(options.method)}
-    if options.coarse is not None:
+    if options.proxy_method is not None:
         values = {name: value for name, value in values.items() if name not in (*SOLVER, "accelerate")}
     plain = (bool, int, float, str, type(None))
     return {name: value for name, value in values.items() if isinstance(value, plain)}

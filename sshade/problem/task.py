@@ -141,7 +141,7 @@ class DeformationResult(Shown):
     seconds : mapping
         Wall-clock time of each stage.
     extra : mapping
-        Flat facts of other methods for the row (last residual, counts, ...), and arrays: a coarse method may
+        Flat facts of other methods for the row (last residual, counts, ...), and arrays: a proxy method may
         give ``rotations`` (n, 3, 3).
     facts : Facts
         Of :func:`sshade.deform`; empty for other methods.

@@ -89,7 +89,7 @@ def test_settings_of_a_sweep_are_held_against_the_method_of_each_run(tmp_path):
         ("method=arap solver.tolerance=0.1,0.2", ["arap-0.1", "arap-0.2"]),
         ("method=arap +method.note=a,b", ["arap-a", "arap-b"]),
         (
-            "method=paper method.vertices=40 method.samplings=1 method@method.coarse=arap,elastic",
+            "method=paper method.vertices=40 method.samplings=1 method@method.proxy_method=arap,elastic",
             ["paper-arap", "paper-elastic"],
         ),
         (

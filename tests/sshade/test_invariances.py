@@ -26,7 +26,7 @@ SHAPES = [bumpy(2), tube(10, 20), torus(16, 8), strip(20, 5), double_torus(cells
 FIXED = partial(local_global, tolerance=0.0, max_iterations=20, start="rigid")
 FEW = {"vertices": 50, "tolerance": 0.0, "max_iterations": 8}  # for each initialisation
 METHODS = {
-    "paper": partial(deform, method="paper", vertices=50, samplings=2, coarse=FIXED),
+    "paper": partial(deform, method="paper", vertices=50, samplings=2, proxy_method=FIXED),
     "fast": partial(deform, method="fast", **FEW),
     "fine": partial(deform, method="fine", **FEW, polish_iterations=5),
 }

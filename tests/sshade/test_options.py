@@ -110,8 +110,8 @@ def test_a_row_has_the_plain_values_of_what_the_method_takes():
     row = as_row(resolve("fast", {"frames": print, "volume": 0.5}))
     assert row["volume"] == 0.5 and row["area"] == inf and "frames" not in row
     assert set(row) == set(accepted("fast")) - {"frames"}
-    row = as_row(resolve("paper", {"coarse": print}))
-    assert "vertices" in row and not {"coarse", "tolerance", "volume", "accelerate"} & set(row)
+    row = as_row(resolve("paper", {"proxy_method": print}))
+    assert "vertices" in row and not {"proxy_method", "tolerance", "volume", "accelerate"} & set(row)
     assert as_row(resolve("paper", {"accelerate": False}))["accelerate"] is False
 
 

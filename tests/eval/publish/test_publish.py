@@ -97,7 +97,7 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
         ([clean(), clean("b", env__modified=True)], "1 of 2 rows .* not committed, or from no commit"),
         ([clean(), clean("b", method__target="mine.method")], "no part of this project.*CONTRIBUTING"),
         (
-            [clean("b", **{"method.target": "sshade.deform", "method.coarse.target": "mine.method"})],
+            [clean("b", **{"method.target": "sshade.deform", "method.proxy_method.target": "mine.method"})],
             "no part of this project",
         ),
         ([clean("p", method__command="[mine]")], "no part of this project"),

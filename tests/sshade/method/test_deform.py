@@ -168,7 +168,7 @@ def loses_a_vertex(task, **_):
         (lambda: deform(BODY.V[:, :2], BODY.F, B, BC), InputError, r"\(n, 3\)"),
         (lambda: deform(BODY.V, BODY.F + 0.5, B, BC), InputError, "integers"),
         (lambda: paper_with(frames="affine"), InputError, "must be triangle or blended, not 'affine'"),
-        (lambda: paper_with(coarse=loses_a_vertex), InputError, "shape"),
+        (lambda: paper_with(proxy_method=loses_a_vertex), InputError, "shape"),
         (lambda: bind(BODY, 60, frames="x"), InputError, "unknown frames"),
         (lambda: deform(*unclean()[:2], [0], BC[:1]), InputError, "handle vertex 0 belongs to no face"),
     ],

@@ -176,7 +176,7 @@ def rebound(mesh, held, index) -> Deformer:
 
 REFUSED = {
     "no method 'fin' here; did you mean 'fine'": lambda mesh, held: Deformer(mesh, held, method="fin"),
-    "no use for the option 'coarse'": lambda mesh, held: Deformer(mesh, held, coarse=print),
+    "no use for the option 'proxy_method'": lambda mesh, held: Deformer(mesh, held, proxy_method=print),
     "given twice": lambda mesh, held: Deformer(mesh, [1, 1]),
     "handle ids must be integers": lambda mesh, held: rebound(mesh, held, [0.7, 5.9]),
     "nothing to settle: no targets": lambda mesh, held: Deformer(mesh, held, vertices=150).settle(),

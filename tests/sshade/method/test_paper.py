@@ -64,7 +64,7 @@ def test_convergence_is_unknown_if_one_sampling_does_not_say(body_task):
 
     for given, whole in (([True, None], None), ([True, False], False), ([True, True], True)):
         answers = iter(given)
-        assert paper(body_task, vertices=60, samplings=2, coarse=unsure, workers=1).converged is whole
+        assert paper(body_task, vertices=60, samplings=2, proxy_method=unsure, workers=1).converged is whole
 
 
 def test_a_coarse_method_gets_the_seed_and_the_handles(body_task):
@@ -76,5 +76,5 @@ def test_a_coarse_method_gets_the_seed_and_the_handles(body_task):
             assert np.array_equal(getattr(task.handles, name), getattr(body_task.handles, name))
         return bending(task, seed=seed)
 
-    paper(body_task, vertices=70, samplings=2, coarse=solver, seed=2)
+    paper(body_task, vertices=70, samplings=2, proxy_method=solver, seed=2)
     assert seen == [2, 2]

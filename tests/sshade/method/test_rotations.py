@@ -86,7 +86,7 @@ def test_rotations_of_a_rigid_motion_change_nothing(name):
     R, shift = rotation(2), np.array([1.0, -2, 0.5])
     index = np.argsort(BODY.V[:, 2])[[0, 1, 2, -3, -2, -1]]
     own = Handles(index, BODY.V[index] @ R.T + shift, rotation=np.broadcast_to(R, (6, 3, 3)))
-    options = {"coarse": partial(local_global, start="rigid")} if name == "paper" else {}
+    options = {"proxy_method": partial(local_global, start="rigid")} if name == "paper" else {}
     V = METHODS[name](DeformationTask("rigid", BODY, own), vertices=150, **options).vertices
     assert np.abs(V - BODY.V @ R.T - shift).max() < 1e-6
 
