@@ -9,7 +9,7 @@ The displacement is relative to the start. The literature starts at the rest sha
 motion of the handles also reproduces rigid motions of the whole mesh.
 
 Proof: libigl's own call, which solves the equation as a dense solution does
-(tests/baselines/test_deformation_fields.py).
+(tests/baselines/test_arap.py).
 
 A. Jacobson, E. Tosun, O. Sorkine, D. Zorin, "Mixed finite elements for variational surface modeling",
 2010 (the discretisation); M. Botsch, L. Kobbelt, "An intuitive framework for real-time freeform modeling",

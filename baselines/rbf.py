@@ -3,7 +3,7 @@
 Each vertex is mapped by the spline through its nearest handles, without regard to the surface. SciPy solves
 one linear system for each set of nearest handles.
 
-Proof: SciPy's own call (tests/baselines/test_rbf.py).
+Proof: SciPy's own call (tests/baselines/test_arap.py).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ change of 1e-4, relative to the Frobenius norm of the rest positions. They take 
 that the user types; 0.97 is our choice.
 
 Proof: the authors' program, built unchanged. On a bent box and on a pulled ellipsoid, this function has the
-converged results of that program (tests/baselines/test_smooth_arap.py).
+converged results of that program (tests/baselines/test_arap.py).
 
 A. Oehri, P. Herholz, O. Sorkine-Hornung, "Higher order continuity for smooth as-rigid-as-possible shape
 modeling", 2025.

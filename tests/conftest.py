@@ -12,8 +12,8 @@ import pytest
 from hypothesis import settings
 from numba.core import event
 
+from sshade import Mesh
 from sshade.core.kernel_store import Store, describe
-from sshade.mesh.mesh import Mesh
 from tests.browser import browser as browser
 from tests.robustness.inputs import write_sound
 from tests.shapes import bumpy

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from eval import CONFIGURATION
 from eval.run.targets import instantiate
-from sshade.problem.task import DeformationResult
+from sshade import DeformationResult
 
 OURS = ("sshade.", "baselines.")
 #: Sizes of the tetrahedra or cubes that some methods deform.

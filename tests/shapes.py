@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.incidence import sides_by_edge
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, Handles
 
 NO_TURN = np.eye(3)
 #: A quarter turn about z.

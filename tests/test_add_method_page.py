@@ -13,7 +13,7 @@ from eval.main import main
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
 from eval.run.config import composed
-from sshade.files.task_files import read_handles
+from sshade import read_handles
 from tests.shapes import bumpy
 
 ROOT = Path(__file__).parents[1]

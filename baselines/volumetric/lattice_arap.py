@@ -9,7 +9,7 @@ of the nodes to the surface, as in a deformation graph. The surface may intersec
 components. Components in neighbouring cubes move together, and limbs closer than a cube merge.
 
 Proof: closed forms: rigid motions are reproduced on any surface, and both starts come to one minimum
-(tests/baselines/test_lattice_arap.py).
+(tests/baselines/test_arap.py).
 
 Source: the description in M. Zollhoefer, E. Sert, G. Greiner, J. Suessmuth, "GPU based ARAP deformation using
 volumetric lattices", Eurographics 2012 short papers. The authors' code is not public and uses several

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 from baselines.arap_sr.arap_sr import arap_sr
 from baselines.arap_sr.smooth_rotations import largest_turn, vertex_colours
 from defaust.sources.generated.lattices import bar
-from sshade.mesh.mesh import Mesh
+from sshade import DeformationTask, Handles, Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.problem.task import DeformationTask, Handles
 from sshade.solver.aim import initial_guess
 from tests.shapes import bumpy, held_ends, jittered, strip
 from tests.sshade.naive import svd_rotations

@@ -6,9 +6,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
 from baselines.deformation_graph.node_graph import FEWEST_NEIGHBOURS, bind_to_nodes, node_graph
-from sshade.core.errors import InputError
+from sshade import DeformationTask, Handles, InputError
 from sshade.mesh.adjacency import vertex_graph
-from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.fronts import farthest_point_sampling
 from tests.shapes import beside, family, held_ends, icosphere, jittered, strip
 from tests.sshade.naive import svd_rotations

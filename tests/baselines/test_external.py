@@ -8,8 +8,7 @@ import pytest
 
 from baselines.external import TIME_LIMIT, external
 from baselines.program import ProgramFailed
-from sshade import DeformationTask, Handles
-from sshade.core.errors import InputError
+from sshade import DeformationTask, Handles, InputError
 from tests.eval.external_programs import TEXTS, ended, wait_for
 from tests.shapes import bumpy, end_handles
 

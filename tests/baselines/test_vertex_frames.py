@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from baselines.vertex_frames import transfer
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import TransferTask
+from sshade import Mesh, TransferTask
 from sshade.proxy.triangle import FLAT
 from tests.shapes import bent, family, rotation
 

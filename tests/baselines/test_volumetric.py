@@ -12,9 +12,7 @@ from baselines.volumetric.neo_hookean import neo_hookean
 from baselines.volumetric.skinning import biharmonic_coordinates, bounded_biharmonic_weights
 from baselines.volumetric.slim import slim
 from baselines.volumetric.tetrahedral_arap import tetrahedral_arap
-from sshade.core.errors import InputError
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, Handles
+from sshade import DeformationTask, Handles, InputError, Mesh
 from tests.shapes import bumpy, held_ends, moved_parts, rotation, tube, two_spheres
 
 COARSE = {"samples": 300, "edge": 0.12}

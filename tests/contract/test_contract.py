@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, Handles, TransferTask
+from sshade import DeformationTask, Handles, Mesh, TransferTask
 from tests.eval.eval_cases import bumpy_task
 from tests.methods import LEARNED, configured, methods
 from tests.shapes import bumpy

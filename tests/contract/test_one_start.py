@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import DeformationTask, Deformer, Handles, deform
+from sshade import DeformationTask, Deformer, Handles, Mesh, deform, read_handles
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, write_mesh
-from sshade.files.task_files import read_handles, write_handles
-from sshade.mesh.mesh import Mesh
+from sshade.files.task_files import write_handles
 from tests.methods import configured
 from tests.shapes import bumpy, end_handles
 from tests.sshade.edit.sessions import edited

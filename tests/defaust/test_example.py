@@ -8,8 +8,7 @@ import pytest
 
 import sshade
 from defaust.example import POSES
-from sshade import DeformationTask, Mesh
-from sshade.files.task_files import read_handles
+from sshade import DeformationTask, Mesh, read_handles
 from tests.robustness.case import run
 
 BENCHMARK = ["hydra", "igl", "omegaconf", "pandas", "pymeshlab", "trimesh"]

@@ -14,10 +14,8 @@ from eval.metrics import Task
 from eval.run.config import RunConfig, RunSettings
 from eval.run.run import Outcome
 from eval.run.run import run as run_config
-from sshade.core.errors import InputError
+from sshade import DeformationResult, DeformationTask, InputError, Mesh
 from sshade.core.progress import silent
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationResult, DeformationTask
 from tests.shapes import bumpy, end_handles
 
 

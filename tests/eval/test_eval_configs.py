@@ -12,7 +12,7 @@ from eval import CONFIGURATION
 from eval.run.config import ABOUT_DATASET, composed
 from eval.run.sweep import prepared
 from eval.run.targets import OWN_KEYS, check_parameters, instantiate, locate, parameter_hints
-from sshade.method.call import deform
+from sshade import deform
 from sshade.problem.options import GROUPS
 from sshade.problem.task import Method
 from tests.methods import methods

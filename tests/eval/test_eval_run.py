@@ -18,10 +18,8 @@ from eval.rows.collect import collect
 from eval.rows.frame import read_csv, records, write_csv
 from eval.rows.store import read_row, run_folders
 from eval.run import environment
-from sshade.core.errors import InputError
+from sshade import DeformationResult, DeformationTask, InputError, Mesh, TransferTask
 from sshade.core.progress import silent
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
 from tests.shapes import bumpy
 
 pytestmark = pytest.mark.usefixtures("in_process")

@@ -7,7 +7,7 @@ import pytest
 
 import eval.pace
 from eval.pace import Pace, Timed, paces
-from sshade.core.errors import InputError
+from sshade import InputError
 
 
 def busy(seconds):

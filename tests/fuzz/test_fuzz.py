@@ -13,10 +13,9 @@ from defaust.folder.record import read_dataset
 from defaust.sources.files import SourceShape
 from eval.rows.frame import read_csv, to_frame, write_csv
 from eval.rows.store import read_row
-from sshade import InputError, Mesh
+from sshade import InputError, Mesh, read_handles
 from sshade.files.mesh_file import SUFFIXES
 from sshade.files.meshes import read_mesh, write_mesh
-from sshade.files.task_files import read_handles
 from tests.defaust.toy import OPTIONS, Balls
 from tests.files import sample
 from tests.gltf import glb

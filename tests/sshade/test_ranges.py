@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sshade import Mesh
 from sshade.core.threads import in_ranges
 from sshade.mesh.faces import connectivity
-from sshade.mesh.mesh import Mesh
 from sshade.proxy.binding import bind_proxy
 from sshade.proxy.blended import BlendedFrames
 from sshade.proxy.sample import proxy_mesh, sample_proxy

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
+from sshade import Handles, Mesh
 from sshade.cli.main import main
 from sshade.files.meshes import write_mesh
 from sshade.files.task_files import write_handles
-from sshade.mesh.mesh import Mesh
 from sshade.plotting.pictures import (
     View,
     _require_renderer,
@@ -22,7 +22,6 @@ from sshade.plotting.pictures import (
     new_plotter,
     panel,
 )
-from sshade.problem.task import Handles
 from tests.robustness.case import assert_refused
 from tests.robustness.inputs import BODY
 from tests.shapes import end_handles

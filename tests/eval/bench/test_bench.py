@@ -11,7 +11,7 @@ from eval.bench import cases, jobs, quality
 from eval.main import call, main
 from eval.rows.frame import numbers, read_csv, write_csv
 from eval.run.warmup import tiny_transfer
-from sshade.core.errors import InputError
+from sshade import InputError
 
 ONE = "paper-1=paper samplings=1 vertices=150"
 TOTAL = "seconds.total"

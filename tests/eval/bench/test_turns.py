@@ -5,7 +5,7 @@ from time import sleep
 import pytest
 
 from eval.bench.turns import ATTEMPTS, Job, Reading, take_turns, used_by_others
-from sshade.core.errors import InputError
+from sshade import InputError
 
 
 def job(name, order):

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.shape import MeasuredShape, ShapeTopology, intersecting_faces
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, Handles
+from sshade import DeformationTask, Handles, Mesh
 from tests.shapes import bent, bumpy, jittered, strip
 
 #: Measures that other tests of this folder compare with their definitions.

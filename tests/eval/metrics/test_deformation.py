@@ -7,8 +7,7 @@ import trimesh
 from eval.metrics import Deformed, measure
 from eval.metrics.deformation import collapsed, distortion, distortion_max
 from eval.metrics.shape import MeasuredShape, ShapeTopology, weighted_percentile
-from sshade.mesh.mesh import Mesh
-from sshade.problem.task import DeformationTask, Handles
+from sshade import DeformationTask, Handles, Mesh
 from tests.shapes import bumpy, rotation
 
 

@@ -6,7 +6,7 @@ from eval_cases import ends_task
 
 from eval.metrics import METRICS, Deformed, measure
 from eval.metrics.deformation import chamfer, hausdorff
-from sshade.problem.task import DeformationTask, Handles, TransferTask
+from sshade import DeformationTask, Handles, TransferTask
 from tests.shapes import bumpy
 from tests.sshade.proxy.test_projection import nearest_in_triangle
 

@@ -14,7 +14,7 @@ from eval.publish.panels import Case
 from eval.rows.collect import Experiment
 from eval.rows.frame import read_csv
 from eval.rows.store import read_row, run_folders
-from sshade.core.errors import InputError
+from sshade import InputError
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from eval.publish.columns import Column
 from eval.publish.intervals import LEAST, LEVEL, Resampling, differences, interval, places
 from eval.publish.tables import to_markdown
 from eval.rows.frame import write_csv
-from sshade.core.errors import InputError
+from sshade import InputError
 
 METHODS = ("elastic", "near", "far")
 EDGE = Column("edge", "%", "metric.edge", 2)

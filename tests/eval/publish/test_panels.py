@@ -5,9 +5,8 @@ from eval_cases import bumpy_task
 
 from eval.publish import panels
 from eval.publish.panels import Camera, Case, draw, error_of, row_of
-from sshade.mesh.mesh import Mesh
+from sshade import DeformationTask, Mesh, TransferTask
 from sshade.plotting.pictures import edge_error
-from sshade.problem.task import DeformationTask, TransferTask
 from tests.shapes import bumpy
 
 CAMERA = Camera(towards=np.array([1.0, 0, 0.2]), up=np.array([0.0, 0, 1]))

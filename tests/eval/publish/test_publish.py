@@ -13,7 +13,7 @@ from eval.main import call
 from eval.publish.summary import make_table
 from eval.publish.tables import FORMATS, to_markdown
 from eval.rows.frame import distinct, read_csv, records, write_csv
-from sshade.core.errors import InputError
+from sshade import InputError
 from tests.files import contents
 from tests.full import few
 from tests.kernels import OFFERED

@@ -8,7 +8,7 @@ from eval_rows import lost, missing, row, table_of
 from eval.metrics import METRICS
 from eval.publish.columns import COLUMNS, REACHED, SUCCESS, TRANSFER_COLUMNS
 from eval.publish.tables import to_latex, to_markdown
-from sshade.core.errors import InputError
+from sshade import InputError
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from eval.main import call
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.frame import read_csv, write_csv
 from eval.rows.store import run_folder, write_run
-from sshade.core.errors import InputError
+from sshade import InputError
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from eval.publish.summary import make_table
 from eval.publish.tables import to_markdown
 from eval.rows.frame import newest, read_csv, records, write_csv
 from eval.rows.store import read_row, write_row
-from sshade.core.errors import InputError
+from sshade import InputError
 
 RESULTS = Path(__file__).parents[3] / "results"
 

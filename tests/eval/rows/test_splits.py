@@ -4,7 +4,7 @@ import pytest
 
 from eval.rows import splits
 from eval.rows.splits import BOTH, HELD_OUT, TUNING, require_split, split_of
-from sshade.core.errors import InputError
+from sshade import InputError
 
 KINDS = ("", "/points", "/regions")
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from sshade import InputError, Mesh
 from sshade.blender.rig import STILL, Rig, RigGroup, rigid
-from sshade.core.errors import InputError
 from sshade.edit.groups import Motion
-from sshade.mesh.mesh import Mesh
 from tests.shapes import bumpy
 
 

@@ -6,9 +6,9 @@ from importlib.metadata import version
 
 import pytest
 
+from sshade import InputError
 from sshade.cli import blender
 from sshade.cli.main import main
-from sshade.core.errors import InputError
 from tests.sshade.blender.wheels import small_wheel
 
 PIP = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--disable-pip-version-check"]

@@ -10,12 +10,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from sshade import DeformationTask, Handles, InputError, Mesh, deform
+from sshade import DeformationTask, Handles, InputError, Mesh, deform, read_handles
 from sshade.cli.main import main
 from sshade.core.console import progress_bar, run_command
 from sshade.core.whole_files import replacing
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
-from sshade.files.task_files import read_handles, write_handles
+from sshade.files.task_files import write_handles
 from tests.robustness.case import assert_refused, run
 from tests.robustness.inputs import BODY, pose
 from tests.shapes import beside, end_handles, rotation, shifted

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from sshade import InputError, deform
+from sshade import Handles, InputError, deform
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import read_task, write_handles
-from sshade.problem.task import Handles
 from tests.shapes import beside, bumpy, shifted, torn
 from tests.sshade.edit.sessions import edited
 from tests.sshade.mesh.test_cutting import moebius, t_fin

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sshade import Handles
 from sshade.cli.main import main
 from sshade.core.natural import in_natural_order
 from sshade.files import gltf_morph
 from sshade.files.meshes import read_arrays, write_mesh
 from sshade.files.task_files import write_handles
-from sshade.problem.task import Handles
 from tests.gltf import arrays, taken_apart, with_arrays
 from tests.robustness.case import assert_refused
 from tests.shapes import bumpy, end_handles

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import InputError
+from sshade import InputError, read_handles
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays
-from sshade.files.task_files import read_handles
 from tests.sshade.edit.sessions import BODY, begun, edited, marked, switched
 
 pytestmark = pytest.mark.usefixtures("here")

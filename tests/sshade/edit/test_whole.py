@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sshade import Mesh
 from sshade.cli.main import main
 from sshade.edit.session import Session
 from sshade.files.meshes import read_arrays
-from sshade.mesh.mesh import Mesh
 from tests.browser import opened
 from tests.full import few
 from tests.shapes import beside, shifted

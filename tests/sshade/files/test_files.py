@@ -9,7 +9,7 @@ from threading import Barrier
 
 import pytest
 
-from sshade.core.errors import InputError
+from sshade import InputError
 from sshade.core.whole_files import check_output, read_npz, replacing
 
 

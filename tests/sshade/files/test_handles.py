@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sshade import Handles, InputError, Mesh, deform
+from sshade import Handles, InputError, Mesh, deform, read_handles
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import write_mesh
-from sshade.files.task_files import read_handles, read_task, write_handles
+from sshade.files.task_files import read_task, write_handles
 from sshade.mesh.rigid import rigid_motion
 from tests.shapes import bumpy, rotation, shifted, torn
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import InputError, Mesh
-from sshade.files.task_files import read_handles
+from sshade import InputError, Mesh, read_handles
 from tests.shapes import bumpy, rotation
 
 #: A mesh with another unit of length, far from the origin.

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sshade.mesh.mesh import Mesh, unit_rows
+from sshade import Mesh
+from sshade.mesh.mesh import unit_rows
 from sshade.mesh.normals import NORMALS, SMOOTH, smooth_groups, turned, vertex_turns
 from tests.shapes import icosphere
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.deformation_graph.deformation_graph import deformation_graph
-from sshade import DeformationTask, Deformer
-from sshade.method.transfer import transfer_pose
-from sshade.proxy.bind import bind, proxy_vertices, shared_vertices
+from sshade import DeformationTask, Deformer, bind, transfer_pose
+from sshade.proxy.bind import proxy_vertices, shared_vertices
 from tests.shapes import bent, bumpy, end_handles
 from tests.sshade.method.calls import fast, fine, paper
 

@@ -6,10 +6,9 @@ import gzip
 import numpy as np
 import pytest
 
-from sshade.mesh.mesh import Mesh
+from sshade import Handles, Mesh
 from sshade.plotting import view as module
 from sshade.plotting.view import ViewShape, pack, packed_view, surface
-from sshade.problem.handles import Handles
 from tests.shapes import beside, bumpy, icosphere, shifted
 
 

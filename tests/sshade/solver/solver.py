@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sshade.mesh.mesh import Mesh
+from sshade import Mesh
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.solver.aim import Aim

@@ -3,8 +3,8 @@ import pytest
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, diags_array
 
+from sshade import Mesh
 from sshade.core.threads import ThreadTeam
-from sshade.mesh.mesh import Mesh
 from sshade.solver import multigrid as module
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.multigrid import Multigrid
