@@ -79,8 +79,8 @@ from sshade.problem.options import GROUPS, Options, resolve
 
 #: Arguments that --help tells; --help-all tells all.
 USUAL = (
-    *("output", "overwrite", "method", "vertices", "volume", "detail", "weight", "amount", "along", "seed"),
-    *("weld", "repair"),
+    *("output", "overwrite", "method", "joints", "vertices", "volume", "weight", "amount", "along", "seed"),
+    *("weld", "repair", "verbose"),
 )
 #: Options of the methods that the command line can give.
 OPTIONS = [name for names in GROUPS.values() for name in names if name != "proxy_method"]
@@ -101,6 +101,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     refuse = "refuse components without handles; by default they move rigidly with the nearest component, as "
     refuse += "eyes with a head"
     add_flags(parser, {"--refuse-unconstrained": refuse})
+    verbose = "tell every detail of the mesh and the handles, also where it changes little"
+    add_flags(parser, {"--verbose": verbose})
     fps = f"poses per second of several handle files in a .glb or .gltf (default: {FPS:g})"
     parser.add_argument("--fps", type=float, metavar="F", help=fps)
     others = "other meshes, such as clothes or hair, that lie on, inside or near MESH and go along with it; "
@@ -145,7 +147,8 @@ def command(options: argparse.Namespace) -> int:
         others = along.read_files(options.along, names, shape) if names else []
         begin = perf_counter()
         with progress_bar() as progress, announced_warnings():
-            result = Bound.of_task(task, resolved).solve(task.handles, progress=progress)
+            bound = Bound.of_task(task, resolved)
+            result = bound.solve(task.handles, progress=progress)
         seconds = perf_counter() - begin
         stays = options.amount == 0 and not resolved.volume_goal
         placed = file.V if stays else shape.placed(result.vertices)
@@ -159,6 +162,7 @@ def command(options: argparse.Namespace) -> int:
         proxies = f"{samplings} proxies" if samplings > 1 else "a proxy"
         proxies = f"{proxies} of {size:.0f} vertices" if size else "without a proxy"
         say(f"{options.output}: {len(file.V)} vertices, {reach}, {proxies}, {seconds:.2f} s")
+        say(f"quality: {bound.quality(result.vertices)}")
         gap = NearParts(shape.mesh).gap(result.vertices)
         tell(options, opened, result.facts, error=error, rounding=rounding, gaps=[gap])
     if options.amount and stays_at_rest(task, resolved):

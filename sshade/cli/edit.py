@@ -31,11 +31,11 @@ from sshade.cli.arguments import (
     require_mesh_first,
 )
 from sshade.cli.saved_options import take_saved_options
-from sshade.core.console import announced_compilation, say
+from sshade.core.console import announced_compilation, compilation_told, say
 from sshade.core.errors import InputError
 from sshade.files.by_library import WRITABLE, check_mesh
 from sshade.files.handle_files import read_handle_file
-from sshade.problem.options import require_method
+from sshade.problem.options import accepted, require_method
 
 if TYPE_CHECKING:
     from sshade.edit.server import Server
@@ -90,7 +90,10 @@ def _edit(options: argparse.Namespace) -> int:
             weld=options.weld,
             repair=options.repair,
         )
-        session = Session(document, options.method, options.handles)
+        own = {
+            name: x for name in accepted(options.method) if (x := getattr(options, name, None)) is not None
+        }
+        session = Session(document, options.method, options.handles, own)
     for note in document.notes:
         say(f"note: {options.mesh}: {note}")
     for offer in session.recovery.offers:
@@ -109,7 +112,7 @@ def _edit(options: argparse.Namespace) -> int:
 
 def _serve(server: Server, *, browser: bool) -> None:
     """Serve the editor until it is closed."""
-    with server:
+    with server, compilation_told(server.compiling):
         print(server.address, flush=True)  # noqa: T201
         if browser and not webbrowser.open(server.address):
             say("note: no browser could be opened; open the address in one")

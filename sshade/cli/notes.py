@@ -33,8 +33,10 @@ APART = 1e-6
 ON_TARGET = 1e-6
 #: Distance of a hard handle from its target that is a warning, as a fraction of the bounding-box diagonal.
 MISSED = 1e-4
-#: Rounding of positions that is worth a note, as a fraction of the bounding-box diagonal.
+#: Rounding of positions that is worth a detail, as a fraction of the bounding-box diagonal.
 COARSE = 1e-6
+#: Distance on the mesh that matters: a smaller one is a detail. As a fraction of the bounding-box diagonal.
+MATTERS = 1e-3
 #: Length of triangles that are long, as a fraction of the diagonal, and least number of triangles that a bend
 #: between fixed and moved handles needs.
 LONG, STEPS = 0.03, 3
@@ -90,21 +92,29 @@ def tell(
     if error > max(MISSED, 2 * moved):
         advice = "; --method fast puts handles exactly at their targets" if options.method == "paper" else ""
         say(f"warning: a handle is {_percent(error)} away from its target{advice}")
-    if moved > COARSE:
-        say(
-            f"note: {options.output} stores single precision, which moves positions by up to "
-            f"{_percent(moved)}; write .obj or .off in double precision, or move the mesh to the origin"
-        )
     snap = max(float(handles.snap_distance.max()) for handles in poses)
     dense = options.method != "interpolate" and are_dense(task)
     worst = max(filter(None, gaps), key=lambda gap: gap.distance, default=None)
     if worst is not None:  # it is the gap of parts that touched, with names
         facts = replace(facts, opening=0.0)
-    for note in [
-        *handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original),
+    found = [
+        *(
+            (1.0, note)
+            for note in handle_notes(given[0], poses[0], shape.mesh, original=shape.surface.original)
+        ),
         *notes(facts, shape.surface, snap=snap, dense=dense),
-    ]:
+    ]
+    if moved > COARSE:
+        single = (
+            f"{options.output} stores single precision, which moves positions by up to {_percent(moved)}; "
+        )
+        single += "write .obj or .off in double precision, or move the mesh to the origin"
+        found.append((moved, single))
+    shown = [note for size, note in found if size >= MATTERS or options.verbose]
+    for note in shown:
         say(f"note: {note}")
+    if hidden := len(found) - len(shown):
+        say(f"note: {counted(hidden, 'detail changes', 'details change')} little; --verbose tells more")
     if worst is not None:
         one, other = (part_name(component, opened) for component in worst.components)
         more = f", and {counted(worst.pairs - 1, 'other pair', 'other pairs')}" if worst.pairs > 1 else ""
@@ -129,8 +139,8 @@ def part_name(component: int, opened: OpenTask) -> str:
     return f"{names[0]} (vertex {vertex})" if names else f"the part of vertex {vertex}"
 
 
-def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[str]:
-    """Yield a sentence for each unusual fact.
+def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterator[tuple[float, str]]:
+    """Yield a sentence for each unusual fact, and how much it matters, as a fraction of the diagonal.
 
     Parameters
     ----------
@@ -146,51 +156,55 @@ def notes(facts: Facts, surface: Surface, *, snap: float, dense: bool) -> Iterat
     if rest.near:
         lie = counted(rest.near, "vertex lies", "vertices lie")
         within = f"at most {rest.tolerance:.2g} of the diagonal from their common place"
-        yield f"{lie} near another vertex, and {'moves' if rest.near == 1 else 'move'} with it ({within})"
+        moves = "moves" if rest.near == 1 else "move"
+        yield rest.tolerance, f"{lie} near another vertex, and {moves} with it ({within})"
     if snap > 0:
-        share = _percent(snap / surface.mesh.diagonal)
-        yield f"handles given by position were snapped by at most {snap:.3g}, {share}"
+        share = snap / surface.mesh.diagonal
+        yield share, f"handles given by position were snapped by at most {snap:.3g}, {_percent(share)}"
     if dense:
-        yield "the handles are dense: --method interpolate follows them without an elastic surface in between"
+        yield (
+            1.0,
+            "the handles are dense: --method interpolate follows them without an elastic surface in between",
+        )
     if "yielding" in (facts.volume_constraint or ""):
-        share = f"{100 * (facts.volume_error or 0.0):.2g} %"
+        share = facts.volume_error or 0.0
         more = "more" if (facts.volume_pressure or 0.0) < 0 else "less"
-        yield f"the handles ask for {share} {more} volume; the volume yields"
+        yield share, f"the handles ask for {100 * share:.2g} % {more} volume; the volume yields"
     if "yielding" in (facts.area_constraint or ""):
-        share = f"{100 * (facts.area_error or 0.0):.2g} %"
-        yield f"the handles ask for another area; the area yields by {share} on the proxy"
+        share = facts.area_error or 0.0
+        words = f"the area yields by {100 * share:.2g} % on the proxy"
+        yield share, f"the handles ask for another area; {words}"
     if flat := facts.faces_without_area:
-        yield f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged"
+        yield 0.0, f"{counted(flat, 'face without area was', 'faces without area were')} slightly enlarged"
     if dropped := facts.duplicates + rest.duplicates + rest.collapsed:
         repeat = counted(dropped, "face that repeats", "faces that repeat")
-        yield f"{repeat} a vertex or another face {'was' if dropped == 1 else 'were'} ignored"
+        yield 0.0, f"{repeat} a vertex or another face {'was' if dropped == 1 else 'were'} ignored"
     if unused := rest.unused:
-        yield f"{counted(unused, 'vertex without a face stays', 'vertices without a face stay')} in place"
+        stay = counted(unused, "vertex without a face stays", "vertices without a face stay")
+        yield 0.0, f"{stay} in place"
     yield from _on_pieces(facts)
 
 
-def _on_pieces(facts: Facts) -> Iterator[str]:
-    """Yield sentences on the parts of the mesh that were deformed."""
+def _on_pieces(facts: Facts) -> Iterator[tuple[float, str]]:
+    """Yield sentences on the parts of the mesh that were deformed, and how much they matter."""
     if turned := facts.turned:
-        yield f"{counted(turned, 'face was', 'faces were')} turned around, to agree with their neighbours"
+        words = counted(turned, "face was", "faces were")
+        yield 0.0, f"{words} turned around, to agree with their neighbours"
     if copies := facts.copies:
-        yield (
-            "the surface was cut where it is not manifold: "
-            f"{counted(copies, 'vertex was', 'vertices were')} duplicated, and joined again over gaps of at "
-            f"most {_percent(facts.gap)}"
-        )
+        duplicated = f"{counted(copies, 'vertex was', 'vertices were')} duplicated, and joined again"
+        gaps = f" over gaps of at most {_percent(facts.gap)}" if facts.gap > APART else ""
+        yield facts.gap, f"the surface was cut where it is not manifold: {duplicated}{gaps}"
     if one_sided := facts.one_sided:
-        yield (
-            f"{counted(one_sided, 'vertex lies', 'vertices lie')} on one-sided surfaces: both sides were "
-            f"deformed, and the result is their mean, at most {_percent(facts.side_gap)} from either side"
-        )
+        lie = counted(one_sided, "vertex lies", "vertices lie")
+        mean = f"the result is their mean, at most {_percent(facts.side_gap)} from either side"
+        yield facts.side_gap, f"{lie} on one-sided surfaces: both sides were deformed, and {mean}"
     if unconstrained := facts.unconstrained:
         follow = counted(
             unconstrained, "component without handles follows", "components without handles follow"
         )
-        yield f"{follow} the nearest component rigidly"
+        yield 1.0, f"{follow} the nearest component rigidly"
     if facts.opening > APART:
-        yield f"parts of the mesh that touched came apart by {_percent(facts.opening)}"
+        yield facts.opening, f"parts of the mesh that touched came apart by {_percent(facts.opening)}"
 
 
 def _percent(fraction: float) -> str:

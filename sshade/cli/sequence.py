@@ -56,6 +56,8 @@ def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Option
     from sshade.files.meshes import write_file
     from sshade.mesh.parts import Gap, NearParts
     from sshade.mesh.surface import as_single
+    from sshade.method.bound import Bound
+    from sshade.method.quality import worst
     from sshade.method.sequence import solved_poses
     from sshade.problem.task import DeformationResult
 
@@ -64,15 +66,18 @@ def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Option
     results: list[DeformationResult] = []
     errors, moves, parts = [0.0], [0.0], NearParts(shape.mesh)
     gaps: list[Gap | None] = []
+    qualities = []
+    bound = Bound.of_task(task, resolved, keep=True)
 
     def solved() -> Iterator[np.ndarray]:
         """Yield the positions of each pose in the order of the mesh file."""
         stays = options.amount == 0 and not resolved.volume_goal
         with progress_bar() as progress:
             progress("poses", 0, count)
-            for result in solved_poses(task, poses, resolved):
+            for result in solved_poses(bound, task, poses):
                 results.append(replace(result, vertices=np.empty((0, 3))))
                 gaps.append(parts.gap(result.vertices))
+                qualities.append(bound.quality(result.vertices))
                 progress("poses", len(results), count)
                 yield file.V if stays else shape.placed(result.vertices)
 
@@ -106,6 +111,7 @@ def deform_poses(options: argparse.Namespace, opened: OpenTask, resolved: Option
         each = f", handles at most {100 * max(errors):.2g} % of the diagonal from target{each}"
     say(f"{written}: {_poses(count)}, {len(file.V)} vertices{each}, {seconds:.2f} s")
     facts = _with_largest_gaps([result.facts for result in results])
+    say(f"worst of all poses: {worst(qualities)}")
     tell(options, opened, facts, error=max(errors), rounding=max(moves), gaps=gaps)
     if missed := sum(result.converged is False for result in results):
         say(f"note: the iterations of {_poses(missed)} did not converge")

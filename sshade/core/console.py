@@ -92,8 +92,11 @@ def announced_compilation() -> Iterator[None]:
 
 
 @contextmanager
-def compilation_told() -> Iterator[None]:
-    """Report on standard error when kernels are compiled, at their first use, and how long it took."""
+def compilation_told(tell: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Report when kernels are compiled, at their first use, and how long it took.
+
+    `tell` gets the words at each compilation; by default they are printed on standard error, once.
+    """
     from numba.core import event
 
     class CompilationTimer(event.TimingListener):
@@ -102,15 +105,15 @@ def compilation_told() -> Iterator[None]:
         announced = False
 
         def on_start(self, event: event.Event) -> None:
-            if not self.announced:
-                say("compiling kernels of sshade once, for up to half a minute ...")
+            if tell is not None or not self.announced:
+                (tell or say)("compiling kernels of sshade once, for up to half a minute ...")
             self.announced = True
             super().on_start(event)
 
     listener = CompilationTimer()
     with event.install_listener("numba:compile", listener):
         yield
-    if listener.done:
+    if listener.done and tell is None:
         say(f"compiled in {listener.duration:.1f} s")
 
 

@@ -70,6 +70,7 @@ class Commands:
         few = self._preview
         coarse = {} if few is None else {"coarse": few.vertices, "coarse_faces": few.faces.ravel()}
         further = {name: ids.astype(np.uint32) for name, ids in coarse.items()}
+        further["rest"] = self._positions(self._session.mesh.V)
         document = self._session.document
         coloured, skin = document.is_coloured, document.has_skin
         return self._answer("faces", *CHANGED, further=further, coloured=coloured, skin=skin)
@@ -130,7 +131,8 @@ class Commands:
         return self._answer(*CHANGED)
 
     def do_set_up(self, arguments: Mapping[str, Any]) -> bytes:
-        self._session.set_up(arguments["method"])
+        joints = {} if arguments.get("joints") is None else {"joints": arguments["joints"]}
+        self._session.set_up(arguments["method"], **joints)
         return self._answer("positions")
 
     def do_drag(self, arguments: Mapping[str, Any]) -> bytes:
@@ -144,7 +146,7 @@ class Commands:
 
     def do_settle(self, _: Mapping[str, Any]) -> bytes:
         self._session.settle(self._progress)
-        return self._answer("positions", volume=self._session.volume_change)
+        return self._answer("positions")
 
     def do_save(self, arguments: Mapping[str, Any]) -> bytes:
         over = arguments.get("over", False)
@@ -193,14 +195,17 @@ class Commands:
             }
             for group in state.groups
         ]
+        vertices, faces = session.document.size
         facts |= {
-            "mesh": {"name": session.document.name, "vertices": mesh.n, "faces": mesh.m},
+            "mesh": {"name": session.document.name, "vertices": vertices, "faces": faces},
             "scale": self._scale,
             "version": session.version,
             "picked": len(state.selection),
             "parts": int(flagged(mesh.component[state.selection], mesh.topology.components).sum()),
             "carried": self._carried(state.groups),
             "method": state.method,
+            "joints": state.resolved.joints,
+            "quality": state.quality if session.is_converged else "",
             "converged": session.is_converged,
             "unsaved": session.is_unsaved,
             "undo": session.history.can_undo,

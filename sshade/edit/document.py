@@ -143,7 +143,7 @@ class Document:
         names = {number: group.name for number, group in enumerate(state.groups)}
         handles = state.handles(self.mesh)
         handles = replace(handles, index=self._id[handles.index])
-        made = {"method": state.method, **self._flags}
+        made = {**state.made, **self._flags}
         write_handles(path, handles, names=names, about={"made": made}, static_at_rest=True)
         self._propose("handles", path)
 
@@ -168,6 +168,11 @@ class Document:
     def is_coloured(self) -> bool:
         """Whether the file has colours of vertices."""
         return "vertex colours" in self._file.holds and self.colours is not None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of vertices and faces of the file."""
+        return len(self._file.V), len(self._file.F)
 
     @property
     def has_skin(self) -> bool:

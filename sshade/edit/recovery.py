@@ -76,7 +76,7 @@ class Recovery:
         self.offers.sort(key=lambda offer: -offer.time)
 
     def write(self, state: EditState) -> None:
-        """Write the groups, method and selection of a state.
+        """Write the groups, options and selection of a state.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Recovery:
             }
             for group in state.groups
         ]
-        facts = {"mesh": self._digest, "process": os.getpid(), "method": state.method, "groups": groups}
+        facts = {"mesh": self._digest, "process": os.getpid(), "made": state.made, "groups": groups}
         with replacing(self.path) as temporary, open(temporary, "wb") as file:
             np.savez(file, facts=json.dumps(facts), **arrays)  # type: ignore[arg-type]
 
@@ -127,7 +127,8 @@ class Recovery:
                 )
                 for i, entry in enumerate(facts["groups"])
             ]
-            return EditState(arrays["selection"], tuple(groups), require_method(facts["method"]))
+            method = require_method(facts["made"].pop("method"))
+            return EditState(arrays["selection"], tuple(groups), method, facts["made"])
 
     def remove(self) -> None:
         """Remove the file of this session, if it exists."""

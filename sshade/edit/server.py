@@ -68,7 +68,7 @@ class Server(ThreadingHTTPServer):
     address : str
         Address to open in a browser.
     stage : str
-        Progress of the current computation.
+        What the current computation does, if it does not compute; empty otherwise.
 
     Raises
     ------
@@ -91,8 +91,12 @@ class Server(ThreadingHTTPServer):
         self.stage = ""
 
     def progress(self, stage: str, done: int, total: int, note: str = "") -> None:
-        """Report the progress of a computation to the page."""
-        self.stage = f"{stage} {done}/{total} {note}"
+        """Note that a computation goes on, after a compilation."""
+        self.stage = ""
+
+    def compiling(self, _: str) -> None:
+        """Tell the page of a compilation."""
+        self.stage = "preparing, once, for up to half a minute"
 
     def close(self) -> None:
         """End :meth:`serve_forever`. Any thread may call this, also repeatedly."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.document import Document
 from sshade.edit.groups import LONGEST, Group, Kind
 from sshade.edit.selection import near, selected
+from sshade.edit.state import EditState
 from sshade.edit.workspace import Workspace
 
 #: Greatest distance from rest at which a new fixed group counts as at rest, as a fraction of the diagonal.
@@ -32,6 +34,8 @@ class Session(Workspace):
     method : {"fast", "fine", "paper"}
     handles : path, optional
         Handle file with the first groups.
+    options : mapping
+        Options that differ from the method's.
 
     Raises
     ------
@@ -39,9 +43,15 @@ class Session(Workspace):
         When the handle file cannot be read.
     """
 
-    def __init__(self, document: Document, method: str = "fast", handles: Path | None = None) -> None:
+    def __init__(
+        self,
+        document: Document,
+        method: str = "fast",
+        handles: Path | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
         groups = () if handles is None else document.read_groups(handles)
-        super().__init__(document, method, groups)
+        super().__init__(document, EditState(groups=groups, method=method, options=options or {}))
         self._number = 1 + len(groups)
 
     def select(self, vertices: np.ndarray, how: str) -> None:
@@ -136,15 +146,17 @@ class Session(Workspace):
         with self._lock:
             self._push(self.state.changed(number, **fields))
 
-    def set_up(self, method: str) -> None:
-        """Change the method."""
+    def set_up(self, method: str, **options: Any) -> None:
+        """Change the method and some of its options; raise InputError on a value out of its range."""
         with self._lock:
-            if method != self.state.method:
-                self._push(replace(self.state, method=method))
+            state = replace(self.state, method=method, options={**self.state.options, **options})
+            state.resolved  # noqa: B018 - checks the values
+            if state.made != self.state.made:
+                self._push(state)
                 self._jumped = True
 
     def recover(self) -> None:
-        """Restore groups, method and selection from the first recovery file that is offered.
+        """Restore groups, options and selection from the first recovery file that is offered.
 
         The file is removed after the recovery file of this session was written.
 

@@ -1,7 +1,8 @@
-"""States of the editor, which undo returns to: selected vertices, handle groups, and the method."""
+"""States of the editor, which undo returns to: selected vertices, handle groups, and the method's options."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from sshade.edit.groups import Group, Motion
 from sshade.mesh.mesh import Mesh
 from sshade.problem.handle_checks import NO_HANDLES
 from sshade.problem.handles import Handles
+from sshade.problem.options import Options, accepted, resolve
 
 #: Number of kept states, and bytes of their shapes. Shapes of older states are computed again on demand.
 STATES, BYTES = 1000, 500_000_000
@@ -28,20 +30,38 @@ class EditState:
     groups : tuple of Group
         Disjoint groups.
     method : {"fast", "fine", "paper"}
+    options : mapping
+        Options that differ from the defaults; the method does not use the options of other methods.
     shape : (n, 3) float64, optional
         Converged positions of the mesh, once they are known.
+    quality : str
+        How far the shape is distorted, in words.
     """
 
     selection: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     groups: tuple[Group, ...] = ()
     method: str = "fast"
+    options: Mapping[str, Any] = field(default_factory=dict)
     shape: np.ndarray | None = None
+    quality: str = ""
+
+    @property
+    def made(self) -> dict[str, Any]:
+        """The method and its options, for handle files."""
+        own = accepted(self.method)
+        return {"method": self.method, **{name: x for name, x in self.options.items() if name in own}}
+
+    @property
+    def resolved(self) -> Options:
+        """The options of the method."""
+        values = self.made
+        return resolve(values.pop("method"), values)
 
     def same_shape(self, other: EditState) -> bool:
-        """Whether both states have the same method and groups, except for names of groups."""
+        """Whether both states have the same options and groups, except for names of groups."""
         own, others = ([{**vars(group), "name": ""} for group in state.groups] for state in (self, other))
         same = all(a[name] is b[name] for a, b in zip(own, others, strict=False) for name in a)
-        return same and len(own) == len(others) and self.method == other.method
+        return same and len(own) == len(others) and self.made == other.made
 
     def group(self, number: int) -> Group:
         """Return the group with a number.
@@ -169,14 +189,14 @@ class History:
         """Go forth, or back if `steps` is negative, as far as there are states."""
         self._at = min(max(self._at + steps, 0), len(self._states) - 1)
 
-    def store_shape(self, state: EditState, shape: np.ndarray) -> None:
+    def store_shape(self, state: EditState, shape: np.ndarray, quality: str) -> None:
         """Store the converged shape of a state, also for states that differ in the selection only.
 
         The oldest shapes are dropped until all fit in :data:`BYTES`.
         """
         for i, other in enumerate(self._states):
             if other.same_shape(state):
-                self._states[i] = replace(other, shape=shape)
+                self._states[i] = replace(other, shape=shape, quality=quality)
         room, kept = BYTES // shape.nbytes, {id(self.state.shape)}
         for i in range(len(self._states) - 1, -1, -1):
             one = self._states[i].shape

@@ -15,9 +15,7 @@ from sshade.edit.dragging import bound_again, bound_for_drag, step
 from sshade.edit.groups import Group, Motion
 from sshade.edit.recovery import Recovery
 from sshade.edit.state import EditState, History
-from sshade.mesh.mesh import Mesh
-from sshade.method.bound import Deformer
-from sshade.method.call import deform
+from sshade.method.bound import Bound, Deformer
 from sshade.problem.handles import Handles
 
 
@@ -49,9 +47,8 @@ class Workspace:
     Parameters
     ----------
     document : Document
-    method : {"fast", "fine", "paper"}
-    groups : tuple of Group
-        Groups at the beginning, which count as saved.
+    begin : EditState
+        Groups and options at the beginning, which count as saved.
 
     Attributes
     ----------
@@ -69,13 +66,13 @@ class Workspace:
         Latest positions of the mesh: of a drag, or converged.
     """
 
-    def __init__(self, document: Document, method: str, groups: tuple[Group, ...]) -> None:
+    def __init__(self, document: Document, begin: EditState) -> None:
         self.document, self.mesh = document, document.mesh
         self.recovery = Recovery(document.path, self.mesh)
         self.trouble = ""
         self.version = 0
         self.shown = self.mesh.V
-        self.history = History(self._with_rest(EditState(groups=groups, method=method)))
+        self.history = History(self._with_rest(begin))
         self._revision = 0
         #: EditState whose groups, method and selection count as saved.
         self._saved = self.state
@@ -98,18 +95,10 @@ class Workspace:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether there are groups that were not saved, or not with the current method."""
+        """Whether there are groups that were not saved, or not with the current options."""
         state, saved = self.state, self._saved
-        same = state.groups is saved.groups and state.method == saved.method
+        same = state.groups is saved.groups and state.made == saved.made
         return bool(state.groups) and not same
-
-    @property
-    def volume_change(self) -> float | None:
-        """Relative change of the enclosed volume; None before convergence and for meshes with a boundary."""
-        rest = self.mesh.volume
-        if not (self.is_converged and self.mesh.is_closed and self.mesh.is_oriented and rest):
-            return None
-        return Mesh(self.shown, self.mesh.F).volume / rest - 1
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
@@ -210,13 +199,16 @@ class Workspace:
                     raise Superseded
                 progress(stage, done, total, note)
 
-            V = state.shape
+            V, quality = state.shape, state.quality
             if V is None:
-                V = deform(self.document.task(state), method=state.method, progress=watched).vertices
+                task = self.document.task(state)
+                bound = Bound.of_task(task, state.resolved)
+                V = bound.solve(task.handles, progress=watched).vertices
+                quality = str(bound.quality(V))
             with self._lock:
                 if self._revision != revision:
                     raise Superseded
-                self.history.store_shape(state, V)
+                self.history.store_shape(state, V, quality)
                 self.version += state.shape is None
                 self.shown = V
 
@@ -229,7 +221,7 @@ class Workspace:
 
     def _with_rest(self, state: EditState) -> EditState:
         """Return a state with the rest shape if all groups are at rest, else without a shape."""
-        return replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V)
+        return replace(state, shape=None if state.displaced(self.mesh) else self.mesh.V, quality="")
 
     def _keep(self) -> None:
         """Write the recovery file, or remove it if everything is saved."""
@@ -252,7 +244,7 @@ class Workspace:
             self._keep()
 
     def _advance(self, before: EditState) -> bool:
-        """Return whether groups or the method differ from `before`; then computations are out of date."""
+        """Return whether groups or options differ from `before`; then computations are out of date."""
         if self.state.same_shape(before):
             return False
         self._revision += 1

@@ -39,6 +39,7 @@ from sshade.method.assembly import Assembly, Components, Part, Whole
 from sshade.method.dense_handles import interpolate_handles
 from sshade.method.piece import Piece, Steps
 from sshade.method.polish import polished, set_up
+from sshade.method.quality import Quality, quality
 from sshade.method.regions import has_regions
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
@@ -172,6 +173,8 @@ class Bound:
         self._keep = keep
         #: Kept pieces, by their components.
         self._pieces: dict[int, Piece] = {}
+        #: Vertices and faces of the proxies of the last call that was no step.
+        self._proxies: list[tuple[np.ndarray, np.ndarray]] = []
         self._bind()
 
     def _bind(self) -> None:
@@ -304,6 +307,10 @@ class Bound:
         own_out = out if self._is_whole else None
         return self._placed(self._deformed(task, stop, out=own_out, progress=progress), task, out=out)
 
+    def quality(self, V: np.ndarray) -> Quality:
+        """Measure a shape (n, 3) of `mesh`, such as the result of the last :meth:`solve`."""
+        return quality(self.mesh, V, self._proxies)
+
     def reset(self) -> None:
         """Forget the last shape: the next step starts as the method does."""
         for piece in self._pieces.values():
@@ -382,6 +389,7 @@ class Bound:
         if self._options.method == "interpolate":
             return interpolate_handles(task, progress=progress)
         assembly = self._assembly(task, progress)
+        self._proxies = self._proxies if step else []
         for part in assembly.parts():
             own, progress = part.task, part.progress
             with part.named():
@@ -397,19 +405,31 @@ class Bound:
                             own,
                             options,
                             # Only `polished` has the result and can free its memory.
-                            self._piece(part).deform(own, stop=stop, progress=progress),
+                            self._through_proxies(part, stop),
                             ready=ready,
                             begin=begin,
                             progress=progress,
                         )
                 else:
-                    result = self._piece(part).deform(own, stop=stop, out=out, progress=progress)
+                    result = self._through_proxies(part, stop, out=out)
                 if self._steps.part is None and not step:
                     result = replace(result, facts=self._facts(part, options, result))
             assembly.put(result)
         result = assembly.together()
         if not step:
             _warn_of_volume(assembly.states)
+        return result
+
+    def _through_proxies(
+        self, part: Part, stop: Stop | None, *, out: np.ndarray | None = None
+    ) -> DeformationResult:
+        """Deform a part by its proxies, and remember the first of them for :meth:`quality`."""
+        piece = self._piece(part)
+        result = piece.deform(part.task, stop=stop, out=out, progress=part.progress)
+        if piece.coarse is not None:
+            samples, faces = piece.coarse
+            origin = None if self._components is None else self._components.origin(part.component)
+            self._proxies.append((samples if origin is None else origin[samples], faces))
         return result
 
     def _assembly(self, task: DeformationTask, progress: Progress, *, rigid: bool = True) -> Assembly | Whole:

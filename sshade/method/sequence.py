@@ -19,7 +19,7 @@ import numpy as np
 from sshade.core.progress import Progress, silent
 from sshade.method.bound import Bound
 from sshade.problem.handles import Handles
-from sshade.problem.options import Options, accepted, require_method, resolve, takes_options
+from sshade.problem.options import accepted, require_method, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask
 
 #: Largest move of a handle, as a fraction of the bounding-box diagonal, with which a pose starts from the
@@ -80,18 +80,18 @@ def deform_sequence(
     """
     if not isinstance(task, DeformationTask):
         raise TypeError(f"a sequence takes a DeformationTask, not a {type(task).__name__}")
-    return solved_poses(task, poses, resolve(require_method(method), options), progress=progress)
+    bound = Bound.of_task(task, resolve(require_method(method), options), keep=True)
+    return solved_poses(bound, task, poses, progress=progress)
 
 
 def solved_poses(
+    bound: Bound,
     task: DeformationTask,
     poses: Iterable[Handles | np.ndarray],
-    options: Options,
     *,
     progress: Progress = silent,
 ) -> Iterator[DeformationResult]:
     """Yield the result of each pose, which the caller may change; see :func:`deform_sequence`."""
-    bound = Bound.of_task(task, options, keep=True)
     own, before, shape = task.handles, None, None
     for pose in poses:
         handles = pose if isinstance(pose, Handles) else own.at(pose, own.rotation)

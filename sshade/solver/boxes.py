@@ -50,7 +50,7 @@ def opposite_vertices(mesh: Mesh, asked: np.ndarray | None = None) -> tuple[np.n
         Vertices whose opposite vertices are wanted; by default all.
     """
     V, found = mesh.V, np.full(mesh.n, -1)
-    boxes, lengths = _Boxes.of(V), (mesh.diagonal, mesh.mean_edge)
+    boxes, lengths = Boxes.of(V), (mesh.diagonal, mesh.mean_edge)
     order = boxes.order
     own = np.arange(mesh.n) if asked is None else np.flatnonzero(asked[order])
     inward = _inward(mesh)[order]
@@ -74,7 +74,7 @@ def distances(V: np.ndarray, points: np.ndarray, offsets: np.ndarray) -> np.ndar
     offsets : (k,) float64
         Not negative.
     """
-    boxes, found = _Boxes.of(points), np.empty(len(V))
+    boxes, found = Boxes.of(points), np.empty(len(V))
     order = boxes.order
     _distances(boxes.start, boxes.low, boxes.high, points[order], offsets[order], V, found)
     return found
@@ -92,7 +92,7 @@ def _inward(mesh: Mesh) -> np.ndarray:
     return unit_rows(-inward if inside_out else inward)
 
 
-class _Boxes(NamedTuple):
+class Boxes(NamedTuple):
     """Vertices in an order where neighbours are near, and the boxes of :data:`EACH` of them, level by level.
 
     Box k of level 0 has the vertices ``order[EACH * k]`` and following, box k of another level the boxes
@@ -112,7 +112,7 @@ class _Boxes(NamedTuple):
     high: np.ndarray
 
     @classmethod
-    def of(cls, V: np.ndarray) -> _Boxes:
+    def of(cls, V: np.ndarray) -> Boxes:
         low = V.min(axis=0)
         size = float((V.max(axis=0) - low).max()) or 1.0
         order = np.argsort(_curve(V, low, (CELLS - 1) / size), kind="stable")
@@ -122,7 +122,7 @@ class _Boxes(NamedTuple):
             start.append(start[-1] + count)
         starts = np.array(start)
         boxes = np.empty((2, start[-1], 3))
-        _enclose(V, order, starts, *boxes)
+        enclose(V, order, starts, *boxes)
         return cls(order, starts, *boxes)
 
 
@@ -139,7 +139,7 @@ def _curve(V, low, per_length):
 
 
 @kernel
-def _enclose(V, order, start, low, high):
+def enclose(V, order, start, low, high):
     """Write the corners of all boxes."""
     low[:] = np.inf
     high[:] = -np.inf

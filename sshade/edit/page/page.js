@@ -24,6 +24,7 @@ let settling = null; // number of the computation that runs
 let order = 0; // counts requests that change the shape, so that outdated shapes are not shown
 let queue = Promise.resolve();
 let released = null, result = ""; // when the last drag ended, and what became of it
+let drags = 0; // that ended
 
 let view;
 try {
@@ -56,6 +57,7 @@ function ask(command, given = {}) {
   released = null;
   result = "";
   say(null);
+  busy(true);
   return send(command, JSON.stringify(given));
 }
 
@@ -87,6 +89,7 @@ function unpack(buffer) {
 
 function complain(error) {
   if (error.superseded || document.body.classList.contains("ended")) return null;
+  busy(false);
   if (facts) panel.show(facts, active, true);
   say(`${error.message}${/[.?!]$/.test(error.message) ? "" : "."}`); // not capitalised: it may be the name of a file
   return null;
@@ -96,11 +99,12 @@ function complain(error) {
 function take(said) {
   facts = { ...facts, ...said };
   Object.assign(arrays, said.sent);
-  if (said.sent.positions && !view.gizmo.dragging) view.setPositions(arrays.positions);
+  if (said.sent.positions && !view.gizmo.dragging) flip(false);
   if (said.marked) active = said.marked;
   if (facts.converged && released) report();
   refresh();
   if (said.marked && chosen()?.kind === "moved") byId("view").click();
+  busy(!facts.converged);
   if (!facts.converged) settle();
   return said;
 }
@@ -114,6 +118,7 @@ function refresh() {
   if (!moves) view.gizmo.detach();
   else if (!view.gizmo.dragging) view.attach(group.pivot);
   byId("gizmo-bar").hidden = !moves;
+  byId("typed").elements[3].textContent = checked("gizmo") === "rotate" ? "degrees" : "move";
   panel.show(facts, active);
   look.draw();
   guide(moves && group);
@@ -134,12 +139,24 @@ function guide(moved) {
   byId("hint").textContent = sentence;
 }
 
-// Say how long the last drag took to settle, and what became of the volume.
+// Say how long the last drag took to settle, and what to do if it moved too much.
 function report() {
-  const seconds = ((performance.now() - released) / 1000).toFixed(1), { volume } = facts;
-  const percent = Math.abs(100 * volume) < 0.01 ? "by less than 0.01" : `by ${(100 * volume).toFixed(2)}`;
-  result = `Done in ${seconds} s${typeof volume !== "number" ? "" : `; the volume changed ${percent} %`}. Drag on, or save the mesh.`;
+  result = `Done in ${((performance.now() - released) / 1000).toFixed(1)} s. `;
+  result += drags++ ? "Drag on, or save the mesh." : "Other parts move too? Pick and Fix them, or use Fix everything farther than.";
   released = null;
+}
+
+// Say that the program computes, until it does not.
+function busy(computes) {
+  byId("busy").hidden = !computes;
+  byId("save-mesh").elements[1].disabled = computes;
+  byId("busy").firstElementChild.textContent = "computing ...";
+}
+
+// Show the shape at rest, or the latest shape.
+function flip(before) {
+  byId("before").setAttribute("aria-pressed", before);
+  view.setPositions(before ? arrays.rest : arrays.positions);
 }
 
 function choose(number) {
@@ -154,8 +171,6 @@ async function settle() {
   const mine = order;
   if (settling === mine) return;
   settling = mine;
-  byId("busy").hidden = false;
-  byId("busy").textContent = "solving";
   try {
     const said = await request("settle", "{}");
     if (mine === order) take(said);
@@ -163,7 +178,6 @@ async function settle() {
     if (mine === order) complain(error);
   } finally {
     if (settling === mine) settling = null;
-    if (mine === order) byId("busy").hidden = true;
   }
 }
 
@@ -189,7 +203,9 @@ function step() {
 async function follow() {
   for (let asked = step(); asked; ) {
     try {
+      busy(true);
       const { sent } = await asked;
+      busy(false);
       asked = step();
       view.setStep(sent.positions);
       await new Promise(requestAnimationFrame); // a step without a picture would be wasted
@@ -206,7 +222,10 @@ view.gizmo.addEventListener("dragging-changed", ({ value }) => {
     Object.assign(drag, { pivot: view.pivot.position.toArray(), moved: false });
     say(null);
     order += 1;
-    byId("busy").hidden = true;
+    result = "";
+    flip(false);
+    guide(chosen());
+    busy(false);
     stage.dataset.state = "dragging";
   } else if (!drag.moved) {
     refresh();
@@ -241,11 +260,26 @@ for (const input of document.querySelectorAll("input[name=gizmo]")) {
     refresh();
   });
 }
+byId("typed").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const given = ["x", "y", "z"].map((name) => Number(event.target.elements[name].value.replace(",", ".")));
+  if (!given.every(Number.isFinite)) return say("Type numbers.");
+  const turns = checked("gizmo") === "rotate", turn = new THREE.Quaternion();
+  ["x", "y", "z"].forEach((name, c) => {
+    const about = new THREE.Vector3().setComponent(c, 1);
+    if (turns) turn.premultiply(new THREE.Quaternion().setFromAxisAngle(about, (given[c] * Math.PI) / 180));
+  });
+  const move = given.map((x) => (turns ? 0 : x / facts.scale));
+  ask("release", { group: active, pivot: chosen().pivot, move, quaternion: turn.toArray() });
+  released = performance.now();
+  return event.target.reset();
+});
 for (const button of document.querySelectorAll("#sets button")) {
   button.addEventListener("click", () => send(`select?how=${button.value}`, new Uint32Array(0)));
 }
 byId("through").addEventListener("change", refresh);
 byId("home").addEventListener("click", () => view.home());
+byId("before").addEventListener("click", ({ target }) => flip(target.getAttribute("aria-pressed") === "false"));
 byId("up").addEventListener("change", () => view.home(byId("up").value));
 byId("help").addEventListener("click", () => byId("keys").showModal());
 
@@ -297,7 +331,7 @@ async function save(given) {
 
 const KEYS = {
   1: "[value=view]", 2: "[value=click]", 3: "[value=brush]", 4: "[value=rectangle]", 5: "[value=lasso]",
-  g: "[value=translate]", r: "[value=rotate]", h: "#home", f: "#fixed", m: "#moved", "?": "#help",
+  g: "[value=translate]", r: "[value=rotate]", h: "#home", b: "#before", f: "#fixed", m: "#moved", "?": "#help",
   delete: "#remove",
 };
 window.addEventListener("keydown", (event) => {
@@ -306,7 +340,7 @@ window.addEventListener("keydown", (event) => {
     event.preventDefault();
     saving = store("mesh", "handles");
   }
-  if (event.target.matches("input[type=text], input[type=number]") || byId("keys").open) return;
+  if (event.target.matches("input:not([type]), input[type=text], input[type=number]") || byId("keys").open) return;
   if (control && (key === "z" || key === "y")) {
     event.preventDefault();
     byId(key === "y" || event.shiftKey ? "redo" : "undo").click();
@@ -331,7 +365,7 @@ function ended(sentence) {
 // Show the progress of computations, until the editor ends.
 async function watch() {
   for (let answer; (answer = await fetch("progress").catch(() => null))?.ok; ) {
-    byId("busy").textContent = (await answer.json()) || "solving";
+    byId("busy").firstElementChild.textContent = `${(await answer.json()) || "computing"} ...`;
     await new Promise((next) => setTimeout(next, 500));
   }
   if (document.body.classList.contains("ended")) return;

@@ -20,7 +20,10 @@ export class Panel {
     byId("discard").addEventListener("click", () => {
       if (window.confirm(`${byId("found").textContent} Delete it?`)) ask("discard");
     });
-    byId("method").addEventListener("change", ({ target }) => ask("set_up", { method: target.value }));
+    for (const name of ["method", "joints"]) {
+      const given = () => ({ method: byId("method").value, joints: byId("joints").disabled ? null : Number(byId("joints").value) });
+      byId(name).addEventListener("change", () => ask("set_up", given()));
+    }
     this.listenToGroup();
   }
 
@@ -52,6 +55,9 @@ export class Panel {
     byId("undo").disabled = !facts.undo;
     byId("redo").disabled = !facts.redo;
     byId("method").value = byId("method-name").textContent = method;
+    byId("joints").disabled = method === "paper";
+    set(byId("joints"), facts.joints);
+    byId("quality").textContent = facts.quality && `${facts.quality[0].toUpperCase()}${facts.quality.slice(1)}.`;
     byId("loose").hidden = groups.length === 0 || groups.some(({ kind }) => kind === "fixed");
     byId("carried").hidden = !carried;
     byId("carried").textContent = `Components without handles: ${carried}. They move with the nearest component.`;

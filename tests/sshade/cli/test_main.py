@@ -44,7 +44,8 @@ def test_all_options_reach_the_method(sound):
     [
         ({"method": "paper"}, "", {"method": "paper"}),
         ({"method": "paper"}, "--no-accelerate", {"method": "paper", "accelerate": False}),
-        ({"method": "paper"}, "--method fast", {}),
+        ({"method": "paper", "samplings": 2}, "--method fine", {"method": "fine"}),
+        ({"thickness": 1.0, "joints": 0.5}, "--joints 0", {"thickness": 1.0, "joints": 0}),
     ],
 )
 def test_options_that_the_editor_saved_apply_unless_switches_change_them(sound, made, switches, options):
@@ -115,8 +116,17 @@ BAND = moebius()
 def test_what_is_unusual_is_told(sound, capsys, V, F, handles, options, words):
     write_mesh("body.ply", V, F)
     write_handles("pose.json", handles)
-    assert main([*DEFORM, *options.split()]) == 0
+    assert main([*DEFORM, "--verbose", *options.split()]) == 0
     assert words in capsys.readouterr().err
+
+
+def test_a_line_judges_the_shape_and_details_that_change_little_are_one_line(sound, capsys):
+    write_mesh("body.ply", V, F)
+    write_handles("pose.json", Handles(POSE.index + 1, POSE.target))
+    assert main(DEFORM) == 0
+    shape, details = capsys.readouterr().err.splitlines()[1:]
+    assert shape.startswith("quality: largest stretch 1.") and shape.endswith("no flipped faces")
+    assert details == "note: 2 details change little; --verbose tells more"
 
 
 def test_merged_positions_and_a_rotation_about_a_far_origin_are_told(sound, capsys):

@@ -65,7 +65,7 @@ LIGHT = {
     "deform body.ply pose.json -o a.ply --coarser few": "--coarser: 'few' is no number; see",
     "deform body.ply pose.json -o a.ply --weight -2": "--weight takes a number above 0, not -2",
     "deform body.ply quick.json -o a.ply": "quick.json, key \"made\": there is no method 'quick' here",
-    "deform body.ply typo.json -o a.ply": "there is no key \"methd\"; did you mean 'method'?",
+    "deform body.ply typo.json -o a.ply": "the method 'fast' has no option 'methd'; the options are vertices",
     "reconstruct body.ply body.ply -o a.ply --samplings 0": "samplings must be",
     "carry body.ply gone.npz body.ply -o a.ply": "gone.npz: no such file",
     "remesh gone.ply -o a.ply --map m.npz": "gone.ply: no such file",

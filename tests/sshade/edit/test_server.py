@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sshade import Mesh
 from sshade.edit.server import PAGE, Server
+from sshade.method.quality import quality
 from tests.sshade.edit.lent import ask, command, lent, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
 
@@ -107,11 +107,12 @@ def test_commands_do_what_the_session_does_in_the_coordinates_of_the_page(server
     assert np.abs(dragged[HIGH].mean(axis=0) - P[HIGH].mean(axis=0) - [0.05, 0, 0.05]).max() < 0.01
     assert not command(server, "release", move)["converged"]
     answer = command(server, "settle")
-    volume = Mesh(session.shown, BODY.F).volume / BODY.volume - 1
-    assert answer["converged"] and answer["volume"] == pytest.approx(volume, rel=1e-9)
+    assert answer["converged"] and answer["quality"] == str(quality(BODY, session.shown))
     Path("there.ply").write_text("mine")
     answer = command(server, "save", {"what": "mesh", "name": "there.ply"})
     assert answer["status"] == 409 and answer["exists"] and Path("there.ply").read_text() == "mine"
     assert "saved" in command(server, "save", {"what": "mesh", "name": "there.ply", "over": True})
     assert command(server, "restore", {"group": number})["converged"]
-    assert command(server, "set_up", {"method": "fine"})["method"] == "fine"
+    answer = command(server, "set_up", {"method": "fine", "joints": 0})
+    assert (answer["method"], answer["joints"]) == ("fine", 0)
+    assert "joints must be" in command(server, "set_up", {"method": "fine", "joints": -1})["error"]

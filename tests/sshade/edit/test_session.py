@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from sshade import Deformer
-from sshade.edit import dragging, state, workspace
+from sshade.edit import dragging, state
 from sshade.edit.groups import Motion
 from sshade.edit.workspace import Superseded
+from sshade.method.bound import Bound
 from tests.shapes import beside, bumpy, rotation, shifted, strip
 from tests.sshade.edit.sessions import BODY, LIFT, added, begun, ends, marked, ready, settled, turned
 from tests.sshade.mesh.test_cutting import t_fin
@@ -95,14 +96,14 @@ def test_shapes_that_were_dropped_for_want_of_memory_are_computed_again(monkeypa
 def test_a_result_is_not_shown_if_the_handles_changed_meanwhile(monkeypatch):
     session, number = ready()
     session.release(number, LIFT)
-    compute = workspace.deform
+    compute = Bound.solve
 
     def disturbed(*arguments, **options):
         session.drag(number, LIFT)
         return compute(*arguments, **options)
 
     with monkeypatch.context() as patched, pytest.raises(Superseded):
-        patched.setattr(workspace, "deform", disturbed)
+        patched.setattr(Bound, "solve", disturbed)
         session.settle()
     assert not session.is_converged
     session.settle()

@@ -77,8 +77,39 @@ def test_the_guide_follows_the_work_and_tells_the_result_of_a_drag(page, session
     was, now = (where(page, V, points.mean(axis=0))[0] for points in (V[group.vertices], group.target))
     assert np.abs(now - was - [60, -30]).max() < 8  # the group is where the mouse went
     page.wait_for_selector("#hint:has-text('Done in')")
+    after = pixels(page.locator("#canvas"))
+    for _ in range(2):
+        page.keyboard.press("b")
+        page.wait_for_timeout(300)
+        before, after = after, pixels(page.locator("#canvas"))
+        assert changed(before, after) > 0.005  # the shape before, and the shape after again
     asked(page, "undo", page.get_by_role("button", name="Undo").click)
     assert hint.inner_text() == "Drag the arrows to move group 2."
+
+
+#: Sends the typed form; whether the page then says that it computes, and does not save.
+SENT = """() => {
+  document.getElementById("typed").requestSubmit();
+  return !document.getElementById("busy").hidden && document.querySelector("#save-mesh button").disabled;
+}"""
+
+
+def test_a_typed_distance_or_angle_moves_the_group_and_save_waits_for_the_shape(page, session):
+    rest = session.mesh.V[session.state.groups[1].vertices]
+    page.get_by_label("along or about y").fill("0,25")
+    asked(page, "release", lambda: page.keyboard.press("Enter"))
+    page.wait_for_selector("#stage[data-state=converged]")
+    target = session.state.groups[1].target
+    assert np.allclose(target, rest + [0, 0.25, 0], atol=1e-6)
+    page.locator("#gizmo-bar").get_by_text("Turn").click()
+    page.get_by_label("along or about z").fill("90")
+    assert page.evaluate(SENT)
+    page.wait_for_selector("#quality:has-text('Largest stretch')")
+    page.locator("#busy").wait_for(state="hidden")
+    assert page.get_by_role("button", name="Save mesh").is_enabled()
+    x, y, z = (target - target.mean(axis=0)).T
+    turned = np.stack([-y, x, z], axis=1) + target.mean(axis=0)
+    assert np.allclose(session.state.groups[1].target, turned, atol=1e-6)
 
 
 def test_keys_delete_save_and_list_the_keys_and_a_mistake_is_told(page, session):
