@@ -32,7 +32,7 @@ def crossing_faces(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     enclose(highest, order, boxes.start, spare, high)
     found, leaves = np.zeros(len(F), dtype=bool), int(boxes.start[1])
     with ThreadTeam(available_cpus() if len(F) >= SMALL else 1) as team:
-        arrays = boxes.start, low, high, lowest[order], highest[order], V, F[order], order, found
+        arrays = EACH, boxes.start, low, high, lowest[order], highest[order], V, F[order], order, found
         team.ranges(_cross, leaves, *arrays, rows=ROWS)
     return found
 
@@ -80,9 +80,9 @@ def _common(face, other):
 
 
 @kernel
-def _cross(begin, end, start, low, high, lowest, highest, V, F, order, found):
+def _cross(begin, end, each, start, low, high, lowest, highest, V, F, order, found):
     """Mark faces in a range of leaves that cross faces of these or later leaves. F has the boxes' order."""
-    stack, depth = np.empty(EACH * len(start), dtype=np.int64), np.empty(EACH * len(start), dtype=np.int64)
+    stack, depth = np.empty(each * len(start), dtype=np.int64), np.empty(each * len(start), dtype=np.int64)
     for leaf in range(begin, end):
         top = 1
         stack[0], depth[0] = start[-1] - 1, len(start) - 2
@@ -92,17 +92,17 @@ def _cross(begin, end, start, low, high, lowest, highest, V, F, order, found):
             if not _overlap(low, high, leaf, low, high, b):
                 continue
             if level > 0:
-                first = start[level - 1] + EACH * (b - start[level])
-                for child in range(first, min(first + EACH, start[level])):
+                first = start[level - 1] + each * (b - start[level])
+                for child in range(first, min(first + each, start[level])):
                     stack[top], depth[top] = child, level - 1
                     top += 1
                 continue
             if b < leaf:
                 continue
-            for i in range(EACH * leaf, min(EACH * leaf + EACH, len(F))):
+            for i in range(each * leaf, min(each * leaf + each, len(F))):
                 if not _overlap(lowest, highest, i, low, high, b):
                     continue
-                for j in range(max(EACH * b, i + 1), min(EACH * b + EACH, len(F))):
+                for j in range(max(each * b, i + 1), min(each * b + each, len(F))):
                     if found[order[i]] and found[order[j]]:
                         continue
                     if not _overlap(lowest, highest, i, lowest, highest, j) or _common(F[i], F[j]) > 1:

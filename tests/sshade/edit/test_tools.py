@@ -104,9 +104,8 @@ def test_a_typed_distance_or_angle_moves_the_group_and_save_waits_for_the_shape(
     page.locator("#gizmo-bar").get_by_text("Turn").click()
     page.get_by_label("along or about z").fill("90")
     assert page.evaluate(SENT)
-    page.wait_for_selector("#quality:has-text('Largest stretch')")
-    page.locator("#busy").wait_for(state="hidden")
-    assert page.get_by_role("button", name="Save mesh").is_enabled()
+    page.wait_for_selector("#save-mesh button:enabled")
+    assert "Largest stretch" in page.locator("#quality").inner_text()
     x, y, z = (target - target.mean(axis=0)).T
     turned = np.stack([-y, x, z], axis=1) + target.mean(axis=0)
     assert np.allclose(session.state.groups[1].target, turned, atol=1e-6)
