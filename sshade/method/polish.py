@@ -16,7 +16,6 @@ from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
 from sshade.solver.aim import Aim
-from sshade.solver.joints import HOLD
 from sshade.solver.local_global import BoundSystem, bind_system, project, solve
 from sshade.solver.quasi_newton import WINDOW_OF_POLISH
 from sshade.solver.solution import Solution
@@ -45,8 +44,8 @@ def polished(
     A few iterations at full resolution remove the traces of the proxy. Their global steps are V-cycles
     (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. A surface hardly resists
     bending, and would leave the pose: a head would sway around a nose that is fixed. Where joints are round,
-    every vertex is therefore pulled softly to its place after the proxy. The pull is far weaker than the
-    surface over the distance between samples, and far stronger over the length of a limb.
+    every vertex is therefore pulled softly to its place after the proxy. The pull is as strong as the surface
+    over the distance between samples, weaker below and stronger above.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ def polished(
     turns = _rotations_near_handles(task, samples=proxy.facts.samples)
     system, aim = prepared.system, replace(prepared.aim, prescribed=turns)
     if options.joints:
-        system, aim = _held_by(task, proxy.vertices, system, aim)
+        system, aim = _held_by(task, proxy, system, aim)
     start = [proxy.vertices]
     proxy = replace(proxy, vertices=np.empty((0, 3)))
     give_back()
@@ -120,17 +119,21 @@ def polished(
     return DeformationResult(solution.positions, solution.iterations, converged, seconds, facts=facts)
 
 
-def _held_by(task: DeformationTask, V: np.ndarray, system: System, aim: Aim) -> tuple[System, Aim]:
-    """Pull every vertex to its place in V (n, 3) in place of the attachment."""
+def _held_by(task: DeformationTask, proxy: DeformationResult, system: System, aim: Aim) -> tuple[System, Aim]:
+    """Pull every vertex to its place after the proxy, in place of the attachment.
+
+    The vertices of a cell have the stiffness 1 together, so that the pull and the surface balance over the
+    distance between samples.
+    """
     handles, mesh = task.handles, task.mesh
-    stiffness = HOLD * mesh.vertex_areas / mesh.area
+    stiffness = proxy.facts.samples * mesh.vertex_areas / mesh.area
     stiffness[handles.index] = 0.0
     own = np.flatnonzero(stiffness)
     index, stiffness = (
         np.concatenate([handles.index, own]),
         np.concatenate([handles.stiffness, stiffness[own]]),
     )
-    targets = np.concatenate([handles.target, V[own]])
+    targets = np.concatenate([handles.target, proxy.vertices[own]])
     return system.with_handles(index, stiffness=stiffness), replace(aim, targets=targets)
 
 
