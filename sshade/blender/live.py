@@ -12,6 +12,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from sshade.core.errors import InputError
+from sshade.core.progress import Progress, silent
 from sshade.edit.groups import Motion
 
 from .data import add_key, corners, read_motions, read_rig, rest_positions, switch_off, write_key
@@ -107,10 +108,11 @@ class Live:
         moved = float(np.abs(self._shape - before).max())
         return BEAT if moved > AT_REST * self.rig.mesh.diagonal else None
 
-    def finish(self, obj: bpy.types.Object, method: str) -> None:
-        """Write the converged shape of the present handles, as the operator Deform computes it."""
-        rig = read_rig(obj)  # weights may be others than at the start
-        write_key(obj, self.key(obj), rig.deform(read_motions(obj), method=method))
+    def finish(self, obj: bpy.types.Object) -> str:
+        """Write the converged shape as the operator Deform computes it; return its quality."""
+        V, quality = deformed(obj)  # weights may be others than at the start
+        write_key(obj, self.key(obj), V)
+        return quality
 
     def cancel(self, obj: bpy.types.Object) -> None:
         """Remove the shape key, and switch earlier keys of this extension on again."""
@@ -143,6 +145,12 @@ class Live:
         key = self.key(obj)
         self._shape, self._motions = self.rig.step(self._deformer, motions), motions
         write_key(obj, key, self._shape)
+
+
+def deformed(obj: bpy.types.Object, progress: Progress = silent) -> tuple[np.ndarray, str]:
+    """Return the converged shape of the present handles, and its quality."""
+    own = obj.sshade
+    return read_rig(obj).deform(read_motions(obj), method=own.method, joints=own.joints, progress=progress)
 
 
 def edited(obj: bpy.types.Object) -> bool:

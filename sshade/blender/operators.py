@@ -8,7 +8,7 @@ import bpy
 from sshade.core.errors import InputError
 
 from . import live
-from .data import add_key, read_motions, read_rig, write_key
+from .data import add_key, read_rig, write_key
 from .live import FAILURES
 
 
@@ -59,8 +59,9 @@ class SSHADE_OT_deform(_OfMesh, bpy.types.Operator):
     bl_idname, bl_label = "sshade.deform", "Deform"
 
     def run(self, obj: bpy.types.Object) -> None:
-        V = read_rig(obj).deform(read_motions(obj), method=obj.sshade.method, progress=_show)
+        V, quality = live.deformed(obj, _show)
         write_key(obj, add_key(obj), V)
+        self.report({"INFO"}, quality)  # type: ignore[attr-defined]
 
 
 def _show(stage: str, done: int, total: int, note: str = "") -> None:
@@ -90,7 +91,7 @@ class SSHADE_OT_live_finish(_OfMesh, bpy.types.Operator):
         except InputError:  # the mode cannot go on
             del live.RUNNING[obj.session_uid]
             raise
-        running.finish(obj, obj.sshade.method)
+        self.report({"INFO"}, running.finish(obj))  # type: ignore[attr-defined]
         del live.RUNNING[obj.session_uid]
 
 

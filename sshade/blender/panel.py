@@ -42,6 +42,7 @@ class SSHADE_PT_panel(bpy.types.Panel):
             self._draw_handle(box, obj, settings.handles[settings.active])
         layout.separator()
         layout.prop(settings, "method")
+        layout.prop(settings, "joints")
         if is_live:
             row = layout.row(align=True)
             row.operator("sshade.live_finish", icon="CHECKMARK")

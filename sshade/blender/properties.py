@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT OR GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Properties of objects: the list of groups and the method."""
+"""Properties of objects: the list of groups, the method and its options."""
 
 import bpy
 from bpy.props import (
     CollectionProperty,
     EnumProperty,
+    FloatProperty,
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
@@ -56,6 +57,13 @@ class SSHADE_PG_object(bpy.types.PropertyGroup):
             ("fast", "Fast", "Solve a small proxy of the mesh"),
             ("fine", "Fine", "Polish the result at full resolution, in five to twenty times the time"),
         ),
+    )
+    joints: FloatProperty(
+        name="Joints",
+        description="Larger values make joints rounder and thicker; 0 leaves them sharp",
+        default=1.0,
+        min=0.0,
+        soft_max=4.0,
     )
     message: StringProperty(options={"SKIP_SAVE"})
 

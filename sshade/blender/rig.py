@@ -16,9 +16,9 @@ from sshade.core.progress import Progress, silent
 from sshade.edit.dragging import bound_for_drag, step
 from sshade.edit.groups import Motion
 from sshade.files.open_shape import open_shape
-from sshade.method.bound import Deformer
-from sshade.method.call import deform
+from sshade.method.bound import Bound, Deformer
 from sshade.problem.handles import Handles
+from sshade.problem.options import resolve
 
 #: Weight of a vertex in its vertex group from which on the vertex is a hard handle.
 HARD = 0.999
@@ -153,9 +153,14 @@ class Rig:
         return self.handles.target[self.handles.group == number].mean(axis=0)
 
     def deform(
-        self, motions: Sequence[Motion], *, method: str = "fast", progress: Progress = silent
-    ) -> np.ndarray:
-        """Return the converged positions (n, 3) float32 after one motion for each group.
+        self,
+        motions: Sequence[Motion],
+        *,
+        method: str = "fast",
+        joints: float | None = None,
+        progress: Progress = silent,
+    ) -> tuple[np.ndarray, str]:
+        """Return the converged positions (n, 3) float32 after one motion for each group, and their quality.
 
         Components without handles follow the nearest component rigidly, and vertices without a face stay.
 
@@ -167,7 +172,9 @@ class Rig:
             When a position is not finite.
         """
         task = self._shape.task("blender", self.moved(motions))
-        return self.placed(deform(task, method=method, progress=progress).vertices)
+        bound = Bound.of_task(task, resolve(method, {"joints": joints}))
+        V = bound.solve(task.handles, progress=progress).vertices
+        return self.placed(V), str(bound.quality(V))
 
     def bound(self) -> Deformer:
         """Bind the mesh for :meth:`step`; raise InputError when it cannot be bound with these handles."""

@@ -62,7 +62,7 @@ def with_handles(obj, V):
     return fixed, moving
 
 
-def expected(obj, V, F, fixed, moving, *, method="fast"):
+def expected(obj, V, F, fixed, moving, **options):
     """Return the package's own result (n, 3) float32 for the place of the empty, from first principles."""
     bpy.context.view_layer.update()
     mesh, handle = Mesh(V.astype(np.float64), F), obj.sshade.handles["moving"]
@@ -75,7 +75,7 @@ def expected(obj, V, F, fixed, moving, *, method="fast"):
     target[own] = target[own] @ (U @ Vt).T + matrix[:3, 3]
     handles = Handles(index, target, dynamic=own, group=own.astype(int))
     task = DeformationTask("oracle", mesh, handles)
-    return sshade.deform(task, method=method).vertices.astype(np.float32)
+    return sshade.deform(task, **options).vertices.astype(np.float32)
 
 
 def points(key):
@@ -126,10 +126,10 @@ def scene_results_are_those_of_the_package_bit_by_bit_and_all_else_stays():
     obj, V, F = fresh()
     fixed, moving = with_handles(obj, V)
     before = contents(obj)
-    for method in ("fast", "fine"):
-        obj.sshade.method = method
+    for method, joints in ("fast", 0.5), ("fine", 1.0):
+        obj.sshade.method, obj.sshade.joints = method, joints
         bpy.ops.sshade.deform()
-        assert (shown(obj) == expected(obj, V, F, fixed, moving, method=method)).all()
+        assert (shown(obj) == expected(obj, V, F, fixed, moving, method=method, joints=joints)).all()
     keys = obj.data.shape_keys.key_blocks
     assert keys.keys() == ["Basis", "SShaDe", "SShaDe.001"] and [key.value for key in keys[1:]] == [0, 1]
     assert np.abs(shown(obj) - V).max() > 0.3 and (rest(obj) == V).all() and contents(obj) == before

@@ -65,7 +65,7 @@ def test_copies_along_a_seam_move_as_one_and_loose_vertices_stay():
     high[-1] = 0
     rig = Rig(V, F, [RigGroup("low", low, False), RigGroup("high", high, True)])
     assert rig.mesh.n == mesh.n
-    U = rig.deform([STILL, Motion(np.eye(3), np.array([0.5, 0.0, 0.0]))])
+    U, _ = rig.deform([STILL, Motion(np.eye(3), np.array([0.5, 0.0, 0.0]))])
     assert np.array_equal(U[-1], V[-1]) and np.abs(U - V).max() > 0.4
     order = np.lexsort(V[:-1].T)
     same = (V[:-1][order][1:] == V[:-1][order][:-1]).all(axis=1)
@@ -105,7 +105,7 @@ def test_all_components_with_a_moving_handle_follow_and_one_without_handles_goes
     ]
     rig = Rig(V, F, groups)
     motions = [STILL, *(Motion(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0, 0, 0.5]))]
-    step, end = rig.step(rig.bound(), motions), rig.deform(motions)
+    step, end = rig.step(rig.bound(), motions), rig.deform(motions)[0]
     for vertices, t in ((top, [0.5, 0, 0]), (top + n, [0, 0, 0.5])):
         for U in (step, end):
             assert np.abs(U[vertices] - V[vertices] - t).max() < 1e-6
