@@ -1,6 +1,6 @@
 """Update tables of the pages: ``python -m docs.pages``.
 
-Run the script after rows or times were published, or options changed. It rewrites six kinds of blocks, and
+Run the script after rows or times were published, or options changed. It rewrites eight kinds of blocks, and
 a test compares the blocks with the results and the code:
 
 - ``<!-- table NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of all tables in
@@ -10,7 +10,10 @@ a test compares the blocks with the results and the code:
 - ``<!-- differences NAME: HEADING, ... -->`` to ``<!-- end -->`` has the named columns of the table of
   differences to a reference method, below a caption.
 - ``<!-- paper NAME: HEADING, ... -->`` to ``<!-- end -->`` has columns of the paper's numbers beside ours:
-  numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``.
+  numbers of ``conf/paper.yaml``, and means of ``results/rows/NAME.csv``, or times.
+- ``<!-- means NAME: HEADING; METHOD, ...; POSE, ... -->`` to ``<!-- end -->`` has the means of one column in
+  each pose, in the named poses and in all, and the paper's numbers.
+- ``<!-- claims -->`` to ``<!-- end -->`` has the paper's claims on time beside our times.
 - ``<!-- poses NAME: METHOD, ...; METHOD, RIVAL, ... -->`` to ``<!-- end -->`` has the mean distance to the
   true pose of methods in each pose, from ``results/rows/NAME.csv``, and the number of cases in which the
   first method after the semicolon is nearer than each of its rivals. A sentence below has the mean
@@ -30,13 +33,12 @@ from pathlib import Path
 
 import pandas as pd
 
+from docs.paper_numbers import beside_the_paper, pose_means, time_claims
 from eval.publish.columns import COLUMNS, TRUTH, markdown_table
 from eval.publish.comparison import poses_of, subjects_of
 from eval.publish.intervals import Resampling, differences, rounded
-from eval.publish.paper import beside
 from eval.publish.summary import by_half
 from eval.publish.tables import difference_text
-from eval.rows.files import read_conf
 from eval.rows.frame import numbers, of_methods, read_csv, valid
 from sshade.core.errors import counted
 from sshade.problem.options import GROUPS, REGIONS, default, described
@@ -45,8 +47,9 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", ROOT / "results" / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 BLOCK = re.compile(
     r"(?P<begin><!-- "
-    r"((?P<kind>table|differences|paper|poses) (?P<name>\w+): (?P<columns>[^\n;]+)(; (?P<lines>[^\n]+))?"
-    r"|rows|(?P<options>options))"
+    r"((?P<kind>table|differences|paper|poses|means) (?P<name>\w+): (?P<columns>[^\n;]+)"
+    r"(; (?P<lines>[^\n]+))?"
+    r"|rows|(?P<claims>claims)|(?P<options>options))"
     r" -->\n)"
     r"(?P<old>.*?)(?P<end><!-- end -->)",
     re.DOTALL,
@@ -66,11 +69,18 @@ def filled(text: str, results: Path = ROOT / "results", *, link: str = "results"
         if block["kind"] == "poses":
             path = results / "rows" / f"{block['name']}.csv"
             body = by_pose(path, block["columns"].split(", "), block["lines"].split(", "), link=link)
+        elif block["kind"] == "means":
+            path = results / "rows" / f"{block['name']}.csv"
+            methods, _, some = block["lines"].partition("; ")
+            poses = some.split(", ") if some else []
+            body = pose_means(path, block["columns"], methods.split(", "), poses, link=link)
         elif block["name"]:
             chosen = block["lines"].split(", ") if block["lines"] else None
             path = results / "tables" / f"{block['name']}.md"
             headings = block["columns"].split(", ")
             body = table(path, headings, kind=block["kind"], chosen=chosen, link=link)
+        elif block["claims"]:
+            body = time_claims(results / "tables")
         elif block["options"]:
             body = f"{reference()}\n"
         else:
@@ -115,18 +125,12 @@ def table(path: Path, headings: list[str], *, kind: str, chosen: list[str] | Non
         text = " ".join(caption_notes(notes))
         grids = [grid for title, grid in tables.items() if title not in apart]
         if kind == "paper":
-            grids = [beside_the_paper(path.stem, path.parents[1] / "rows")]
+            timed = "median (s)" in grids[0][0]
+            grids = [beside_the_paper(path.stem, path.parents[1]), *(grids if timed else ())]
     # All grids have the same methods in the same order.
     joined = [sum(parts, []) for parts in zip(*grids, strict=True)]
     caption = f"[{path.stem}]({link}/tables/{path.name}): {text}\n\n"
     return f"{caption}{columns_of(joined, headings, path=path, chosen=chosen)}\n"
-
-
-def beside_the_paper(experiment: str, folder: Path) -> list[list[str]]:
-    """Return the paper's numbers of an experiment beside ours, as lines of cells."""
-    methods = next(own[experiment] for own in read_conf("paper").values() if experiment in own)
-    head, *body = beside(methods, folder / f"{experiment}.csv")
-    return [head, [], *body]
 
 
 def by_pose(path: Path, methods: list[str], rivals: list[str], *, link: str) -> str:

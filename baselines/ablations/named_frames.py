@@ -48,7 +48,7 @@ def named_frames(frames: FrameName, function: FunctionName = "extent") -> str | 
         Rigid frames of triangles as in the paper, affine maps of triangles, or frames at vertices that turn,
         or turn and stretch.
     function : {"extent", "best", "x", "y", "z"}
-        f of triangle frames: the coordinate of largest extent as in the paper, on each triangle the
+        f of triangle frames: the coordinate of largest extent, on each triangle the
         coordinate with the largest tangential gradient, or a coordinate. All other frames have none.
 
     Raises

@@ -150,6 +150,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rows", nargs="?", type=Path, default=Path("quick"), help=ROWS_HELP)
     parser.add_argument("--cases", nargs="+", default=[], help="task names (default: three cases)")
     parser.add_argument("--methods", nargs="+", default=[], help="method names (default: all)")
+    text = "colours: distance to the true pose if known (default), or change of edge lengths as in the paper"
+    parser.add_argument("--colour", choices=("truth", "edge"), default="truth", help=text)
     text = "picture to write (default: out/figures/<experiment>.png)"
     parser.add_argument("-o", "--out", type=Path, help=text)
 
@@ -168,9 +170,9 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def of_one_error(cases: list[Case]) -> list[Case]:
-    """Return cases whose colours mean the same: without true poses, if some of them have none."""
-    if len({panels.error_label(case.task) for case in cases}) == 1:
+def of_one_error(cases: list[Case], colour: str = "truth") -> list[Case]:
+    """Return cases whose colours mean the same: without true poses where some have none, and for "edge"."""
+    if colour == "truth" and len({panels.error_label(case.task) for case in cases}) == 1:
         return cases
     return [case._replace(task=replace(case.task, truth=None)) for case in cases]
 
@@ -179,7 +181,7 @@ def _draw_shapes(experiment: Experiment, options: argparse.Namespace) -> None:
     """Draw the grid of pictures: a row for each case, a panel for each method."""
     entry = read_picture(experiment.name)
     names, methods = options.cases or entry.get("tasks", []), options.methods or entry.get("methods", [])
-    cases = of_one_error(read_cases(experiment, names=names, methods=methods))
+    cases = of_one_error(read_cases(experiment, names=names, methods=methods), options.colour)
     camera = camera_of(experiment.name)
     out = options.out or FIGURES / f"{experiment.name}.png"
     rows = [panels.row_of(case, camera) for case in cases]

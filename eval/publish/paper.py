@@ -6,6 +6,7 @@ paper, and the mean of the valid rows. `make verify FAUST=DIR TOSCA=DIR` makes t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,21 +22,22 @@ MEASURES = {
     column.heading: column
     for column in (*COLUMNS, *TRANSFER_COLUMNS, Column("time", "s", "seconds.total", 1))
 }
+#: Entry of conf/paper.yaml with published rows instead of a dataset.
+PUBLISHED = "published"
 #: A number that is missing.
 NONE = "-"
 
 
-def beside(methods: dict[str, dict[str, float]], path: Path) -> list[list[str]]:
+def beside(methods: dict[str, dict[str, float]], rows: pd.DataFrame) -> list[list[str]]:
     """Return the lines of an experiment's table, the head first.
 
     Parameters
     ----------
     methods : dict
         The paper's numbers by method and measure.
-    path : path
-        CSV of the rows. Without this file, the table has the paper's numbers alone.
+    rows : DataFrame
+        Our rows. Without any, the table has the paper's numbers alone.
     """
-    rows = _rows(path)
     columns = [MEASURES[name] for name in dict.fromkeys(name for own in methods.values() for name in own)]
     lines = [["method", "cases", *(column.label for column in columns)]]
     for method, measures in methods.items():
@@ -46,14 +48,15 @@ def beside(methods: dict[str, dict[str, float]], path: Path) -> list[list[str]]:
 
 
 def _pair(column: Column, number: float | None, rows: pd.DataFrame) -> str:
-    """Return the number of the paper and the mean of rows."""
-    if number is None:
-        return NONE
+    """Return the number of the paper and the mean of rows, or that one of them is missing."""
     mean = numbers(rows, column.source).mean()
-    return f"{column.text(number)} / {NONE if pd.isna(mean) else column.text(mean)}"
+    if number is None and pd.isna(mean):
+        return NONE
+    found = (math.nan if number is None else number, mean)
+    return " / ".join(NONE if math.isnan(value) else column.text(value) for value in found)
 
 
-def _rows(path: Path) -> pd.DataFrame:
+def rows_beside(path: Path) -> pd.DataFrame:
     """Return the newest valid rows of a CSV; none without the file.
 
     Raises
@@ -81,7 +84,7 @@ def paper_tables(datasets: Sequence[str]) -> str:
     InputError
         On an unknown dataset, or without rows.
     """
-    known = read_conf("paper")
+    known = {name: own for name, own in read_conf("paper").items() if name != PUBLISHED}
     text = "The number of the paper / your mean; cases: your cases.\n"
     for dataset in datasets:
         if dataset not in known:
@@ -89,6 +92,6 @@ def paper_tables(datasets: Sequence[str]) -> str:
         if not list(ROWS.glob(f"*_{dataset}.csv")):
             raise InputError(f"{ROWS} has no rows of {dataset}; `make verify` makes them")
         for experiment, methods in known[dataset].items():
-            head, *body = beside(methods, ROWS / f"{experiment}_{dataset}.csv")
+            head, *body = beside(methods, rows_beside(ROWS / f"{experiment}_{dataset}.csv"))
             text += f"\n### {experiment}, {dataset}\n\n{markdown_table(head, body, left=head[:1])}\n"
     return text

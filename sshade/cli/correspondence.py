@@ -12,6 +12,7 @@ from sshade.files.mesh_file import MeshFile
 
 if TYPE_CHECKING:
     from sshade.files.open_shape import OpenShape
+    from sshade.mesh.mesh import Mesh
 
 #: Largest ratio of the mean edge lengths of two lists of faces in one shape.
 LONGER = 2.0
@@ -66,3 +67,10 @@ def require_finite(V: np.ndarray, path: Path, number: np.ndarray | None = None) 
         bad = int(np.argmin(finite))
         vertex = bad if number is None else number[bad]
         raise InputError(f"{path}: vertex {vertex} has a NaN or infinite coordinate; write the file again")
+
+
+def moved_by(mesh: Mesh, V: np.ndarray) -> float:
+    """Return the mean distance that a shape V (n, 3) of a mesh moved, apart from a rigid motion."""
+    from sshade.mesh.rigid import rigid_motion, rigidly_moved
+
+    return float(np.linalg.norm(V - rigidly_moved(mesh.V, *rigid_motion(mesh.V, V)), axis=1).mean())

@@ -24,7 +24,7 @@ from sshade.cli.arguments import (
     open_mesh,
     read,
 )
-from sshade.cli.correspondence import corresponding
+from sshade.cli.correspondence import corresponding, moved_by
 from sshade.core.console import announced_compilation, progress_bar, say
 from sshade.core.errors import counted
 from sshade.files.by_library import WRITABLE, check_mesh
@@ -92,6 +92,8 @@ def _transfer(options: argparse.Namespace) -> int:
     write_file(options.output, edit or file, shape.surface.placed(pose.V, result.vertices))
     proxies = counted(options.samplings, "proxy", "proxies")
     say(f"{options.output}: {len(file.V)} vertices, {proxies}, {seconds:.2f} s")
+    if edited is not None and moved_by(mesh, edited) > moved_by(mesh, posed):
+        say(f"note: {path} is farther from {options.mesh} than {options.posed}; the pose comes first")
     if edited is None:
         error = np.linalg.norm(result.vertices - posed, axis=1) / mesh.diagonal
         say(

@@ -124,6 +124,35 @@ class Binding:
         out = checked_out(out, self.local.shape)
         return self.frames.decode(self.local, NV, on=self.projection, rotations=rotations, team=team, out=out)
 
+    def prolong(self, values: np.ndarray) -> np.ndarray:
+        """Return a function on M from its values on N, by the map U of the paper.
+
+        Each vertex of M gets the value of the piecewise linear function at its projection onto N. Use
+        it for weights, colours or eigenfunctions, which are cheap to compute on N.
+
+        Parameters
+        ----------
+        values : (k,) or (k, d) array of numbers
+            Values at N's vertices, in the proxy's numbering.
+
+        Returns
+        -------
+        (n,) or (n, d) float64
+            Values at M's vertices.
+
+        Raises
+        ------
+        InputError
+            If `values` has another shape.
+        """
+        values = np.asarray(values, dtype=np.float64)
+        if values.ndim not in (1, 2) or len(values) != self.proxy.n:
+            raise InputError(
+                f"the proxy has {self.proxy.n} vertices, but the values have shape {values.shape}"
+            )
+        on = self.projection
+        return np.einsum("nc,nc...->n...", on.barycentric, values[self.proxy.F[on.face]])
+
 
 def bind_proxy(
     mesh: Mesh, sampling: Sampling, *, frames: FrameMaker, projection: Projector = project_to_fans

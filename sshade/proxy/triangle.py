@@ -45,7 +45,8 @@ def frame_values(proxy: Mesh, axis: int | None = None) -> np.ndarray:
     proxy : Mesh
         N at rest.
     axis : int, optional
-        Number of the coordinate; by default the coordinate of largest extent, as in the paper.
+        Number of the coordinate; by default the coordinate of largest extent. The paper
+        does not say which one.
 
     Returns
     -------
@@ -98,7 +99,7 @@ class TriangleFrames(Frames):
 
     @classmethod
     def at_rest(cls, proxy: Mesh) -> TriangleFrames:
-        """Return the frames of N at rest for the paper's frame function; see :func:`frame_values`."""
+        """Return the frames of N at rest for the default frame function; see :func:`frame_values`."""
         return cls.of_values(proxy, frame_values(proxy))
 
     @classmethod

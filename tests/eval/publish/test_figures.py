@@ -42,7 +42,8 @@ def test_colours_mean_the_same_in_all_rows_of_a_picture():
     known = replace(rest, truth=rest.mesh.V)
     same, mixed = ([Case(task, {}, {}) for task in tasks] for tasks in ((known, known), (known, rest)))
     assert of_one_error(same) is same
-    assert [case.task.truth for case in of_one_error(mixed)] == [None, None]
+    for cases in (of_one_error(mixed), of_one_error(same, "edge")):
+        assert [case.task.truth for case in cases] == [None, None]
 
 
 def test_the_picture_of_an_experiment_is_that_of_the_configuration(tiny, tmp_path, monkeypatch):

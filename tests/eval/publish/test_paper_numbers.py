@@ -1,7 +1,7 @@
 """``tables --paper``: means of rows beside the paper's numbers; `make verify` makes the rows."""
 
 from eval.main import main
-from eval.publish.paper import beside
+from eval.publish.paper import beside, rows_beside
 from eval.rows.frame import to_frame, write_csv
 from tests.eval.eval_rows import lost, row
 
@@ -16,10 +16,10 @@ def test_means_are_over_the_valid_rows_of_a_method(tmp_path):
     others = [row("b", metric__hausdorff=0.01), lost("a", "t3")]
     write(tmp_path, "one", *rows, *others)
     paper = {"a": {"volume": 12.4, "time": 435}, "b": {"d_H": 5.66e-3, "d_C": 3.76e-8}, "c": {"volume": 1.29}}
-    assert beside(paper, tmp_path / "one.csv") == [
+    assert beside(paper, rows_beside(tmp_path / "one.csv")) == [
         ["method", "cases", "volume (%)", "time (s)", "d_H", "d_C"],
         ["a", "3", "12.40 / 3.00", "435.0 / 60.0", "-", "-"],
-        ["b", "1", "-", "-", "5.66e-03 / 1.00e-02", "3.76e-08 / -"],
+        ["b", "1", "- / 1.00", "- / 5.0", "5.66e-03 / 1.00e-02", "3.76e-08 / -"],
         ["c", "0", "1.29 / -", "-", "-", "-"],
     ]
 

@@ -8,7 +8,7 @@ import pytest
 from sshade.cli.main import main
 from sshade.files.meshes import read_arrays, read_mesh, write_mesh
 from tests.robustness.inputs import BODY
-from tests.shapes import as_obj, torn
+from tests.shapes import as_obj, bent, torn
 
 pytestmark = pytest.mark.usefixtures("sound")
 
@@ -44,3 +44,13 @@ def test_a_transfer_with_residual_gives_the_pose_back_to_its_own_shape():
         assert main([*line, "--overwrite", *switch]) == 0
         far.append(np.abs(read_arrays("t.ply")[0] - read_arrays("wavy.ply")[0]).max() / BODY.diagonal)
     assert far[0] > 1e-3 and far[1] < 1e-6
+
+
+def test_a_transfer_notices_a_pose_in_the_place_of_the_edit(capsys):
+    write_mesh("bent.ply", bent(BODY.V), BODY.F)
+    write_mesh("edited.ply", BODY.V * [1.02, 1, 1] + [9, 0, 0], BODY.F)  # also moved, which is no pose
+    for shapes, noticed in ((["bent.ply", "edited.ply"], False), (["edited.ply", "bent.ply"], True)):
+        line = ["transfer-pose", "body.ply", *shapes, "-o", "t.ply", "--vertices", "40", "--samplings", "1"]
+        assert main(line) == 0
+        told = "note: bent.ply is farther from body.ply than edited.ply; the pose comes first"
+        assert (told in capsys.readouterr().err) is noticed

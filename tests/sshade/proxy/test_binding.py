@@ -29,6 +29,20 @@ def test_an_undeformed_and_a_rigidly_moved_proxy_carry_the_mesh_exactly(name, ki
             assert np.abs(V - (mesh.V @ R.T + t)).max() <= ROUNDING * mesh.diagonal
 
 
+def test_a_linear_function_on_the_proxy_has_its_values_at_the_projections():
+    binding = bind(BUMPY, 80)
+    linear = binding.proxy.V @ np.arange(6.0).reshape(3, 2) + [1, -2]
+    found = binding.prolong(linear)
+    corners = binding.proxy.V[binding.proxy.F[binding.projection.face]]
+    points = sum(binding.projection.barycentric[:, [c]] * corners[:, c] for c in range(3))
+    np.testing.assert_allclose(found, points @ np.arange(6.0).reshape(3, 2) + [1, -2], atol=1e-12)
+    np.testing.assert_allclose(found[binding.sampling.samples], linear, atol=1e-12)  # samples keep theirs
+    np.testing.assert_allclose(binding.prolong(linear[:, 0]), found[:, 0], atol=1e-12)
+    for wrong in (linear[:-1], linear[0, 0], linear[:, :, None]):
+        with pytest.raises(InputError, match="the proxy has 80 vertices"):
+            binding.prolong(wrong)
+
+
 def along_x(proxy: Mesh, samples: np.ndarray) -> TriangleFrames:
     """Frames of the user: triangle frames with another function."""
     return TriangleFrames.of_values(proxy, frame_values(proxy, 0))
