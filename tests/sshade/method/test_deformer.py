@@ -12,7 +12,7 @@ from sshade.method import piece as piece_module
 from sshade.problem.options import GROUPS
 from sshade.solver import system as system_module
 from tests.shapes import beside, bumpy, end_handles, moved_parts, of_all, shifted, tube
-from tests.sshade.method.calls import fast, paper
+from tests.sshade.method.calls import fast
 
 
 @pytest.fixture(scope="module")
@@ -99,15 +99,6 @@ def test_a_drag_has_the_energy_of_the_method(mesh, option):
     changed = np.abs(other.vertices - plain.vertices).max()
     assert changed > 1e-4
     assert np.abs(drag.step(target).vertices - other.vertices).max() < 0.01 * changed
-
-
-@pytest.mark.parametrize(("name", "samplings"), [("bumpy", 1), ("bumpy", 3), ("soft", 2), ("regions", 2)])
-def test_the_first_call_equals_deform(name, samplings):
-    options = {"samplings": samplings, "seed": 4}
-    drag, task = bound_and_task(name, method="paper", **options)
-    bound, once = drag.step(task.handles.target), paper(task, vertices=300, **options)
-    np.testing.assert_array_equal(bound.vertices, once.vertices)
-    assert bound.iterations == once.iterations
 
 
 @pytest.mark.parametrize("name", ["bumpy", "bar", "soft", "regions"])

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from baselines.accelerated import local_global as solved_alone
-from sshade import DeformationTask, Handles, InputError, Mesh
+from sshade import DeformationTask, Handles, InputError
 from sshade.method import proxy_solver
 from sshade.method.proxy_solver import ProxySolver
 from sshade.problem.options import Options
-from sshade.solver import local_global
 from sshade.solver.solution import Solution
 from tests.shapes import bent, bumpy
 from tests.sshade.method.calls import fast
@@ -71,21 +70,6 @@ def test_where_there_is_no_coarser_proxy_it_is_the_solver_alone(
     assert np.array_equal(found.positions, alone.vertices)
     assert found.coarser_iterations == (None if guess else 0.0)
     assert ("solved without a coarser proxy" in caplog.text) == (smallest < step and not guess)
-
-
-@pytest.mark.parametrize("guide_attachment", [0.0, 3.0])
-@pytest.mark.parametrize("goal", [0.9, 1.1])
-def test_another_volume_is_that_of_the_last_level(task, always, monkeypatch, guide_attachment, goal):
-    goals = []
-
-    def spy(system, aim, *given, **options):
-        goals.append((system.mesh.n == task.mesh.n, aim.volume_goal))
-        return local_global.solve(system, aim, *given, **options)
-
-    monkeypatch.setattr(proxy_solver, "solve", spy)
-    found = solve(task, guide_attachment=guide_attachment, volume_goal=goal)
-    assert Mesh(found.positions, task.mesh.F).volume == pytest.approx(goal * task.mesh.volume, rel=1e-6)
-    assert goals == [(False, 1.0)] * (3 if guide_attachment else 1) + [(True, goal)]
 
 
 @pytest.mark.parametrize("levels", [1, 2])

@@ -1,5 +1,4 @@
 import math
-from concurrent.futures import ThreadPoolExecutor
 from itertools import count, islice
 from math import inf
 
@@ -18,7 +17,6 @@ from sshade.solver.aim import Aim
 from sshade.solver.constraints import AREA, CLOSE, EVERY, EVERY_OF_BOTH, ConstrainedSurface, Constraints
 from sshade.solver.descent import Descent
 from sshade.solver.run import run
-from sshade.solver.solution import Solution
 from sshade.solver.system import System
 from tests.full import few
 from tests.shapes import bent, beside, bumpy, double_torus, end_handles, icosphere, shifted, torus
@@ -307,17 +305,3 @@ def test_what_cannot_be_constrained_is_said_or_refused():
 
 
 # --- the solver and the methods around it
-
-
-def test_one_solver_holds_different_things_at_once():
-    solver, targets = Solver(BAR.mesh, BAR.handles.index), BAR.handles.target
-
-    def run(weights) -> Solution:
-        return solver.solve(Aim(targets), volume=weights[0], area=weights[1], max_iterations=12)
-
-    cases = [(0, 0), (inf, 0), (inf, inf), (0.3, 0), (0, 2.0), (inf, 0)]
-    alone = [run(weights) for weights in cases]
-    with ThreadPoolExecutor(3) as pool:
-        together = list(pool.map(run, cases))
-    for a, b in zip(alone, together, strict=True):
-        assert np.array_equal(a.positions, b.positions) and a.energy == b.energy

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from baselines.accelerated import local_global
-from sshade import DeformationTask, Handles
+from sshade import DeformationTask, Handles, InputError
 from sshade.mesh.rotations import fit_rotations
 from sshade.solver.aim import Aim
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
@@ -231,3 +231,30 @@ def test_other_handles_of_a_solver_are_those_of_a_new_one_bit_for_bit(task, ener
         np.testing.assert_array_equal(
             same.solve(Aim(task.handles.target), max_iterations=5).positions, before
         )
+
+
+#: A softening energy.
+SOFT = {"stiffness": 0.2, "strain": 0.03}
+
+
+def test_a_softened_laplacian_reaches_the_same_minimum_in_fewer_iterations(task):
+    solver, target = solver_of(task), task.handles.target
+    rough = solver.solve(Aim(target), tolerance=1e-3, max_iterations=5000, **SOFT)
+    ends = {
+        softened: solver.solve(
+            Aim(target),
+            start=rough.positions,
+            softened=softened,
+            tolerance=1e-8,
+            max_iterations=5000,
+            **SOFT,
+        )
+        for softened in (False, True)
+    }
+    assert ends[True].converged and ends[False].converged
+    assert ends[True].energy == pytest.approx(ends[False].energy, rel=1e-6)
+    assert ends[True].iterations < ends[False].iterations
+    plain, same = (solver.solve(Aim(target), max_iterations=9, softened=on) for on in (False, True))
+    assert np.array_equal(plain.positions, same.positions)  # without softening
+    with pytest.raises(InputError, match="only triangles soften"):
+        local_global(task, stiffness=0.5, energy="spokes")
