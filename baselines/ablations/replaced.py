@@ -30,12 +30,13 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
 from sshade.method.bound import Bound
 from sshade.method.piece import Steps
-from sshade.method.regions import HandleRegions, Placement, sample_with_handles
 from sshade.method.transfer import transfer
 from sshade.problem.options import PROXIES, accepted, resolve, takes_options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, TransferTask
 from sshade.proxy.projection import Projection, project_to_fans
 from sshade.proxy.sample import Sampling, sample_proxy
+from sshade.regions.handle_regions import HandleRegions
+from sshade.regions.placement import Placement, sample_with_handles
 
 #: Distance beyond which a projection crosses to another part of the surface, in covering radii. Samples of
 #: touching cells are at most two covering radii and one edge of M apart.
@@ -191,7 +192,7 @@ def sample_nearest_to_handles(
     Parameters
     ----------
     mesh, regions, seed
-        See :func:`sshade.method.regions.sample_with_handles`.
+        See :func:`sshade.regions.placement.sample_with_handles`.
     """
     sampling = sample_proxy(mesh, regions.vertices, seed=seed, graph=regions.graph)
 

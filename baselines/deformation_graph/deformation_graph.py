@@ -31,12 +31,12 @@ from baselines.stopwatch import Stopwatch
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.mesh.adjacency import vertex_graph
-from sshade.method.regions import HandleRegions, all_on_targets
 from sshade.problem.options import Start
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import farthest_point_sampling
 from sshade.proxy.sample import proxy_vertices
+from sshade.regions.handle_regions import HandleRegions, all_on_targets
 from sshade.solver.aim import initial_guess
 from sshade.solver.factorisation import Factorised
 from sshade.solver.laplacian import laplacian_matrix
@@ -63,8 +63,8 @@ def deformation_graph(
         with a handle.
     nodes : int
         k, number of nodes. Each handle vertex is a node, except inside handle regions (see
-        :class:`sshade.method.regions.HandleRegions`). A small mesh has one node for four vertices (see
-        :func:`sshade.proxy.sample.proxy_vertices`).
+        :class:`sshade.regions.handle_regions.HandleRegions`). A small mesh has one node for four vertices
+        (see :func:`sshade.proxy.sample.proxy_vertices`).
     blended : int
         K, number of nodes that move a vertex, at least 1: the nearest nodes along the surface among the node
         of its Voronoi cell and the neighbours of this node in the graph.

@@ -13,8 +13,8 @@ from sshade.core.errors import InputError, counted
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.method.regions import HandleRegions
 from sshade.problem.handles import Handles
+from sshade.regions.handle_regions import HandleRegions
 
 #: Maximum distance of a handle of a rigid part from its target, as a fraction of the diagonal.
 RIGID = 5e-3

@@ -19,10 +19,10 @@ from sshade.files.by_library import EXTRA
 from sshade.files.handle_files import HandleFile
 from sshade.files.mesh_file import MeshFile
 from sshade.files.meshes import SINGLE, read_file
+from sshade.interpolation.dense_handles import are_dense
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.parts import Gap
 from sshade.mesh.surface import Surface, as_single
-from sshade.method.regions import are_dense
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import SAME_TARGET, astray
 from sshade.problem.handles import Handles

@@ -34,11 +34,11 @@ from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import common_motion
 from sshade.mesh.unconstrained import contacts, leaders, move_rigidly
 from sshade.method.junctions import deform_joined
-from sshade.method.regions import EDGE_SAMPLES
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask, Handles, joined
 from sshade.proxy.sample import least_vertices, proxy_vertices, shared_vertices
+from sshade.regions.handle_regions import EDGE_SAMPLES
 
 log = logging.getLogger(__name__)
 

@@ -32,21 +32,21 @@ from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
 from sshade.core.threads import beside
 from sshade.files.open_shape import OpenShape, open_arguments
+from sshade.interpolation.dense_handles import interpolate_handles
 from sshade.mesh.mesh import Mesh, require_mesh
 from sshade.mesh.places import opening_within
+from sshade.mesh.quality import Quality, quality
 from sshade.mesh.rigid import common_motion
 from sshade.method.assembly import Assembly, Components, Part, Whole
-from sshade.method.dense_handles import interpolate_handles
 from sshade.method.piece import Piece, Steps
 from sshade.method.polish import polished, set_up
-from sshade.method.quality import Quality, quality
-from sshade.method.regions import has_regions
 from sshade.problem.facts import Facts
 from sshade.problem.handle_checks import checked_index, checked_target, ids_of
 from sshade.problem.options import Options, OptionValues, as_row, resolve
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask, Handles
 from sshade.proxy.frames import checked_out
+from sshade.regions.handle_regions import has_regions
 from sshade.solver.constraints import enclosed_volume
 
 log = logging.getLogger(__name__)

@@ -18,13 +18,13 @@ from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.incidence import numbered
 from sshade.mesh.mesh import Mesh
 from sshade.method.proxy_solver import ProxySolver
-from sshade.method.regions import EDGE_RATIO, edge_vertices
 from sshade.problem.options import Options
 from sshade.problem.task import Handles
 from sshade.proxy.bind import sample_components
 from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.fronts import thinned
 from sshade.proxy.sample import Sampling
+from sshade.regions.handle_regions import EDGE_RATIO, edge_vertices
 
 log = logging.getLogger(__name__)
 

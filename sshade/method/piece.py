@@ -25,9 +25,7 @@ from sshade.core.progress import Progress, renamed, silent
 from sshade.core.threads import ThreadTeam, available_cpus, beside, in_threads, number_of_workers
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.nearest_placement import NearestPlacement
 from sshade.method.proxy_solver import ProxySolver, solver_threads
-from sshade.method.regions import HandleRegions, Sampler, all_on_targets, sample_with_handles
 from sshade.problem.facts import Facts
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
@@ -35,6 +33,8 @@ from sshade.problem.task import DeformationResult, DeformationTask, Handles, joi
 from sshade.proxy.binding import Binding, bind_proxy, frame_maker
 from sshade.proxy.projection import Projector, project_to_fans
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
+from sshade.regions.handle_regions import HandleRegions, all_on_targets
+from sshade.regions.placement import NearestPlacement, Sampler, sample_with_handles
 from sshade.solver.joints import with_round_joints
 
 #: Number of mesh vertices from which on several threads prolong N' to M'.

@@ -10,11 +10,11 @@ import numpy as np
 from sshade.core.progress import Progress, renamed
 from sshade.core.threads import Pending, available_cpus
 from sshade.mesh.adjacency import vertex_graph
-from sshade.method.regions import HandleRegions, has_regions
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import Fronts
+from sshade.regions.handle_regions import HandleRegions, has_regions
 from sshade.solver.aim import Aim
 from sshade.solver.local_global import BoundSystem, bind_system, project, solve
 from sshade.solver.quasi_newton import WINDOW_OF_POLISH

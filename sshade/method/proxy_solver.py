@@ -28,12 +28,13 @@ from sshade.core.progress import Progress, silent
 from sshade.core.threads import SMALL, Later, Pending, available_cpus, beside
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.mesh import Mesh
-from sshade.method.regions import HandleRegions, sample_with_handles
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationTask, Handles
 from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
+from sshade.regions.handle_regions import HandleRegions
+from sshade.regions.placement import sample_with_handles
 from sshade.solver.aim import Aim, initial_guess
 from sshade.solver.attachment import Attachment
 from sshade.solver.drag import Drag

@@ -27,13 +27,13 @@ from dataclasses import replace
 import numpy as np
 
 from sshade.core.kernels import kernel
+from sshade.mesh.boxes import distances
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
 from sshade.solver.aim import Aim
-from sshade.solver.boxes import distances
 from sshade.solver.constraints import ConstraintReport, enclosed_volume
 from sshade.solver.local_global import solve
 from sshade.solver.solution import Solution

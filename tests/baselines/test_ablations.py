@@ -15,9 +15,9 @@ from baselines.ablations.replaced import (
 from sshade import Handles, deform
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.rigid import rigid_motion
-from sshade.method.regions import HandleRegions
 from sshade.proxy.projection import project_to_fans
 from sshade.proxy.sample import proxy_mesh, sample_proxy
+from sshade.regions.handle_regions import HandleRegions
 from tests.shapes import bumpy, folded, held_ends
 
 

@@ -9,7 +9,7 @@ beside the as-rigid-as-possible energy. The area of vertex i is a_i, t its dista
 R_i its rotation, which both energies share. A relative change of the thickness costs as much as the same
 strain of the surface, at any scale and resolution.
 
-See :mod:`sshade.solver.boxes` for opposite vertices.
+See :mod:`sshade.mesh.boxes` for opposite vertices.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import Self
 import numpy as np
 
 from sshade.core.kernels import kernel
+from sshade.mesh.boxes import opposite_vertices
 from sshade.problem.options import Options
 from sshade.solver.bound_handles import BoundHandles
-from sshade.solver.boxes import opposite_vertices
 from sshade.solver.ordered_mesh import Order, OrderedMesh
 from sshade.solver.terms.term import Term
 

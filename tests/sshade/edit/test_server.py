@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sshade.edit.server import PAGE, Server
-from sshade.method.quality import quality
+from sshade.mesh.quality import quality
 from tests.sshade.edit.lent import ask, command, lent, whole
 from tests.sshade.edit.sessions import BODY, HIGH, LOW, begun
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 from sshade import DeformationTask, Handles, InputError, Mesh, deform
-from sshade.method.dense_handles import interpolate_handles
-from sshade.method.interpolation import fit_splines, interpolate, neighbours
-from sshade.method.regions import are_dense
+from sshade.interpolation.dense_handles import are_dense, interpolate_handles
+from sshade.interpolation.splines import fit_splines, interpolate, neighbours
 from tests.shapes import bent, beside, icosphere, rotation
 
 BODY = Mesh(icosphere(4).V * [2.0, 1.0, 0.7], icosphere(4).F)

@@ -3,8 +3,8 @@ import pytest
 
 from baselines.accelerated import local_global
 from sshade import DeformationTask, Handles, Mesh
-from sshade.method.regions import edge_vertices
 from sshade.problem.options import PRESETS, SOLVER
+from sshade.regions.handle_regions import edge_vertices
 from tests.shapes import bumpy, end_handles
 from tests.sshade.method.calls import fast, fine
 

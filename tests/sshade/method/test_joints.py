@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from eval.metrics import measure
 from sshade import DeformationTask, Deformer, deform
-from sshade.solver.boxes import distances, opposite_vertices
+from sshade.mesh.boxes import distances, opposite_vertices
 from sshade.solver.constraints import PRESSURE
 from sshade.solver.joints import BAND, MARGIN, hold
 from tests.shapes import bumpy, end_handles, icosphere, jittered, moved_parts, strip, tube

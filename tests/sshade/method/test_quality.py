@@ -5,9 +5,9 @@ import pytest
 
 from eval.metrics.shape import intersecting_faces
 from sshade import Mesh
+from sshade.mesh.crossings import crossing_faces
+from sshade.mesh.quality import quality, worst
 from sshade.method import quality as module
-from sshade.method.quality import quality, worst
-from sshade.solver.crossings import crossing_faces
 from tests.shapes import beside, bumpy, icosphere, shifted, tube
 
 BODY = bumpy(3)

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from sshade import DeformationTask, Deformer, Handles, InputError, Mesh
 from sshade.mesh.adjacency import vertex_graph
-from sshade.method.normal_shift import shifted
-from sshade.method.regions import HandleRegions, edge_vertices
+from sshade.regions.handle_regions import HandleRegions, edge_vertices
+from sshade.regions.normal_shift import shifted
 from tests.shapes import bumpy, jittered, moved_parts, rotation, strip, tube
 from tests.sshade.method.calls import fast, fine, paper
 

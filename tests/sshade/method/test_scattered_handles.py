@@ -7,7 +7,7 @@ from eval.metrics.deformed import Deformed
 from sshade import DeformationTask, Handles
 from sshade.mesh.adjacency import vertex_graph
 from sshade.mesh.harmonic import SHORT
-from sshade.method.regions import HandleRegions
+from sshade.regions.handle_regions import HandleRegions
 from tests.shapes import bumpy, moved_parts
 from tests.sshade.method.calls import fast, fine
 

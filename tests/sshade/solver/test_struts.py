@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import sshade
 from sshade import DeformationTask, Deformer, Mesh
-from sshade.solver.boxes import opposite_vertices
+from sshade.mesh.boxes import opposite_vertices
 from tests.shapes import moved_parts, tube
 
 

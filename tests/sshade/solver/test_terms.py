@@ -12,10 +12,10 @@ import pytest
 from scipy.sparse import diags_array
 from scipy.spatial.transform import Rotation
 
+from sshade.mesh.boxes import opposite_vertices
 from sshade.problem.options import Options, described
 from sshade.solver.aim import Aim
 from sshade.solver.bound_handles import BoundHandles
-from sshade.solver.boxes import opposite_vertices
 from sshade.solver.laplacian import edge_weights, half_cotangents, laplacian_matrix
 from sshade.solver.ordered_mesh import OrderedMesh
 from sshade.solver.system import System, assembled

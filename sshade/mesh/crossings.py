@@ -6,7 +6,7 @@ import numpy as np
 
 from sshade.core.kernels import kernel, subroutine
 from sshade.core.threads import SMALL, ThreadTeam, available_cpus
-from sshade.solver.boxes import EACH, Boxes, enclose
+from sshade.mesh.boxes import EACH, Boxes, enclose
 
 #: Number of boxes of faces that a thread works on at a time.
 ROWS = 256

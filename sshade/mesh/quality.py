@@ -13,8 +13,8 @@ import numpy as np
 
 from sshade.core.errors import counted
 from sshade.core.kernels import kernel, subroutine
+from sshade.mesh.crossings import crossing_faces
 from sshade.mesh.mesh import Mesh
-from sshade.solver.crossings import crossing_faces
 
 #: Largest number of faces of a mesh whose own intersections are counted.
 WHOLE = 60_000

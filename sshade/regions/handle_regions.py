@@ -6,31 +6,28 @@ keeps one sample for every nine outside. The samples inside determine the motion
 region. Samples that are handle vertices are the proxy's handles; up to a quarter of all samples lie on edges.
 
 In the end every hard handle vertex goes to its target, and the surface beside it follows
-(:mod:`sshade.method.region_edges`). The volume of M' is corrected.
+(:mod:`sshade.regions.region_edges`). The volume of M' is corrected.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
-from sshade.core.errors import InputError
 from sshade.mesh.adjacency import VertexGraph
 from sshade.mesh.incidence import flagged, numbered
 from sshade.mesh.mesh import Mesh
-from sshade.method.normal_shift import shifted
-from sshade.method.region_edges import RegionEdges
 from sshade.problem.facts import Facts
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.task import DeformationResult, DeformationTask
 from sshade.proxy.fronts import thinned
-from sshade.proxy.sample import Sampling, proxy_vertices, sample_proxy
+from sshade.proxy.sample import proxy_vertices
+from sshade.regions.normal_shift import shifted
+from sshade.regions.region_edges import RegionEdges
 from sshade.solver.constraints import ROUNDING, enclosed_volume
 
 #: Length of an edge between handle vertices in the sampling, as a fraction of its length.
@@ -39,10 +36,6 @@ INSIDE = 1 / 3
 EDGE_RATIO, EDGE_SAMPLES = 4, 100
 #: Largest move of a vertex by the volume correction, in distances between samples.
 SHIFT = 0.1
-#: Number of vertices at which the distance to the handles is measured, and the quantile of their area.
-PROBES, NEARLY_ALL = 20_000, 0.95
-#: Distance to the nearest handle up to which handles are dense, as a fraction of the square root of the area.
-DENSE = 0.05
 
 
 class HandleRegions:
@@ -197,59 +190,6 @@ class HandleRegions:
         return self._mesh.F.astype(np.uint32)
 
 
-class Placement:
-    """Places handles of M on a proxy N, by a function of the handles."""
-
-    def __init__(self, place: Callable[[Handles], Handles]) -> None:
-        self._place = place
-
-    def __call__(self, handles: Handles) -> Handles:
-        """Return handles of N.
-
-        Raises
-        ------
-        InputError
-            Where the handles cannot be placed on N.
-        """
-        placed = self._place(handles)
-        if handles.prescribed_rotations and not placed.prescribed_rotations:
-            raise InputError("no handle with a rotation is a vertex of the proxy; raise the option vertices")
-        return placed
-
-    def learn(self, handles: Handles, V: np.ndarray) -> float:
-        """Correct later placements for where M' (n, 3) missed the targets; return the largest distance."""
-        return 0.0
-
-    def forget(self) -> None:
-        """End the corrections."""
-
-
-#: Samples a mesh: ``sample(mesh, regions, seed)``.
-Sampler = Callable[[Mesh, HandleRegions, tuple[int, int]], tuple[Sampling, Placement]]
-
-
-def sample_with_handles(
-    mesh: Mesh, regions: HandleRegions, seed: tuple[int, int]
-) -> tuple[Sampling, Placement]:
-    """Sample M with its handle vertices first, so that they are vertices and handles of N.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    regions : HandleRegions
-    seed : (int, int)
-
-    Raises
-    ------
-    InputError
-        See :func:`sshade.proxy.sample.sample_proxy`.
-    """
-    sampling = sample_proxy(mesh, regions.vertices, first=regions.first, seed=seed, graph=regions.metric)
-    number = regions.number[sampling.samples]
-    on = np.flatnonzero(number >= 0)
-    return sampling, Placement(lambda handles: handles.sampled(number[on], on, mesh.V))
-
-
 def edge_vertices(mesh: Mesh, index: np.ndarray) -> np.ndarray:
     """Return the handle vertices of `index` (h,) that have a neighbour without a handle."""
     handle = flagged(index, mesh.n)
@@ -268,35 +208,6 @@ def has_regions(mesh: Mesh, index: np.ndarray, options: Options) -> bool:
 def _are_regions(edge: int, handles: int, vertices: int) -> bool:
     """Whether handles are regions, for the numbers of edge handles, of all handles and of proxy vertices."""
     return 2 * edge < handles or 2 * handles > vertices
-
-
-def are_dense(task: DeformationTask) -> bool:
-    """Whether nearly all of the surface is near handles of a kind that can be interpolated.
-
-    Regions, whose handles are mostly inside of the region, are not dense handles.
-    """
-    handles, mesh = task.handles, task.mesh
-    if not mesh.area or not hard_positions_alone(task):
-        return False
-    if 2 * len(edge_vertices(mesh, handles.index)) < len(handles):
-        return False
-    return distance_to_handles(task) <= DENSE * float(np.sqrt(mesh.area))
-
-
-def hard_positions_alone(task: DeformationTask) -> bool:
-    """Whether all handles are hard and none has a rotation."""
-    handles = task.handles
-    return handles.prescribed_rotations is None and bool(handles.hard.all())
-
-
-def distance_to_handles(task: DeformationTask) -> float:
-    """Return the distance to the nearest handle that nearly all of the surface has at most."""
-    mesh = task.mesh
-    probes = np.linspace(0, mesh.n - 1, min(PROBES, mesh.n)).astype(np.int64)
-    distance, _ = cKDTree(mesh.V[task.handles.index]).query(mesh.V[probes])
-    order, area = np.argsort(distance), mesh.vertex_areas[probes]
-    below = np.cumsum(area[order]) / area.sum()
-    return float(distance[order[np.searchsorted(below, NEARLY_ALL)]])
 
 
 def all_on_targets(task: DeformationTask) -> DeformationResult:
