@@ -93,6 +93,7 @@ def write_row(folder: str | os.PathLike[str], row: Row) -> None:
         cells = {name: row[name] for name in in_order(row)}
         # JSON has no infinity, but parameters of methods can be infinite.
         cells |= {name: str(value) for name, value in row.items() if value in _INFINITIES.values()}
+        cells = {printable(name): value for name, value in cells.items()}
         temporary.write_text(json.dumps(cells, indent=1, allow_nan=False) + "\n")
 
 
@@ -111,8 +112,10 @@ def read_row(folder: str | os.PathLike[str]) -> Row | None:
 
 
 def is_scalar(value: Any) -> bool:
-    """Whether a value fits into a cell of a row."""
+    """Whether a value fits into a cell of a row; an integer of more than 64 bits does not."""
     value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, int) and value.bit_length() > 64:
+        return False
     return value is None or isinstance(value, (bool, int, float, str))
 
 

@@ -92,7 +92,7 @@ def attempt_task(
 
     The variable :data:`TIME_LIMIT` tells the method its limit. The method may end itself with a TimeoutError.
     """
-    row = NOTHING | {"env.warmed_up": method.get("warm_up", {}) is not None}
+    row = NOTHING | warmed_up(method)
     try:
         call = _bound(method, kind)
         if row["env.warmed_up"]:
@@ -105,7 +105,7 @@ def attempt_task(
             result = result_of(task, call(task, seed=seed, progress=progress))
             vertices = np.array(result.vertices)  # a copy, which a thread of the method does not know
             times = times_of(perf_counter() - begin, _cpu_seconds() - cpu)
-        return Attempt(row | _facts(result, ours=is_ours(method)) | times, vertices)
+        return Attempt(row | facts_of(result, ours=is_ours(method)) | times, vertices)
     except ImportError as error:
         return Attempt(row | {"status": "skipped", "reason": reason_of(error)})
     except (Ended, Misconfigured):
@@ -120,6 +120,11 @@ def attempt_task(
         if late:
             return Attempt(row | {"status": "timeout", "reason": printable(str(error))})
         return Attempt(row | {"reason": reason_of(error)})
+
+
+def warmed_up(method: Mapping[str, Any]) -> Row:
+    """Return the column that says whether a method has a warm-up."""
+    return {"env.warmed_up": method.get("warm_up", {}) is not None}
 
 
 def _bound(method: Mapping[str, Any], kind: type[Task]) -> Callable[..., DeformationResult]:
@@ -155,7 +160,7 @@ def times_of(seconds: float, cpu: float) -> Row:
     return {"seconds.total": seconds, "seconds.cpu": cpu, "env.cores_used": round(cpu / seconds, 3)}
 
 
-def _facts(result: DeformationResult, *, ours: bool) -> Row:
+def facts_of(result: DeformationResult, *, ours: bool) -> Row:
     """Return the columns of what a method tells.
 
     Raises
