@@ -6,7 +6,7 @@
 # make robustness   tests of bad inputs, kills, fuzzing, reproducibility and coverage at full strength (an hour)
 # make ablations    one change at a time, on two small bodies (a quarter of an hour)
 # make transfers    poses rebuilt and transferred, at 20k and at 170k vertices (half an hour)
-# make gallery      the pictures of the README and of docs/gallery.md (ten minutes)
+# make gallery      the pictures of the README, of docs/gallery.md and docs/applications.md (ten minutes)
 # make update       everything that is generated from the code, after a change of it: the list of kernels, golden values,
 #                   tables and pictures of the pages (two hours, on a machine with Chromium)
 # make verify       the paper's numbers beside yours, on your copies: FAUST=DIR TOSCA=DIR (15 hours for FAUST; go on
@@ -152,6 +152,7 @@ transfers: $(READY) $(FULL)/dataset.json
 gallery: $(READY)
 	$(BIN)/python -m docs.drag
 	$(BIN)/python -m docs.gallery
+	$(BIN)/python -m docs.applications
 
 # Tests that begin with an empty store of kernels call all that the list must have. Those of the list fail until it is
 # written. `check` refuses changed values where no version has risen.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
@@ -48,7 +50,7 @@ def beside_the_paper(experiment: str, results: Path) -> list[list[str]]:
 
 
 def pose_means(path: Path, heading: str, methods: list[str], some: list[str], *, link: str) -> str:
-    """Return the means of a column in each pose, in some poses, and in all, with the paper's numbers last.
+    """Return the means of a column in each pose and in all of them, with the paper's numbers last.
 
     Parameters
     ----------
@@ -58,7 +60,8 @@ def pose_means(path: Path, heading: str, methods: list[str], some: list[str], *,
         Of the column, such as ``volume (%)``.
     methods : list of str
     some : list of str
-        Numbers of the poses that have a mean of their own.
+        Numbers of the poses to show; all without any. The span of the mean follows, over all choices of as
+        many poses with the last of them.
     link : str
         Path from the page to the results.
     """
@@ -66,17 +69,22 @@ def pose_means(path: Path, heading: str, methods: list[str], some: list[str], *,
     rows = valid(next(iter(by_half(read_csv(path)).values())))
     case = [rows["task.name"].map(poses_of(rows)).rename("pose"), rows["task.name"], rows["method.name"]]
     values = numbers(rows, column.source).groupby(case).mean().unstack()[methods].dropna()
-    pose = values.index.get_level_values("pose")
-    lines = {str(name): own for name, own in values.groupby(pose)}
+    number = values.index.get_level_values("pose").str.partition("_").get_level_values(0)
+    shown = values[number.isin(some)] if some else values
+    body = [[str(pose), *map(column.text, own.mean())] for pose, own in shown.groupby("pose")]
+    body.append(["mean", *map(column.text, shown.mean())])
     if some:
-        lines[f"poses {', '.join(some)}"] = values[pose.str.partition("_").get_level_values(0).isin(some)]
-    lines["all"] = values
-    body = [[name, *(column.text(mean) for mean in own.mean())] for name, own in lines.items()]
+        others = sorted({*number} - {some[-1]})
+        sets = [{*chosen, some[-1]} for chosen in combinations(others, len(some) - 1)]
+        spans = pd.DataFrame([values[number.isin(chosen)].mean() for chosen in sets])
+        ends = zip(map(column.text, spans.min()), map(column.text, spans.max()), strict=True)
+        name = f"mean of {len(some)} poses with {some[-1]}, in {len(sets)} choices"
+        body.append([name, *(f"{low} to {high}" for low, high in ends)])
     paper = [numbers_of(path.stem).get(name, {}).get(column.heading) for name in methods]
     body.append(["the paper", *(NONE if number is None else column.text(number) for number in paper)])
     table = markdown_table(["pose", *methods], body, left=["pose"])
     sizes = sorted({rows["task.vertices"].min(), rows["task.vertices"].max()})
-    count = f"{len(values)} cases of {' to '.join(f'{n:,}' for n in sizes)} vertices"
+    count = f"{len(shown)} cases of {' to '.join(f'{n:,}' for n in sizes)} vertices"
     return f"[{path.stem}]({link}/rows/{path.name}): {heading}, {count}.\n\n{table}\n"
 
 
@@ -134,6 +142,6 @@ def _linear(lines: pd.DataFrame) -> str:
     return f"{high / low:.1f} times the vertices ({low:,.0f} to {high:,.0f}) take {text} times as long"
 
 
-def _of_methods(lines: pd.DataFrame, text) -> str:
+def _of_methods(lines: pd.DataFrame, text: Callable[[pd.DataFrame], str]) -> str:
     """Return a text for each method of the paper, as published and with our solver."""
     return ", ".join(f"`{name}` {text(lines[lines['method'] == name])}" for name in ("paper_plain", "paper"))
