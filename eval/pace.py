@@ -2,7 +2,7 @@
 
 A time is the CPU seconds of a call on one CPU. Its unit is the time of a clock, a call of another method: all
 take turns, and the least of several rounds counts. Seconds in which the process needs no CPU, as in a sleep,
-are counted apart.
+are counted apart. Each call has new meshes, and targets moved by a hair.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
+from itertools import count
 from math import inf
 from pathlib import Path
 from threading import Event, Thread, get_native_id
@@ -19,17 +20,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eval.bench.cases import TimedCase, TimedMethod, deformation
+from eval.bench.cases import TimedCase, TimedMethod, deformation, moved
 from eval.bench.drags import TOLERANCE, bound, deformer_options
 from eval.metrics import Task
 from eval.rows.store import VALID
 from eval.run.attempt import attempt
 from eval.run.config import read_choice, resolved, source_of
-from eval.run.run import given
 from eval.run.warmup import warm_up
 from sshade.core.errors import InputError
 from sshade.core.progress import Progress, silent
-from sshade.problem.task import DeformationTask
 
 #: Largest number of rounds.
 ROUNDS = 3
@@ -82,11 +81,12 @@ class Timed(NamedTuple):
         """Return a call for each of the names, in order."""
         method = TimedMethod(self.name, resolved("method", read_choice(self.method)))
         task = _loaded(self.task, self.level)
+        tasks = (moved(task, number) for number in count(1))
         if self.drag:
-            drag = _Drag(deformation(task), deformer_options(method))
+            drag = _Drag(tasks, deformer_options(method))
             return [drag.bind, drag.steps]
         warm_up(method.config, kind=type(task))
-        return [partial(_call, method, task)]
+        return [lambda: _call(method, next(tasks))]
 
 
 def paces(
@@ -137,21 +137,22 @@ def _loaded(task: str, level: int | None) -> Task:
 
 
 def _call(method: TimedMethod, task: Task) -> None:
-    facts = attempt(method.config, given(task), seed=0).facts
+    facts = attempt(method.config, task, seed=0).facts
     if facts["status"] not in VALID:
         raise InputError(f"{method.label} cannot be timed: {facts['reason']}")
 
 
 class _Drag:
-    """A mesh to bind and to drag."""
+    """Meshes to bind and to drag."""
 
-    def __init__(self, task: DeformationTask, options: dict[str, Any]) -> None:
-        self.task = task
+    def __init__(self, tasks: Iterator[Task], options: dict[str, Any]) -> None:
+        self.tasks = tasks
         self.options = options
 
     def bind(self) -> None:
-        """Bind the mesh, whose properties are not known yet."""
-        self.deformer = bound(deformation(given(self.task)), self.options)
+        """Bind the next mesh, whose properties are not known yet."""
+        self.task = deformation(next(self.tasks))
+        self.deformer = bound(self.task, self.options)
 
     def steps(self) -> None:
         """Drag the handles from rest to their targets."""
