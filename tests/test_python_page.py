@@ -30,7 +30,7 @@ SHAPES = {
     "pyvista": {"posed.points": 1e-4, "mesh.points": 1e-3},
     "polyscope": {"moved": 1e-3},
     "Open3D": {"U": 1e-9, "posed.ply": 1e-9},
-    "MeshLab": {"U": 1e-9, "posed.ply": 1e-9, "posed.obj": 1e-5},
+    "MeshLab": {"posed.ply": 1e-9},
     "libigl": {"U": 1e-9, "posed.obj": 1e-5},
     "meshio": {"file.points": 1e-9, "posed.vtu": 1e-9},
 }
