@@ -111,7 +111,7 @@ COLUMNS = (
 HEADLINE = (
     *(
         column
-        for source in ("metric.volume", TRUTH, "metric.edge")
+        for source in ("metric.volume", TRUTH, "metric.edge", "metric.self_intersections")
         for column in COLUMNS
         if column.source == source
     ),

@@ -62,7 +62,7 @@ class ReportCase:
     missing : list of str
         Sentences on parts that cannot be shown.
     pictures : list of dict
-        Name, caption and image (a data URI) of each picture.
+        Name, caption and images (data URIs) of each shape: plain, and in colours.
     width : int
         Width of the pictures in pixels.
     top : float
@@ -74,7 +74,7 @@ class ReportCase:
     rows: list[Row]
     task: Task | None = None
     missing: list[str] = field(default_factory=list)
-    pictures: list[dict[str, str]] = field(default_factory=list)
+    pictures: list[dict[str, Any]] = field(default_factory=list)
     width: int = 0
     top: float = 1.0
     view: dict[str, Any] | None = None
@@ -136,19 +136,26 @@ def show_case(
     if case is None:
         return shown
     shown.task = task = case.task
-    row = row_of(case, camera_of(experiment.name))
+    camera = camera_of(experiment.name)
+    row = row_of(case, camera)
     shown.width, shown.top = round(DIAGONAL * row.width), scales[error_label(task)]
     try:
         for panel in row.panels:
-            image = image_uri(picture_of(panel, row.mesh, width=2 * shown.width, top=shown.top))
-            shown.pictures.append({"name": panel.name, "caption": panel.caption, "image": image})
+            looks = [panel._replace(error=None), panel] if panel.error is not None else [panel]
+            images = [
+                image_uri(picture_of(one, row.mesh, width=2 * shown.width, top=shown.top)) for one in looks
+            ]
+            shown.pictures.append({"name": panel.name, "caption": panel.caption, "images": images})
     except InputError as error:  # the system cannot draw
         shown.missing.append(f"No pictures: {error}.")
     if turnable:
         shapes = [ViewShape(p.name, p.caption, np.asarray(p.shape), p.error) for p in row.panels]
         handles = task.handles if isinstance(task, DeformationTask) else None
-        view = packed_view(task.mesh, shapes, handles=handles, top=shown.top, label=error_label(task))
-        shown.view = view | {"name": task.name}
+        view = packed_view(
+            task.mesh, shapes, handles=handles, top=shown.top, label=error_label(task), camera=camera
+        )
+        shown.view = view | {"name": task.name, "first": row.nearest}
+        shown.view |= {"beside": "rest" if task.truth is None else "true pose"}
     return shown
 
 
@@ -188,6 +195,7 @@ def headline(rows: pd.DataFrame) -> Headline | None:
     columns = {column.source: column for column in HEADLINE if column.heading in found}
     texts = pd.DataFrame({c.heading: found[c.heading].map(c.text) for c in columns.values()})
     lowest = texts.eq({c.heading: c.text(found[c.heading].min()) for c in columns.values()})
+    lowest &= [column.ranked for column in columns.values()]
     sentences = []
     for words, source in (("Nearest to the true pose", TRUTH), ("Fastest", TIME)):
         if source in columns and len(found) > 1:
@@ -196,6 +204,7 @@ def headline(rows: pd.DataFrame) -> Headline | None:
             sentences.append(f"{words}: {' and '.join(best.index)} ({best.iloc[0]} {column.unit}).")
     note = f"Means over {counted(len(comparison.common), 'case', 'cases')}."
     note += " Bold: lowest of a column." if len(found) > 1 else ""
+    note += " crossings: new self-intersections." if "crossings" in found else ""
     if "truth" in found:
         note += " truth: distance to the true pose, % of the bounding-box diagonal."
     note += " EL: change of edge length, % of the longest edge. time: of these runs"
@@ -247,7 +256,6 @@ def write_page(
         sections=sections,
         data=[view.pop("data") for view in views],
         views=views,
-        camera={name: list(axis) for name, axis in camera_of(experiments[0].name)._asdict().items()},
         ramp=plotting.COLOURS,
         three=threejs.source(),
         viewer=plotting.part("viewer.js"),

@@ -1,8 +1,9 @@
 """Show shapes in the browser, or write a page or a picture with -o.
 
 FILES are the mesh, shapes with the same vertices, such as a result, and a handle file. Two landmark files, of
-the rest shape and the target, may replace the handle file. Buttons on the page switch between the shapes.
-Handles are dots, in blue (fixed) and yellow (moved), with pale targets.
+the rest shape and the target, may replace the handle file. Buttons on the page and the key b switch between
+the shapes, w shows the edges, and two shapes may be beside each other. Textures and colours are those of the
+mesh. Handles are dots, in blue (fixed) and yellow (moved), with pale targets.
 
 examples:
   sshade show body.ply
@@ -16,10 +17,11 @@ pip install '.[figures]' in a clone.
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import webbrowser
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sshade.cli.arguments import FORMATS, HANDLES, add_repair, check_outputs, open_mesh, read
 from sshade.cli.correspondence import corresponding
@@ -31,6 +33,10 @@ from sshade.files.by_library import READABLE, check_mesh
 from sshade.files.handle_files import FORMATS as HANDLE_FILES
 from sshade.files.handle_files import is_landmark_file, pose_files, read_handle_file
 from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, draw
+
+if TYPE_CHECKING:
+    from sshade.files.mesh_file import MeshFile
+    from sshade.files.open_shape import OpenShape
 
 #: Suffixes of pages and of pictures.
 PAGES, PICTURES = (".html",), (".png", ".jpg", ".jpeg")
@@ -59,7 +65,7 @@ def command(options: argparse.Namespace) -> int:
     from sshade.files.open_shape import on_shape
 
     options.mesh = meshes[0]
-    _, shape = open_mesh(options)
+    file, shape = open_mesh(options)
     with naming(pose[0] if pose else None):
         handles = None if given is None else on_shape(given, shape)
     poses = {}
@@ -67,24 +73,47 @@ def command(options: argparse.Namespace) -> int:
         V = corresponding(read(path), path, shape, options.mesh)
         name = path.stem if path.stem not in poses else str(path)
         poses[name] = shape.mesh.checked(V, f"file {path}")
-    towards, up = CAMERAS[options.up]
+    camera = CAMERAS[options.up]
     path = options.output
     if path is not None and path.suffix.lower() in PICTURES:
+        towards, up = camera
         plotter = draw(
             shape.mesh, handles, list(poses.values()), colour=options.colour, towards=towards, up=up
         )
         _write_picture(path, plotter)
     else:
         from sshade.plotting.figure import figure_of
+        from sshade.plotting.view import LARGE
 
-        figure = figure_of(shape.mesh, handles, poses, colour=options.colour, towards=towards, up=up)
+        look = {"camera": camera, "size": LARGE, **_dress(file, shape)}
+        figure = figure_of(shape.mesh, handles, poses, colour=options.colour, **look)
         if path is None:
-            path = Path(tempfile.gettempdir(), f"sshade_{options.mesh.stem}.html").absolute()
+            number, name = tempfile.mkstemp(prefix=f"sshade_{options.mesh.stem}_", suffix=".html")
+            os.close(number)
+            path = Path(name)
         figure.save(path)
         if options.output is None and not webbrowser.open(path.as_uri()):
             say("no browser was found; open the page yourself")
     say(str(path))
     return 0
+
+
+def _dress(file: MeshFile, shape: OpenShape) -> dict[str, Any]:
+    """Return the colours and the materials of a mesh file, as far as they can be read."""
+    from sshade.files.skin import has_skin, skin_on
+    from sshade.files.vertex_colours import colours_on
+
+    found: dict[str, Any] = {"colours": colours_on(file.source, shape.surface)}
+    try:
+        if has_skin(file):
+            found["skin"] = skin_on(file, shape.surface)
+            for material in found["skin"].materials:
+                if material.texture is not None:
+                    material.texture()
+    except (InputError, OSError, ValueError, LookupError) as error:
+        say(f"note: {file.source}: textures cannot be shown ({error})")
+        found.pop("skin", None)
+    return found
 
 
 def _sorted(files: list[Path]) -> tuple[list[Path], tuple[Path, ...]]:

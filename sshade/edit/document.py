@@ -12,15 +12,15 @@ import numpy as np
 
 from sshade.core.errors import InputError
 from sshade.core.whole_files import check_output, is_same_file, naming
-from sshade.edit.colours import colours_of
 from sshade.edit.groups import Group, groups_of
-from sshade.edit.skin import DrawnSkin, drawn, has_skin, skin_of
 from sshade.edit.state import EditState
 from sshade.files.by_library import WRITABLE
 from sshade.files.handle_files import read_handle_file
 from sshade.files.meshes import read_file, write_file
 from sshade.files.open_shape import on_shape, open_shape
+from sshade.files.skin import DrawnSkin, has_skin, skin_on
 from sshade.files.task_files import write_handles
+from sshade.files.vertex_colours import colours_on
 from sshade.problem.task import DeformationTask
 
 #: Suffixes of the files that are saved, by content.
@@ -156,13 +156,8 @@ class Document:
 
     @cached_property
     def colours(self) -> np.ndarray | None:
-        """Colours (n, 3) uint8 of the vertices, or None; see :func:`sshade.edit.colours.colours_of`.
-
-        A vertex that a seam doubles has the colour of its first copy.
-        """
-        if (colours := colours_of(self.path)) is None:
-            return None
-        return (255 * colours[self._id].clip(0, 1)).round().astype(np.uint8)
+        """Colours (n, 3) uint8 of the vertices, or None; see :mod:`sshade.files.vertex_colours`."""
+        return colours_on(self.path, self._shape.surface)
 
     @property
     def is_coloured(self) -> bool:
@@ -188,10 +183,7 @@ class Document:
         InputError
             When materials or texture coordinates cannot be read.
         """
-        try:
-            return drawn(skin_of(self.path), self._shape.surface.vertex[self._file.F])
-        except (ValueError, LookupError, TypeError) as error:
-            raise InputError(f"{self.name}: its materials cannot be read ({error})") from error
+        return skin_on(self._file, self._shape.surface)
 
     @property
     def command(self) -> str:

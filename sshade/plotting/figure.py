@@ -25,7 +25,7 @@ from sshade.files.objects import mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, SurfaceFacts, cleaned
 from sshade.plotting import COLOURS, part, style, threejs
-from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, TOWARDS, UP, colour_range, colour_values
+from sshade.plotting.pictures import CAMERAS, COLOUR_LABELS, colour_range, colour_values
 from sshade.plotting.view import ViewShape, packed_view
 from sshade.problem.handles import Handles
 from sshade.problem.task import DeformationResult, DeformationTask, TransferTask
@@ -138,13 +138,12 @@ def plot(
     if mesh is None:
         raise InputError(f"there is no mesh to plot: plot takes {TAKEN}")
     poses = {pose.name: pose.V for pose in _named(scene.poses, names)}
-    towards, upward = CAMERAS[up]
     if values is None:
-        return figure_of(mesh, scene.handles, poses, colour="stretch", towards=towards, up=upward)
+        return figure_of(mesh, scene.handles, poses, colour="stretch", camera=CAMERAS[up])
     colours = scene.values(values)
     shapes = [ViewShape(name, "", V, colours) for name, V in {"rest": mesh.V, **poses}.items()]
     bounds = float(colours.min()), float(colours.max())
-    return _figure(mesh, scene.handles, shapes, bounds, label, towards=towards, up=upward)
+    return _figure(mesh, scene.handles, shapes, bounds, label, camera=CAMERAS[up])
 
 
 def figure_of(
@@ -153,8 +152,7 @@ def figure_of(
     poses: Mapping[str, np.ndarray],
     *,
     colour: str | None = None,
-    towards: Sequence[float] = TOWARDS,
-    up: Sequence[float] = UP,
+    **look: Any,
 ) -> Figure:
     """Return a figure of a rest shape and its poses by name.
 
@@ -165,8 +163,8 @@ def figure_of(
     poses : mapping of (n, 3) float64
     colour : str, optional
         A key of :data:`sshade.plotting.pictures.COLOUR_LABELS`. By default shapes are plain.
-    towards, up : (3,) float
-        Direction to the camera, and upward direction.
+    **look
+        `camera`, `size`, `colours` and `skin` of :func:`sshade.plotting.view.packed_view`.
 
     Raises
     ------
@@ -179,7 +177,7 @@ def figure_of(
         top, label = colour_range(values), COLOUR_LABELS[colour]
         shapes = [shape._replace(values=own) for shape, own in zip(shapes, values, strict=True)]
     rest = ViewShape("rest", "", mesh.V)
-    return _figure(mesh, handles, [rest, *shapes], (0.0, top), label, towards=towards, up=up)
+    return _figure(mesh, handles, [rest, *shapes], (0.0, top), label, **look)
 
 
 def _figure(
@@ -188,14 +186,14 @@ def _figure(
     shapes: Sequence[ViewShape],
     bounds: tuple[float, float],
     label: str,
-    **camera: Sequence[float],
+    **look: Any,
 ) -> Figure:
     if mesh.diagonal == 0:
         raise InputError("all vertices of the mesh coincide; there is nothing to see")
     bottom, top = bounds
     top = top if top > bottom else bottom + max(1.0, abs(bottom))
-    view = packed_view(mesh, shapes, handles=handles, bottom=bottom, top=top, label=label)
-    return Figure(_page(view, camera), " and ".join(shape.name for shape in shapes))
+    view = packed_view(mesh, shapes, handles=handles, bottom=bottom, top=top, label=label, **look)
+    return Figure(_page(view), " and ".join(shape.name for shape in shapes))
 
 
 class _Scene:
@@ -321,10 +319,10 @@ def _named(poses: list[ViewShape], names: Sequence[str]) -> list[ViewShape]:
     return [pose._replace(name=str(name)) for pose, name in zip(poses, chosen, strict=True)]
 
 
-def _page(view: dict[str, Any], camera: Mapping[str, Sequence[float]]) -> str:
+def _page(view: dict[str, Any]) -> str:
     """Return the page of a packed view."""
     data = view.pop("data")
-    cases = json.dumps({"cases": [{**view, "id": "figure", "title": ""}], "camera": camera})
+    cases = json.dumps({"cases": [{**view, "id": "figure", "title": ""}]})
     return Template(part("figure.html")).substitute(
         style=style(),
         view=part("view.html"),

@@ -27,11 +27,20 @@ COLOURS = "magma_r"
 
 #: Default direction from the scene to the camera, and upward direction.
 TOWARDS, UP = (0.5, 0.25, 1.0), (0.0, 1.0, 0.0)
+#: Both directions.
+Camera = tuple[ArrayLike, ArrayLike]
 #: Both directions, by the axis that points up.
-CAMERAS = {"y": (TOWARDS, UP), "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0))}
+CAMERAS: dict[str, Camera] = {
+    "y": (TOWARDS, UP),
+    "z": ((TOWARDS[0], -TOWARDS[2], TOWARDS[1]), (0.0, 0.0, 1.0)),
+}
 
 #: Radius of the sphere of a handle, over the bounding-box diagonal.
 SPHERE = 0.0025
+#: Largest number of handles that are drawn.
+HANDLES = 1500
+#: Radius of the shaft of an arrow, over the bounding-box diagonal.
+SHAFT = 0.0012
 #: What the colours of a shape can show, with the unit.
 COLOUR_LABELS = {
     "stretch": "change of edge length (%)",
@@ -226,13 +235,13 @@ def panel(
     handles : Handles, optional
         Handles, shown at their vertices of `V`.
     targets : bool
-        Also show the targets of dynamic handles, pale and with lines.
+        Also show the targets of dynamic handles, pale, and an arrow for each group.
     """
     import pyvista
 
     surface = pyvista.PolyData.from_regular_faces(V, mesh.F)
     if error is None:
-        plotter.add_mesh(surface, smooth_shading=True, color=BODY)
+        plotter.add_mesh(surface, smooth_shading=True, color=BODY, ambient=0.25, diffuse=0.85)
     else:
         bar_style = {"title": bar, "color": "black", "n_labels": 2, "fmt": "%.3g"}
         bar_place = {"position_x": 0.2, "position_y": 0.01, "width": 0.6, "height": 0.07}
@@ -274,9 +283,25 @@ def _add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, 
             plotter.add_mesh(many, color=colour, ambient=0.5, diffuse=0.6, **options)
 
     moving = handles.dynamic
-    balls(V[handles.index[~moving]], STATIC)
-    balls(V[handles.index[moving]], DYNAMIC)
-    if targets and moving.any():
-        balls(handles.target[moving], DYNAMIC, opacity=0.45)
-        ends = np.stack([V[handles.index[moving]], handles.target[moving]], axis=1).reshape(-1, 3)
-        plotter.add_mesh(pyvista.line_segments_from_points(ends), color=PATH, line_width=1)
+    drawn = some(len(handles))
+    fixed, free = drawn[~moving[drawn]], drawn[moving[drawn]]
+    balls(V[handles.index[fixed]], STATIC)
+    balls(V[handles.index[free]], DYNAMIC)
+    if not targets:
+        return
+    balls(handles.target[free], DYNAMIC, opacity=0.45)
+    for group in np.unique(handles.group[moving]):
+        own = moving & (handles.group == group)
+        begin, target = V[handles.index[own]], handles.target[own]
+        foremost = np.argmax(begin @ (target - begin).mean(axis=0))  # an arrow from the middle is hidden
+        start, end = begin[foremost], target[foremost]
+        if (length := float(np.linalg.norm(end - start))) > SPHERE * size:
+            tip = min(0.3, 12 * SHAFT * size / length)
+            radii = {"shaft_radius": SHAFT * size / length, "tip_radius": 0.4 * tip}
+            arrow = pyvista.Arrow(start=start, direction=end - start, scale=length, tip_length=tip, **radii)
+            plotter.add_mesh(arrow, color=PATH)
+
+
+def some(count: int) -> np.ndarray:
+    """Return numbers of handles to draw: all, or :data:`HANDLES` of them."""
+    return np.unique(np.linspace(0, count - 1, min(count, HANDLES)).astype(np.int64))

@@ -10,18 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sshade.core.errors import InputError
+from sshade.files.skin import DrawnSkin
 from sshade.mesh.clusters import cluster_vertices
 from sshade.mesh.incidence import members
 from sshade.mesh.mesh import Mesh
+from sshade.plotting.pictures import CAMERAS, Camera, some
 from sshade.problem.handles import Handles
 from sshade.proxy.sample import sample_proxy
 
-#: Largest mesh that is shown completely, and number of vertices of larger meshes. Ids fit into 16 bits.
-LIMIT, SAMPLES = 28_000, 20_000
+#: Largest mesh that is shown completely, and number of vertices of larger meshes: of many views, and of one.
+SMALL = LIMIT, SAMPLES = 28_000, 20_000
+LARGE = 300_000, 100_000
 #: Largest number of components that are reduced one by one.
 PARTS = 200
-#: Greatest number of handles that are shown.
-HANDLES = 1500
 
 
 class ViewShape(NamedTuple):
@@ -112,6 +113,10 @@ def packed_view(
     bottom: float = 0.0,
     top: float = 1.0,
     label: str = "",
+    camera: Camera = CAMERAS["y"],
+    size: tuple[int, int] = SMALL,
+    colours: np.ndarray | None = None,
+    skin: DrawnSkin | None = None,
 ) -> dict[str, Any]:
     """Pack the shapes of a mesh with their handles for the script of the view.
 
@@ -123,11 +128,19 @@ def packed_view(
         Of a diagonal above 0.
     shapes : sequence of ViewShape
     handles : Handles, optional
-        At most :data:`HANDLES` of them are shown.
+        At most :data:`sshade.plotting.pictures.HANDLES` of them are shown.
     bottom, top : float
         Values at the ends of the colour scale.
     label : str
         What the colours show.
+    camera : (3,) float and (3,) float
+        Direction to the camera, and upward direction.
+    size : int and int
+        :data:`SMALL` or :data:`LARGE`.
+    colours : (n, 3) uint8, optional
+        Colours of the vertices in the file.
+    skin : DrawnSkin, optional
+        Materials of the file, which a mesh shows that is shown completely.
 
     Returns
     -------
@@ -135,25 +148,30 @@ def packed_view(
         Plain values, and the ``data`` of :func:`pack`.
     """
     count = 0 if handles is None else len(handles)
-    rows = np.unique(np.linspace(0, count - 1, min(count, HANDLES)).astype(np.int64))
+    rows = some(count)
     index = rows if handles is None else handles.index[rows]
-    shown = surface(mesh, keep=index)
+    shown = surface(mesh, keep=index, limit=size[0], samples=size[1])
+    skin = skin if len(shown.samples) == mesh.n else None
     place = np.full(mesh.n, -1)
     place[shown.samples] = np.arange(len(shown.samples))
-    centre, size = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0)), mesh.diagonal
+    centre, scale = 0.5 * (mesh.V.min(axis=0) + mesh.V.max(axis=0)), mesh.diagonal
+    further = [] if colours is None else [colours[shown.samples].astype("u1")]
+    if skin is not None:
+        further += [skin.vertex.astype("<u4"), skin.uv.astype("<f4"), skin.faces.astype("<u4")]
     packed = pack(
-        [(shape.V[shown.samples] - centre) / size for shape in shapes],
+        [(shape.V[shown.samples] - centre) / scale for shape in shapes],
         [None if shape.values is None else shown.mean(shape.values) for shape in shapes],
         shown.faces,
         bottom=bottom,
         top=top,
+        further=further,
     )
     notes = []
     if len(shown.samples) < mesh.n:
         notes.append(f"{len(shown.samples):,} of {mesh.n:,} vertices are shown.")
     if len(rows) < count:
         notes.append(f"{len(rows):,} of {count:,} handles are shown.")
-    targets = np.zeros((0, 3)) if handles is None else (handles.target[rows] - centre) / size
+    targets = np.zeros((0, 3)) if handles is None else (handles.target[rows] - centre) / scale
     return packed | {
         "note": " ".join(notes),
         "vertices": len(shown.samples),
@@ -168,6 +186,25 @@ def packed_view(
         "handles": place[index].tolist(),
         "dynamic": [] if handles is None else handles.dynamic[rows].tolist(),
         "targets": targets.round(6).tolist(),
+        "camera": {"towards": np.asarray(camera[0]).tolist(), "up": np.asarray(camera[1]).tolist()},
+        "painted": colours is not None,
+        "skin": None if skin is None else _materials(skin),
+    }
+
+
+def _materials(skin: DrawnSkin) -> dict[str, Any]:
+    """Return the materials of a skin, with their images as base64."""
+    images = [None if one.texture is None else one.texture() for one in skin.materials]
+    return {
+        "vertices": len(skin.vertex),
+        "runs": skin.runs,
+        "materials": [
+            {
+                "colour": list(map(float, one.colour)),
+                "image": image and base64.b64encode(image).decode("ascii"),
+            }
+            for one, image in zip(skin.materials, images, strict=True)
+        ],
     }
 
 
@@ -178,11 +215,13 @@ def pack(
     *,
     bottom: float = 0.0,
     top: float,
+    further: Sequence[np.ndarray] = (),
 ) -> dict[str, Any]:
     """Pack shapes of one mesh as compressed base64.
 
-    Little-endian: the faces as uint16; then for each shape its positions as uint16 in the bounding box of all
-    shapes, coordinate by coordinate; and its values, if it has some, as uint8 of the range of the colours.
+    Little-endian: the faces as uint32; then for each shape its positions as uint16 in the bounding box of all
+    shapes, coordinate by coordinate; and its values, if it has some, as uint8 of the range of the colours;
+    then `further` arrays. Each array begins at a multiple of four bytes.
 
     Parameters
     ----------
@@ -200,11 +239,12 @@ def pack(
     points = np.concatenate(shapes)
     low = points.min(axis=0)
     span = np.maximum(points.max(axis=0) - low, np.finfo(np.float32).tiny)
-    parts = [np.ascontiguousarray(faces, dtype="<u2").tobytes()]
+    parts = [faces.astype("<u4")]
     for V, value in zip(shapes, values, strict=True):
-        parts.append(np.rint((V - low) / span * 65535).astype("<u2").T.tobytes())
+        parts.append(np.rint((V - low) / span * 65535).astype("<u2").T)
         if value is not None:
             height = np.clip((value - bottom) / (top - bottom), 0, 1)
-            parts.append(np.rint(255 * height).astype("u1").tobytes())
-    packed = gzip.compress(b"".join(parts), compresslevel=9, mtime=0)
+            parts.append(np.rint(255 * height).astype("u1"))
+    filled = (part.tobytes() + bytes(-part.nbytes % 4) for part in (*parts, *further))
+    packed = gzip.compress(b"".join(filled), compresslevel=6, mtime=0)
     return {"low": low.tolist(), "span": span.tolist(), "data": base64.b64encode(packed).decode("ascii")}

@@ -61,12 +61,14 @@ def test_the_headline_names_the_nearest_and_the_fastest_method(page):
     assert found.sentence == "Nearest to the true pose: b< (2.00 %). Fastest: b< (0.25 s)."
     assert found.body[1][:3] == ["b&lt;", "<b>0.50</b>", "<b>2.00</b>"] and "2 at once" in found.note
     # Without a true pose, nothing is said of it.
-    assert page.tables[0][0] == ["method", "volume (%)", "EL (%)", "time (s)"]
+    assert page.tables[0][0] == ["method", "volume (%)", "EL (%)", "crossings", "time (s)"]
 
 
 def test_every_case_has_pictures(page):
-    for name in ("rest", "arap", "learned", "stretching"):
-        assert len(page.images[name]) == 2 and page.images[name][0].startswith("data:image/webp")
+    for name in ("rest", "arap", "learned", "stretching"):  # plain in both cases, and results in colours
+        assert len(page.images[name]) == (2 if name == "rest" else 4) and page.images[name][0].startswith(
+            "data:image/webp"
+        )
     assert "failing" not in page.images
     assert "time against the distance to the true pose" not in page.images  # there is no true pose
 
@@ -82,11 +84,12 @@ def test_failures_have_their_reasons(page):
 
 def test_the_view_holds_every_shape(page):
     cases = json.loads(re.search(r'id="turn-cases"[^>]*>(.*?)</script>', page.text, re.S)[1])
-    assert cases["camera"] == {"towards": [1, 0, 0.2], "up": [0, 0, 1]}
     assert [case["name"] for case in cases["cases"]] == ["bumpy_10", "bumpy_40"]
     (top,) = {case["top"] for case in cases["cases"]}  # one scale, which is printed once
     assert page.text.count(f'<span class="ramp"></span><span>{top:.2g}</span>') == 1 and top > 10
     for case in cases["cases"]:
+        assert case["camera"] == {"towards": [1, 0, 0.2], "up": [0, 0, 1]}
+        assert (case["first"], case["beside"]) == ("learned", "rest")  # the nearest one beside what is known
         assert [shape["name"] for shape in case["shapes"]] == ["rest", "arap", "learned", "stretching"]
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from sshade.edit.colours import colours_of
 from sshade.edit.document import Document
 from sshade.files.meshes import write_mesh
+from sshade.files.vertex_colours import colours_of
 from tests.shapes import icosphere
 from tests.write import columns, mesh_ply, obj, rows
 

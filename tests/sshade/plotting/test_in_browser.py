@@ -21,8 +21,22 @@ def test_a_result_draws_switches_and_turns_without_a_network(browser, tmp_path):
         first = pixels(view)
         assert 0.02 < (first[4:-4, 4:-4] < 235).any(axis=2).mean() < 0.9
         assert frame.locator("#turn-label").inner_text() == "change of edge length (%)"
-        frame.get_by_text("rest", exact=True).click()
+        frame.locator("#turn-shapes").get_by_text("rest", exact=True).click()
         assert changed(first, rest := pixels(view)) > 0.02
+        page.keyboard.press("b")  # the other shape
+        assert changed(first, pixels(view)) < 0.001
+        frame.get_by_label("beside").select_option("rest")
+        middle = pixels(view).shape[1] // 2
+        both = [
+            (half[4:-4, 4:-4] < 235).any(axis=2).mean()
+            for half in np.split(pixels(view)[:, : 2 * middle], 2, 1)
+        ]
+        assert min(both) > 0.02
+        frame.get_by_label("beside").select_option("nothing")
+        page.keyboard.press("b")
+        page.keyboard.press("w")
+        assert changed(rest, pixels(view)) > 0.02  # edges
+        page.keyboard.press("w")
         frame.get_by_label("handles").uncheck()
         assert np.ptp(pixels(view)[4:-4, 4:-4], axis=2).max() < 60 < np.ptp(rest[4:-4, 4:-4], axis=2).max()
         box = view.bounding_box()

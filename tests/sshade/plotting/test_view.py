@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sshade import Handles, Mesh
+from sshade.plotting import pictures
 from sshade.plotting import view as module
 from sshade.plotting.view import ViewShape, pack, packed_view, surface
 from tests.shapes import beside, bumpy, icosphere, shifted
@@ -35,13 +36,13 @@ def test_packed_shapes_come_back_to_their_precision():
     assert packed == pack(shapes, [None, error], mesh.F, top=10.0)
     data = gzip.decompress(base64.b64decode(packed["data"]))
     n, m = mesh.n, mesh.m
-    assert len(data) == 6 * m + 2 * 6 * n + n
-    assert np.array_equal(np.frombuffer(data, "<u2", 3 * m).reshape(-1, 3), mesh.F)
+    assert len(data) == 12 * m + 2 * 6 * n + -(-n // 4) * 4 and n % 2 == 0
+    assert np.array_equal(np.frombuffer(data, "<u4", 3 * m).reshape(-1, 3), mesh.F)
     low, span = np.array(packed["low"]), np.array(packed["span"])
     for k, V in enumerate(shapes):
-        stored = np.frombuffer(data, "<u2", 3 * n, offset=6 * m + 6 * n * k).reshape(3, n).T
+        stored = np.frombuffer(data, "<u2", 3 * n, offset=12 * m + 6 * n * k).reshape(3, n).T
         assert (np.abs(low + span * stored / 65535 - V) <= 0.5001 * span / 65535).all()
-    stored = np.frombuffer(data, "u1", offset=6 * m + 12 * n).astype(float)
+    stored = np.frombuffer(data, "u1", n, offset=12 * m + 12 * n).astype(float)
     assert np.abs(10 * stored / 255 - np.minimum(error, 10)).max() <= 0.5001 * 10 / 255
 
 
@@ -72,11 +73,10 @@ def test_components_that_touch_stay_apart_and_small_ones_whole():
 
 
 def test_a_view_says_what_it_leaves_out(monkeypatch):
-    monkeypatch.setattr(module, "HANDLES", 20)
+    monkeypatch.setattr(pictures, "HANDLES", 20)
     mesh = bumpy(3)
     handles = Handles(np.arange(50), mesh.V[:50] + [0, 0, 1], dynamic=np.arange(50) > 25)
-    monkeypatch.setattr(module.surface, "__kwdefaults__", {"limit": 600, "samples": 150})
-    facts = packed_view(mesh, [ViewShape("rest", "", mesh.V)], handles=handles, label="x")
+    facts = packed_view(mesh, [ViewShape("rest", "", mesh.V)], handles=handles, label="x", size=(600, 150))
     assert facts["note"] == f"{facts['vertices']} of 642 vertices are shown. 20 of 50 handles are shown."
     assert len(facts["handles"]) == len(facts["dynamic"]) == len(facts["targets"]) == 20
     assert np.abs(np.array(facts["low"]) + np.array(facts["span"]) / 2).max() < 0.01  # about the centre

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.edit.materials import srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import accessor_bytes
+from sshade.files.materials import srgb
 from sshade.files.numbers_in_text import key_of
 from sshade.files.obj import words_of
 from sshade.files.ply import parsed
+from sshade.mesh.surface import Surface
 
 #: Names of the colours of vertices in PLY files.
 _PLY = ("red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue")
@@ -26,6 +27,16 @@ def colours_of(path: Path) -> np.ndarray | None:
     readers = {".ply": _of_ply, ".obj": _of_obj, ".glb": _of_gltf, ".gltf": _of_gltf}
     reader = readers.get(path.suffix.lower())
     return None if reader is None else reader(path)
+
+
+def colours_on(path: Path, surface: Surface) -> np.ndarray | None:
+    """Return the colours (n, 3) uint8 of the vertices of the surface in a file, or None; see above.
+
+    A vertex that a seam doubles has the colour of its first copy.
+    """
+    if (colours := colours_of(path)) is None:
+        return None
+    return (255 * colours[surface.original].clip(0, 1)).round().astype(np.uint8)
 
 
 def _of_ply(path: Path) -> np.ndarray | None:

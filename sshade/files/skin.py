@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sshade.edit.gltf_materials import gltf_skin
-from sshade.edit.materials import Material, Skin
-from sshade.edit.obj_materials import obj_skin
+from sshade.core.errors import InputError
+from sshade.files.gltf_materials import gltf_skin
+from sshade.files.materials import Material, Skin
 from sshade.files.mesh_file import MORPHS, MeshFile
+from sshade.files.obj_materials import obj_skin
 from sshade.mesh.mesh import repeats_vertex
+from sshade.mesh.surface import Surface
 
 
 class DrawnSkin(NamedTuple):
@@ -27,7 +29,7 @@ class DrawnSkin(NamedTuple):
         Triangles, by material.
     runs : list of (int, int, int)
         First triangle, number of triangles, and place in `materials`.
-    materials : list of sshade.edit.materials.Material
+    materials : list of sshade.files.materials.Material
     """
 
     vertex: np.ndarray
@@ -47,12 +49,26 @@ def skin_of(path: Path) -> Skin:
     return obj_skin(path) if path.suffix.lower() == ".obj" else gltf_skin(path)
 
 
+def skin_on(file: MeshFile, surface: Surface) -> DrawnSkin:
+    """Return the materials of a file for the surface in it, ready to be drawn.
+
+    Raises
+    ------
+    InputError
+        When materials or texture coordinates cannot be read.
+    """
+    try:
+        return drawn(skin_of(file.source), surface.vertex[file.F])
+    except (ValueError, LookupError, TypeError) as error:
+        raise InputError(f"{file.source.name}: its materials cannot be read ({error})") from error
+
+
 def drawn(skin: Skin, F: np.ndarray) -> DrawnSkin:
     """Prepare the materials of a file for drawing.
 
     Parameters
     ----------
-    skin : sshade.edit.materials.Skin
+    skin : sshade.files.materials.Skin
     F : (m, 3) int64
         Vertices of the mesh at the corners of the file's triangles; -1 where the mesh has none.
     """

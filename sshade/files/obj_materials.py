@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sshade.edit.materials import Material, Skin
 from sshade.files.libraries import rest_of, texture_name
+from sshade.files.materials import Material, Skin
 from sshade.files.mesh_file import beside
 from sshade.files.numbers_in_text import key_of
 from sshade.files.obj import faces_of, words_of

@@ -10,9 +10,9 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from sshade.edit.materials import Material, Skin, srgb
 from sshade.files.gltf import shown_primitives
 from sshade.files.gltf_scene import Gltf, is_embedded
+from sshade.files.materials import Material, Skin, srgb
 from sshade.files.mesh_file import beside
 
 
