@@ -209,7 +209,6 @@ def sample_nearest_to_handles(
         )
         mean = np.stack([np.bincount(inverse, moved[:, c]) for c in range(3)], axis=1) / count[:, None]
         dynamic = np.bincount(inverse, handles.dynamic) > 0
-        merged = len(sample) - len(index)
-        return Handles(index, mean, dynamic=dynamic, group=handles.group[first], merged=merged)
+        return Handles(index, mean, dynamic=dynamic, group=handles.group[first])
 
     return sampling, Placement(place)

@@ -79,8 +79,8 @@ def _selected(handles: Handles, chosen: np.ndarray) -> Handles:
         target=handles.target[chosen],
         dynamic=handles.dynamic[chosen],
         group=handles.group[chosen],
-        snap_distance=handles.snap_distance[chosen],
         weight=handles.weight[chosen],
+        snap=handles.snapping._replace(distance=handles.snapping.distance[chosen]),
     )
 
 

@@ -242,8 +242,8 @@ def _deformation(case: StoredCase, *, kind: Kind, raw: bool, truth: bool) -> Def
             "handles": kind,
             "n_static": int((~handles.dynamic).sum()),
             "n_dynamic": int(handles.dynamic.sum()),
-            "snap_max": float(handles.snap_distance.max()),
-            "merged": int(handles.merged),
+            "snap_max": float(handles.snapping.distance.max()),
+            "merged": handles.snapping.merged,
             "raw": raw,
         },
     )

@@ -162,8 +162,8 @@ def identity(config: RunConfig, task: Task) -> Row:
     if isinstance(task, DeformationTask):
         handles = task.handles
         row |= {"task.handles": len(handles), "task.dynamic": int(handles.dynamic.sum())}
-        row["task.merged"] = handles.merged
-        row["task.snap_max"] = float(handles.snap_distance.max()) / task.mesh.diagonal
+        row["task.merged"] = handles.snapping.merged
+        row["task.snap_max"] = float(handles.snapping.distance.max()) / task.mesh.diagonal
     else:
         row["task.kind"] = TRANSFER
     row |= meta_facts(task)

@@ -92,7 +92,7 @@ def tell(
     if error > max(MISSED, 2 * moved):
         advice = "; --method fast puts handles exactly at their targets" if options.method == "paper" else ""
         say(f"warning: a handle is {_percent(error)} away from its target{advice}")
-    snap = max(float(handles.snap_distance.max()) for handles in poses)
+    snap = max(float(handles.snapping.distance.max()) for handles in poses)
     dense = options.method != "interpolate" and are_dense(task)
     worst = max(filter(None, gaps), key=lambda gap: gap.distance, default=None)
     if worst is not None:  # it is the gap of parts that touched, with names
@@ -264,9 +264,9 @@ def handle_notes(
             f"{counted(len(ids), 'handle goes', 'handles go')} far from where neighbours go, which may shred "
             f"the surface: vertex {', '.join(map(str, ids[:NAMED]))}{more}; check the order of the targets"
         )
-    if handles.merge_distance > SAME_TARGET * mesh.diagonal:
-        merged = counted(handles.merged, "position was", "positions were")
-        apart = _percent(handles.merge_distance / mesh.diagonal)
+    if handles.snapping.merge_distance > SAME_TARGET * mesh.diagonal:
+        merged = counted(handles.snapping.merged, "position was", "positions were")
+        apart = _percent(handles.snapping.merge_distance / mesh.diagonal)
         found.append(
             f"{merged} merged with another position of the group at the same vertex; the vertex goes to the "
             f"mean of their targets, at most {apart} from each target"

@@ -21,7 +21,7 @@ from sshade.files.objects import MeshObject, mesh_in
 from sshade.mesh.mesh import Mesh
 from sshade.mesh.surface import Surface, rounding_steps, surface
 from sshade.problem.handle_checks import SAME_TARGET
-from sshade.problem.handles import Handles
+from sshade.problem.handles import Handles, Snapping
 from sshade.problem.registration import implicit_arap_frame
 from sshade.problem.similarity import rotations_partway
 from sshade.problem.snapping import snap_to_vertices, vertices_in
@@ -232,7 +232,7 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) 
     parts = []
     if rows[0]:
         at, target, snap, dynamic, group, weight, R = _columns(rows[0])
-        parts.append(Handles(at, target, dynamic, group, snap, weight, None, R, extent=extent))
+        parts.append(Handles(at, target, dynamic, group, weight, R, extent=extent, snap=Snapping(snap)))
     if rows[1]:
         at, target, _, dynamic, group, weight, R = _columns(rows[1])
         if file.implicit_arap:
@@ -254,12 +254,14 @@ def on_mesh(file: HandleFile, mesh: Mesh, *, vertex: np.ndarray, extent: float) 
         target=joined(part.target for part in parts),
         dynamic=joined(part.dynamic for part in parts),
         group=joined(part.group for part in parts),
-        snap_distance=joined(part.snap_distance for part in parts),
         weight=joined(part.weight for part in parts),
         rotation=None if np.isnan(rotation).all() else rotation,
-        merged=sum(part.merged for part in parts),
-        merge_distance=max(part.merge_distance for part in parts),
         extent=extent,
+        snap=Snapping(
+            joined(part.snapping.distance for part in parts),
+            sum(part.snapping.merged for part in parts),
+            max(part.snapping.merge_distance for part in parts),
+        ),
     )
     return handles if file.amount == 1 else _partway(file, handles, mesh)
 

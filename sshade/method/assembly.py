@@ -450,8 +450,8 @@ class Assembly:
             dynamic=np.concatenate([handles.dynamic[number], np.ones(count, dtype=bool)]),
             group=np.concatenate([handles.group[number], np.full(count, handles.group.max() + 1)]),
             weight=np.concatenate([handles.weight[number], np.full(count, np.inf)]),
-            portion=portion,
             rotation=rotation,
+            area_portion=portion,
         )
 
 

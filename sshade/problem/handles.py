@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import InitVar, dataclass, replace
-from typing import Any
+from dataclasses import KW_ONLY, InitVar, dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,24 @@ from sshade.problem.snapping import EXPLAINED, corrected_targets, merged_by_vert
 
 #: Least area of a soft handle's vertex, as a fraction of the mean vertex area of the mesh.
 LEAST_AREA = 1e-3
+
+
+class Snapping(NamedTuple):
+    """How handles that were given by position came to vertices.
+
+    Attributes
+    ----------
+    distance : (k,) float64
+        Distance from each stored position to its vertex.
+    merged : int
+        Number of handles dropped because another handle of their group has the same vertex.
+    merge_distance : float
+        Largest distance between the target of a merged handle and the target of its vertex.
+    """
+
+    distance: np.ndarray
+    merged: int = 0
+    merge_distance: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,24 +68,20 @@ class Handles:
         True where the handle moves, False where it is fixed; by default True everywhere.
     group : (k,) int, optional
         Landmark or handle region of each handle; by default 0 everywhere.
-    snap_distance : (k,) float64, optional
-        Distance from each stored position to its vertex, as :meth:`from_positions` finds it.
     weight : (k,) float64 or float, optional
         Above 0. Smaller weights let the surface deviate from the targets; inf, the default, is hard.
-    portion : (k,) float64, optional
-        Portion of each soft handle in the area of its group. A task sets it from the mesh.
     rotation : (k, 3, 3) float64, optional
         Prescribed rotations of the surface at the handles; NaN, the default, leaves a rotation free. The
         local step of the solver uses a prescribed rotation in place of R_i. Positions already determine how a
         hard handle region turns; there, prescribed rotations affect the surface beside the border.
-    merged : int
-        Number of handles dropped because another handle of their group has the same vertex.
-    merge_distance : float
-        Largest distance between the target of a merged handle and the target of its vertex.
     extent : float, optional
         Length, by default the diagonal of the bounding box of all targets. Targets of one vertex are equal
         if they differ by at most :data:`sshade.problem.handle_checks.SAME_TARGET` times this length. Give the
         diagonal of the mesh, or more where merged copies of a vertex lie further apart.
+    area_portion : (k,) float64, optional
+        :attr:`portion`, which a task finds from the mesh.
+    snap : Snapping, optional
+        :attr:`snapping`, as :meth:`from_positions` finds it.
 
     Raises
     ------
@@ -81,15 +95,16 @@ class Handles:
     # None only as a parameter; arrays once the object is made.
     dynamic: np.ndarray = None  # type: ignore[assignment]
     group: np.ndarray = None  # type: ignore[assignment]
-    snap_distance: np.ndarray = None  # type: ignore[assignment]
     weight: np.ndarray = None  # type: ignore[assignment]
-    portion: np.ndarray | None = None
     rotation: np.ndarray | None = None
-    merged: int = 0
-    merge_distance: float = 0.0
+    _: KW_ONLY
     extent: InitVar[float | None] = None
+    area_portion: InitVar[np.ndarray | None] = None
+    snap: InitVar[Snapping | None] = None
 
-    def __post_init__(self, extent: float | None) -> None:
+    def __post_init__(
+        self, extent: float | None, area_portion: np.ndarray | None, snap: Snapping | None
+    ) -> None:
         index = checked_index(self.index)
         target, k = checked_target(self.target, index), len(index)
         fields = {
@@ -97,12 +112,13 @@ class Handles:
             "target": target,
             "dynamic": per_handle(self.dynamic, True, bool, k, "dynamic"),
             "group": per_handle(self.group, 0, np.int64, k, "group"),
-            "snap_distance": per_handle(self.snap_distance, 0.0, np.float64, k, "snap_distance"),
             "weight": checked_weight(self.weight, k),
-            "portion": per_handle(self.portion, None, np.float64, k, "portion"),
             "rotation": checked_rotation(self.rotation, k),
+            "_portion": per_handle(area_portion, None, np.float64, k, "area_portion"),
         }
         first = first_of_each(fields, extent)
+        snap = Snapping(np.zeros(k)) if snap is None else snap
+        object.__setattr__(self, "_snapping", snap._replace(distance=snap.distance[first]))
         self._set({name: None if values is None else values[first] for name, values in fields.items()})
 
     def _set(self, fields: Mapping[str, np.ndarray | None]) -> None:
@@ -127,6 +143,16 @@ class Handles:
     def hard(self) -> np.ndarray:
         """(k,) bool: handles at whose targets the deformation ends exactly."""
         return np.isinf(self.weight)
+
+    @property
+    def portion(self) -> np.ndarray | None:
+        """(k,) float64: portion of each soft handle in the area of its group; None before a task."""
+        return vars(self)["_portion"]
+
+    @property
+    def snapping(self) -> Snapping:
+        """How the handles came to their vertices; distances are 0 if they were given by vertex."""
+        return vars(self)["_snapping"]
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -165,7 +191,7 @@ class Handles:
         _, group = np.unique(self.group[soft], return_inverse=True)
         portion = np.ones(len(self))
         portion[soft] = area / np.bincount(group, area)[group]
-        return replace(self, portion=portion)
+        return replace(self, area_portion=portion, snap=self.snapping)
 
     def at(self, target: np.ndarray, rotation: np.ndarray | None = None) -> Handles:
         """Return the same handles with other targets (k, 3) and rotations (k, 3, 3).
@@ -210,9 +236,15 @@ class Handles:
         portion = self.portion
         if portion is not None:
             portion = portion[number] if len(number) == len(self) else self._gathered(portion, number, V)
-        arrays = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
-        some = {name: values[number] for name, values in arrays.items()}
-        return Handles(**{**some, "index": index, "portion": portion})
+        return Handles(
+            index,
+            self.target[number],
+            self.dynamic[number],
+            self.group[number],
+            self.weight[number],
+            None if self.rotation is None else self.rotation[number],
+            area_portion=portion,
+        )
 
     def _gathered(self, portion: np.ndarray, number: np.ndarray, V: np.ndarray) -> np.ndarray:
         """Return the portions (s,) of the remaining handles with those of the handles left out."""
@@ -311,10 +343,8 @@ class Handles:
             target=one.target,
             dynamic=one.largest(moving),
             group=group[one.first],
-            snap_distance=largest,
             weight=one.largest(weight),
             rotation=None if rotation is None else rotation[one.first],
-            merged=k - len(one.first),
-            merge_distance=float(one.distance.max()),
             extent=mesh.diagonal,
+            snap=Snapping(largest, k - len(one.first), float(one.distance.max())),
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -104,7 +103,7 @@ class NearestPlacement(Placement):
         self.rest = self._snapped(rest)
         number = numbered(self.rest.index, proxy.n)
         #: The handle of N that stands for each handle of M, and corrections of the targets of N's handles.
-        self._stands_for, self._farthest = number[nearest], 2 * self.rest.snap_distance
+        self._stands_for, self._farthest = number[nearest], 2 * self.rest.snapping.distance
         self.forget()
 
     def forget(self) -> None:
@@ -114,7 +113,7 @@ class NearestPlacement(Placement):
     def _corrected(self, handles: Handles) -> Handles:
         """Return handles of N at targets corrected for where the last call missed."""
         snapped = self._snapped(handles)
-        return replace(snapped, target=snapped.target + self._shift)
+        return snapped.at(snapped.target + self._shift, snapped.rotation)
 
     def learn(self, handles: Handles, V: np.ndarray) -> float:
         """Correct the targets on N for the distance of M' (n, 3) from the hard handles' targets.

@@ -1,3 +1,5 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,9 @@ def test_tasks_and_results_that_do_not_correspond_are_refused(call, error, words
 def test_repeated_ids_with_one_target_are_kept_once_in_order():
     target = np.array([[1.0, 2, 3], [4, 5, 6], [1 + 1e-15, 2, 3], [7, 8, 9]])
     handles = Handles([8, 3, 8, 5], target, dynamic=[True, False, True, True], group=[0, 1, 2, 3])
-    assert handles.index.tolist() == [8, 3, 5] and handles.hard.all() and handles.merged == 0
+    assert handles.index.tolist() == [8, 3, 5] and handles.hard.all() and handles.snapping.merged == 0
+    names = ["index", "target", "dynamic", "group", "weight", "rotation"]
+    assert [field.name for field in fields(handles)] == names
     assert repr(handles) == "<Handles: 3 vertices, 2 of them moved>"
     assert np.array_equal(handles.target, target[[0, 1, 3]])
     assert handles.dynamic.tolist() == [True, False, True] and handles.group.tolist() == [0, 1, 3]
@@ -84,12 +88,12 @@ def test_handles_of_a_group_on_one_vertex_are_merged_to_their_mean():
     mesh = tetrahedron()
     source = np.array([[0.95, 0, 0], [1.05, 0, 0], [0, 1, 0]])
     handles = Handles.from_positions(mesh, source, source + [0, 0, 2], group=[4, 4, 4])
-    assert handles.index.tolist() == [1, 2] and handles.merged == 1
+    assert handles.index.tolist() == [1, 2] and handles.snapping.merged == 1
     assert np.allclose(handles.target, [[1, 0, 2], [0, 1, 2]], rtol=0, atol=1e-14)
-    assert handles.snap_distance == pytest.approx([0.05, 0.0])
+    assert handles.snapping.distance == pytest.approx([0.05, 0.0])
     target = [[1, 0, 0], [3, 0, 0], [0, 0, 9]]
     raw = Handles.from_positions(mesh, source, target, raw=True, strict=False)
-    assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]] and raw.merge_distance == 1
+    assert raw.target.tolist() == [[2, 0, 0], [0, 0, 9]] and raw.snapping.merge_distance == 1
     with pytest.raises(InputError, match="2 positions of group 0 .* vertex, 1, and contradictory targets"):
         Handles.from_positions(mesh, source, target, raw=True)
 
@@ -119,7 +123,9 @@ def test_handles_far_from_the_mesh_are_refused_with_the_likely_cause(body, chang
 def test_handles_snap_within_a_few_per_cent_of_the_diagonal(body):
     lowest = body.V[[np.argmin(body.V[:, 2])]]
     near, far = (lowest - [0, 0, fraction * body.diagonal] for fraction in (0.049, 0.051))
-    assert Handles.from_positions(body, near, near).snap_distance == pytest.approx([0.049 * body.diagonal])
+    assert Handles.from_positions(body, near, near).snapping.distance == pytest.approx(
+        [0.049 * body.diagonal]
+    )
     with pytest.raises(InputError, match="farther than 0.05 times it"):
         Handles.from_positions(body, far, far)
     # On a coarse mesh a point of a face may be farther from its corners.

@@ -38,9 +38,11 @@ def test_handles_by_position_are_snapped_as_positions_are(here, body):
         Handles.from_positions(body, foot, foot, dynamic=False),
         Handles.from_positions(body, hand, moved),
     ]
-    for name in ("index", "target", "dynamic", "snap_distance"):
+    for name in ("index", "target", "dynamic"):
         expected = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(getattr(handles, name), expected)
+    distances = np.concatenate([part.snapping.distance for part in parts])
+    assert np.array_equal(handles.snapping.distance, distances)
     assert handles.weight.tolist() == [np.inf, np.inf, 3, 3, 3]
     assert handles.group.tolist() == [0, 0, 1, 1, 1]
     raw = placed(body, *entries, raw=True)
