@@ -1,5 +1,6 @@
 """Tables of pages agree with the committed results, links work, and each picture is shown once."""
 
+import pydoc
 import re
 
 import pandas as pd
@@ -62,6 +63,11 @@ def test_names_on_the_code_page_are_in_their_files():
         if not any(re.search(rf"\b{name}\b", (page.parent / place).read_text("utf-8")) for place in places)
     ]
     assert missing == []
+
+
+def test_names_of_the_python_reference_exist():
+    names = re.findall(r"^::: (\S+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.M)
+    assert len(names) > 40 and [name for name in names if pydoc.locate(name) is None] == []
 
 
 def test_the_gallery_has_the_command_and_picture_of_each_example():
