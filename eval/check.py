@@ -32,7 +32,7 @@ import yaml
 from eval import CONFIGURATION
 from eval.metrics import MEASURES, METRICS, Task, measure
 from eval.pace import Pace, Timed, paces
-from eval.rows.files import write_text
+from eval.rows.files import method_files, write_text
 from eval.rows.store import VALID
 from eval.run.attempt import attempt
 from eval.run.config import read_choice, resolved, source_of, task_of, with_truth
@@ -269,9 +269,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Run the sub-command; return its exit code."""
     golden = GoldenFile(GOLDEN)
-    paths = [path.relative_to(CONFIGURATION / "method") for path in CONFIGURATION.glob("method/**/*.yaml")]
-    known = sorted(path.with_suffix("").as_posix() for path in paths)
-    known = [name for name in known if any(case.takes(name) for case in golden.cases)]
+    known = [name for name in method_files() if any(case.takes(name) for case in golden.cases)]
     if unknown := [name for name in options.methods if name not in known]:
         raise InputError(f"there is no method {unknown[0]!r} to check; conf/method has the methods")
     methods = options.methods or known

@@ -7,7 +7,7 @@ MPI-FAUST/training/registrations holds a hundred meshes: ten subjects in ten pos
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -111,6 +111,11 @@ class Faust(OneTemplate):
             "target_poses": list(self.target_poses),
             "landmark_vertices": self.landmark_vertices(0),
         }
+
+    @property
+    def files(self) -> Iterable[Path]:
+        """All registrations in the folder."""
+        return self._files.values()
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """sha256 of each existing file of the subjects, by file name."""

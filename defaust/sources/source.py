@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,11 @@ class Source:
         None if only the regions of the pose are known; InputError if the pose cannot be used.
         """
         raise NotImplementedError
+
+    @property
+    def files(self) -> Iterable[Path]:
+        """All files of meshes in the folder of the source, also those that it does not read."""
+        return ()
 
     def checksums(self, subjects: Sequence[int]) -> Mapping[str, str]:
         """sha256 of each file that the subjects are read from, by file name; InputError if one is missing."""

@@ -33,7 +33,7 @@ from eval.publish.columns import markdown_table
 from eval.rows.files import TIMING, add_out, write_text
 from eval.rows.frame import distinct, numbers, to_frame, write_csv
 from eval.rows.store import Row
-from eval.run.config import check_root, one_each, read_choice, resolved, source_of, task_of
+from eval.run.config import check_root, one_each, read_choice, require_own, resolved, source_of, task_of
 from sshade.core.errors import InputError
 
 #: Kinds of times, the column ``kind`` of rows.
@@ -112,6 +112,8 @@ def read_methods(texts: Iterable[str], *, extrapolate: Sequence[str]) -> list[Ti
     labels = [choice.label for choice in choices]
     if twice := [label for label in labels if labels.count(label) > 1]:
         raise InputError(f"two methods are named {twice[0]!r}; name one of them LABEL={twice[0]}")
+    for choice in choices:
+        require_own(choice.label, choice.name)
     if unknown := [label for label in extrapolate if label not in labels]:
         raise InputError(f"--extrapolate names {unknown[0]}, which is none of the methods")
     return [TimedMethod(c.label, resolved("method", c), c.label in extrapolate) for c in choices]

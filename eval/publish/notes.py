@@ -8,7 +8,6 @@ from functools import cache
 import pandas as pd
 import yaml
 
-from eval import CONFIGURATION
 from eval.metrics import METRICS
 from eval.publish.columns import (
     DEFINITIONS,
@@ -22,6 +21,7 @@ from eval.publish.columns import (
 )
 from eval.publish.comparison import Comparison, subjects_of
 from eval.publish.intervals import LEAST
+from eval.rows.files import method_files
 from eval.rows.frame import distinct, method_order, numbers, of_methods
 from eval.rows.splits import HELD_OUT, TUNING
 from eval.rows.store import VALID
@@ -77,8 +77,8 @@ def version_note(rows: pd.DataFrame) -> str:
 @cache
 def current_versions() -> dict[str, int]:
     """Return the version of each method in conf/method."""
-    paths = (CONFIGURATION / "method").rglob("*.yaml")
-    return {path.stem: yaml.safe_load(path.read_text("utf-8")).get("version", 1) for path in paths}
+    files = method_files().values()
+    return {path.stem: yaml.safe_load(path.read_text("utf-8")).get("version", 1) for path in files}
 
 
 def require_one_version(rows: pd.DataFrame) -> None:

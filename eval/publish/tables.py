@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from eval.publish.columns import Column, markdown_table
+from eval.publish.comparison import RUN
 from eval.publish.notes import require_one_version
 from eval.publish.paper import paper_tables
 from eval.publish.plotting import FIGURES, SUFFIXES
@@ -23,7 +24,7 @@ from eval.publish.summary import Table, make_table, ranks
 from eval.rows.collect import read_experiments
 from eval.rows.files import PUBLISHED, ROWS, ROWS_HELP, add_out, rows_file, write_text, writing
 from eval.rows.frame import newest, numbers, read_csv, write_csv
-from sshade.core.errors import InputError
+from sshade.core.errors import InputError, counted
 
 #: The project's packages. Methods from all other packages belong to users.
 OWN = ("sshade", "baselines", "eval")
@@ -220,8 +221,9 @@ def published_rows(name: str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        Outside of the project's folder; if rows are of no commit or of a modified checkout, mix versions, or
-        are of methods whose code the project does not hold.
+        Outside of the project's folder; if rows are of no commit or of a modified checkout, mix versions,
+        lack cases of the older rows that they replace, or are of methods whose code the project does not
+        hold.
     """
     if not (PUBLISHED / "rows").is_dir():
         raise InputError(f"there is no {PUBLISHED / 'rows'} here; publish from the project's own folder")
@@ -242,8 +244,15 @@ def published_rows(name: str) -> pd.DataFrame:
         )
     rows = pd.concat([read_csv(target), new], ignore_index=True) if target.is_file() else new
     latest = rows.groupby("method.name")["method.version"].transform("max")
-    rows = rows[(rows["method.version"] == latest) & (rows["measures"] == numbers(rows, "measures").max())]
-    rows = newest(rows)
+    of_latest = (rows["method.version"] == latest) & (rows["measures"] == numbers(rows, "measures").max())
+    lost = set(rows[RUN].itertuples(index=False, name=None))
+    lost -= set(rows[RUN][of_latest].itertuples(index=False, name=None))
+    for method, task, _ in sorted(lost)[:1]:
+        raise InputError(
+            f"{path} has a newer version of {method} or of the measures, of which "
+            f"{counted(len(lost), 'run', 'runs')} of the published rows, such as {task}, are missing"
+        )
+    rows = newest(rows[of_latest])
     require_one_version(rows)
     return rows
 

@@ -6,6 +6,7 @@ import argparse
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,15 @@ def read_conf(name: str) -> Any:
     import yaml
 
     return yaml.safe_load((CONFIGURATION / f"{name}.yaml").read_text(encoding="utf-8"))
+
+
+@cache
+def method_files() -> dict[str, Path]:
+    """Return the files of ``conf/method`` by their names there, such as ``transfer/paper``."""
+    folder = CONFIGURATION / "method"
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.yaml"))
+    }
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

@@ -20,7 +20,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eval import CONFIGURATION
 from eval.metrics import Task
-from eval.rows.store import Row
+from eval.rows.files import method_files
+from eval.rows.store import TRUE_POSE, Row
 from eval.run.environment import task_checksum
 from eval.run.targets import check_parameters, instantiate, locate, parameter_hints
 from sshade.core.errors import InputError, meant
@@ -112,7 +113,7 @@ def label_of(config: DictConfig) -> str:
     Raises
     ------
     InputError
-        When the label is empty or a path.
+        When the label is empty, a path, or another method's.
     """
     if config.label is None or config.label == "":
         raise InputError("label is empty; it is the name of the method in tables")
@@ -121,7 +122,15 @@ def label_of(config: DictConfig) -> str:
     label = str(config.label).replace(choice, choice.rpartition("/")[2])
     if "/" in label:
         raise InputError(f"label={label} has a '/'; it is a name in tables, and no path")
+    require_own(label, choice)
     return label
+
+
+def require_own(label: str, method: str) -> None:
+    """Raise InputError if the label of a method is the name of another one, or of the true pose."""
+    others = {name.rpartition("/")[2] for name in method_files()} - {method.rpartition("/")[2]}
+    if label in {TRUE_POSE, *others}:
+        raise InputError(f"the label {label!r} is taken; name {method} otherwise")
 
 
 def check_root(dataset: Mapping[str, Any]) -> None:

@@ -267,6 +267,8 @@ def _require_known(overrides: Sequence[Override], known: set[str], *, folder: st
         root = key.split(".")[0]
         if override.is_delete() and (root in ("method", "dataset", "seed") or key.startswith("run.")):
             raise InputError(f"{override.input_line} deletes a setting that every run needs")
+        if key == "method.version":
+            raise InputError("method.version is set in the method's file, with the change of its results")
         read_later = root in swept  # for each method of the sweep
         read_later |= root == "hydra" and (not override.is_add() or key.startswith(OF_PLUGINS))  # by Hydra
         read_later |= override.is_add() and root in ("method", "dataset")  # by the function

@@ -96,11 +96,10 @@ def test_a_damaged_copy_is_refused_or_its_pose_is_left_out(copy, tmp_path, refus
     assert list_tasks(out) == [(0, 2), (0, 3), (0, 4)]
 
 
-def of_subject(folder, number, subject):
+def of_subject(folder, number, subject, scale=1.0):
     write_faust(folder / "other", subjects=[subject])
-    return (folder / f"other/tr_reg_{10 * subject + number:03d}.ply").rename(
-        folder / f"tr_reg_00{number}.ply"
-    )
+    (folder / f"other/tr_reg_{10 * subject + number:03d}.ply").rename(folder / f"tr_reg_00{number}.ply")
+    changed(folder, number, lambda V: scale * V)
 
 
 def changed(folder, number, change):
@@ -121,6 +120,14 @@ def one_vertex_away(V):
         (lambda folder: changed(folder, 3, lambda V: 1000 * V), "its mean edge is 1e+03 times as long as at"),
         (lambda folder: changed(folder, 3, one_vertex_away), "times as long as at rest: a vertex is out of"),
         (
+            lambda folder: of_subject(folder, 3, 3, 1.03),
+            "subject 0, 3_forearms_raised: its edges are those of",
+        ),
+        (
+            lambda folder: shutil.copy(folder / "tr_reg_003.ply", folder / "tr_reg_008.ply"),
+            "tr_reg_008.ply is a copy of tr_reg_003.ply; take the files again, or build with strict=false",
+        ),
+        (
             lambda folder: shutil.copy(folder / "tr_reg_003.ply", folder / "tr_reg_036.ply"),
             "subject 3, 6_arms_forward: it has the vertices of subject 0, 3_forearms_raised; take the file",
         ),
@@ -129,7 +136,17 @@ def one_vertex_away(V):
             "subject 3, the rest pose: it has the vertices of subject 0, the rest pose; take the file again",
         ),
     ],
-    ids=["another body", "millimetres", "a vertex", "a copied pose", "a subject under two names"],
+    ids=[
+        *(
+            "another body",
+            "millimetres",
+            "a vertex",
+            "a body like it",
+            "a copy nobody reads",
+            "a copied pose",
+        ),
+        "a subject under two names",
+    ],
 )
 def test_a_registration_that_cannot_be_right_is_refused(copy, tmp_path, refused, damage, message):
     damage(copy)

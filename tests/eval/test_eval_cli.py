@@ -1,6 +1,7 @@
 """The Hydra program as users run it: exit codes, one-line errors, sweeps, reruns."""
 
 import logging
+import shlex
 
 import pytest
 from eval_cases import bumpy_task
@@ -150,6 +151,9 @@ REFUSED = {
     "method=arap +method.colour=red": "has no option 'colour'",
     "method=arap method.max_iterations=many": "max_iterations must be a whole number",
     "label=": "label is empty",
+    "method=arap label=fast": "the label 'fast' is taken; name arap otherwise",
+    "method=identity 'label=true pose'": "the label 'true pose' is taken",
+    "method=arap method.version=2": "method.version is set in the method's file",
     "label=mine/a": "label=mine/a has a '/'",
     "method._target_=baselines.arap.magic": "no function 'magic'",
     "method=arap --multirn": "unrecognized arguments: --multirn; did you mean '--multirun'?",
@@ -165,7 +169,7 @@ REFUSED = {
 @pytest.mark.parametrize("arguments", REFUSED)
 def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, arguments):
     (tmp_path / "a_file").touch()
-    done = run_eval(tmp_path, *["dataset=bumpy"] * ("dataset=" not in arguments), *arguments.split(" "))
+    done = run_eval(tmp_path, *["dataset=bumpy"] * ("dataset=" not in arguments), *shlex.split(arguments))
     assert done.returncode == 2 and REFUSED[arguments] in done.stderr
     assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1
     # A row is left only for a value that the method itself refuses.

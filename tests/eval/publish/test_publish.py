@@ -85,9 +85,15 @@ def test_newer_rows_and_versions_take_the_place_of_published_ones(project):
     write_csv("results/rows/tiny.csv", frame(*old))
     new = [clean("a", date="2026-01-02"), clean("b", date="2025-01-01"), clean("c", method__version=2)]
     write_csv("out/rows/tiny.csv", frame(*new))
+    with pytest.raises(
+        InputError, match="newer version of c or of the measures, of which 1 run of .* t2, are"
+    ):
+        call("tables", ["tiny", "--publish"])
+    write_csv("out/rows/tiny.csv", frame(*new, clean("c", "t2", method__version=2)))
     assert call("tables", ["tiny", "--publish"]) == 0
     rows = published()
-    assert sorted(rows) == [(name, "t1") for name in "abcd"]  # the old rows of c would mix with the new one
+    assert sorted(rows) == [*((name, "t1") for name in "abc"), ("c", "t2"), ("d", "t1")]
+    assert {rows["c", task]["method.version"] for task in ("t1", "t2")} == {2}  # older ones would mix with it
     assert [rows[name, "t1"]["date"] for name in "ab"] == ["2026-01-02", "2026-01-01"]
 
 
