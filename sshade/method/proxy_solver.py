@@ -35,7 +35,7 @@ from sshade.proxy.binding import bind_proxy, frame_maker
 from sshade.proxy.sample import proxy_mesh, proxy_vertices
 from sshade.regions.handle_regions import HandleRegions
 from sshade.regions.placement import sample_with_handles
-from sshade.solver.aim import Aim, initial_guess
+from sshade.solver.aim import Aim, initial_guess, largest_pressures
 from sshade.solver.attachment import Attachment
 from sshade.solver.drag import Drag
 from sshade.solver.local_global import BoundSystem, bind_system, solve
@@ -202,8 +202,8 @@ class ProxySolver:
             set_up = partial(bind_system, task, self._options, volume_goal=volume_goal)
             return beside(set_up, size=self._proxy.n)
         targets, fraction = self._attachment.pulls(handles.target, handles.rotation)
-        rotations, yields = handles.prescribed_rotations, self._options.yields
-        aim = Aim(targets, rotations, fraction, volume_goal, yields)
+        pressure = largest_pressures(self._proxy, handles, self._options)
+        aim = Aim(targets, handles.prescribed_rotations, fraction, volume_goal, pressure)
         kept = BoundSystem(self._system, aim)
         return nullcontext(Later(lambda: kept))
 

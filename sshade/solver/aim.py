@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from sshade.core.errors import InputError
+from sshade.mesh.mesh import Mesh
 from sshade.mesh.rigid import rigid_motion
-from sshade.problem.options import Start
+from sshade.problem.handles import Handles
+from sshade.problem.options import Options, Start
 from sshade.problem.task import DeformationTask
 
 #: Distance of the auxiliary points beside a handle with a prescribed rotation, as a fraction of the diagonal.
 BESIDE = 1e-3
+#: Largest pressure of an exact volume and of an exact area. Poses of bodies and animals need up to 0.004 and
+#: 0.013; a handle that pushes a spot out of a surface, and handles that imply another volume, ask for more.
+PRESSURE = 0.012, 0.03
+#: Shares of the area in handles at rest between which the limit of the volume falls to the fraction `LEAST`.
+#: Handle regions of posed bodies have up to 0.08.
+LOCAL, LEAST = (0.15, 0.35), 1e-3
+#: Distance from its place within which a handle is at rest in part, as a fraction of the diagonal.
+RESTING = 0.05
 
 
 @dataclass(frozen=True)
@@ -31,15 +42,31 @@ class Aim:
         solve with one factorisation.
     volume_goal : float
         Volume to reach if the volume is constrained, as a multiple of the volume at rest; positive.
-    yields : bool
-        Whether exact constraints yield beyond :data:`sshade.solver.constraints.PRESSURE`.
+    pressure : (float, float)
+        Largest pressures of an exact volume and an exact area; see :mod:`sshade.solver.constraints`.
     """
 
     targets: np.ndarray
     prescribed: tuple[np.ndarray, np.ndarray] | None = None
     fraction: np.ndarray | None = None
     volume_goal: float = 1.0
-    yields: bool = False
+    pressure: tuple[float, float] = (math.inf, math.inf)
+
+
+def largest_pressures(mesh: Mesh, handles: Handles, options: Options) -> tuple[float, float]:
+    """Return the largest pressures of an exact volume and an exact area.
+
+    They are infinite for a volume goal. In a local edit, where handles at rest fix much of the surface, what
+    the other handles add to the volume would have to sink in between. From the share :data:`LOCAL` of the
+    area on, the limit of the volume therefore falls.
+    """
+    if not options.yields:
+        return math.inf, math.inf
+    moved = np.linalg.norm(handles.target - mesh.V[handles.index], axis=1)
+    at_rest = np.clip(1.0 - moved / (RESTING * mesh.diagonal), 0.0, 1.0)
+    share = float(at_rest @ mesh.vertex_areas[handles.index]) / (mesh.area or 1.0)
+    exact = float(np.clip((LOCAL[1] - share) / (LOCAL[1] - LOCAL[0]), LEAST, 1.0))
+    return exact * PRESSURE[0], PRESSURE[1]
 
 
 def initial_guess(task: DeformationTask, start: Start) -> np.ndarray:

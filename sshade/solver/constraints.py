@@ -10,8 +10,8 @@ constant at convergence, so the directions may belong to an earlier shape. They 
 only, because each direction takes a linear solve.
 
 An exact constraint yields before it fights the handles. Its pressure is its multiplier over the rest area, a
-number without unit. Where a step would need a larger pressure than :data:`PRESSURE`, the constraint pushes
-with this pressure instead and its equation is dropped: the penalty ``2 corners PRESSURE x rest area x |C_q -
+number without unit. Where a step would need more than the largest pressure of an aim, the constraint pushes
+with this pressure instead and its equation is dropped: the penalty ``2 corners pressure x rest area x |C_q -
 1|``, which is exact as long as less pressure is enough.
 
 Iterates before the last one may miss the exact constraints by :data:`NEAR`. The safeguard of the iteration
@@ -49,9 +49,6 @@ EVERY, EVERY_OF_BOTH = 8, 4
 REACHED = 1e-6
 #: Weight of an area that cannot be met exactly, and number of failed steps after which it keeps this weight.
 RELAXED, GIVE_UP = 1.0, 30
-#: Largest pressure of an exact volume and of an exact area. Poses of bodies and animals need up to 0.004 and
-#: 0.013; a handle that pushes a spot out of a surface, and handles that imply another volume, ask for more.
-PRESSURE = 0.012, 0.03
 #: Steps in which constraints are exact in any case. Poses of bodies need more pressure in the first four.
 EARLY = 10
 #: Least volume of a body, as a multiple of area^1.5. A flat body has less, and no volume constraint.
@@ -177,6 +174,8 @@ class Constraints:
     ----------
     yields : (q,) bool
         Exact constraints that push with their largest pressure in the present step.
+    early : bool
+        Whether constraints would yield if the step were not among the first :data:`EARLY` ones.
 
     Raises
     ------
@@ -213,6 +212,7 @@ class Constraints:
         #: Values at the end of the last :meth:`_newton`; None if the last move was not measured.
         self._reached: np.ndarray | None = None
         self.yields = np.zeros(count, dtype=bool)
+        self.early = False
         #: Number of steps taken.
         self._taken = 0
         self.aim(1.0)
@@ -221,12 +221,12 @@ class Constraints:
         """Number of constrained quantities."""
         return len(self._kinds)
 
-    def aim(self, volume_goal: float, *, yields: bool = True) -> None:
+    def aim(self, volume_goal: float, pressure: tuple[float, float] = (math.inf, math.inf)) -> None:
         """Set the goal of the volume, as a multiple of its value at rest; an exact area is tried again.
 
-        With `yields`, exact constraints have a largest pressure, :data:`PRESSURE`.
+        `pressure` has the largest pressures of an exact volume and an exact area.
         """
-        goals, most = np.array([volume_goal, 1.0]), np.array(PRESSURE if yields else (math.inf, math.inf))
+        goals, most = np.array([volume_goal, 1.0]), np.array(pressure)
         self._most = most[self._kinds] * self._area
         self._scale = 1.0 / self._surface.rest[self._kinds] / goals[self._kinds]
         self._lasting = self._weight = self._asked
@@ -330,7 +330,9 @@ class Constraints:
         self._violation = self._newton(P, multiplier, **rough)
         exact = np.isinf(self._weight)
         self._taken += 1
-        self.yields = exact & (np.abs(multiplier) > self._most) & (self._taken > EARLY)
+        above = exact & (np.abs(multiplier) > self._most)
+        self.yields = above & (self._taken > EARLY)
+        self.early = bool(above.any() and not self.yields.any())
         if self.yields.any():
             self._yield(P, multiplier, *saved, rough)
         failed = may_fail and self._violation > REACHED and not self.yields[-1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from sshade.core.threads import ThreadTeam
@@ -212,7 +214,7 @@ class Descent:
     def aim(self, aim: Aim) -> None:
         """Set what the next solve aims at."""
         self.energy.aim(aim)
-        self.aim_volume(aim.volume_goal, yields=aim.yields)
+        self.aim_volume(aim.volume_goal, aim.pressure)
 
     def begin(self, tolerance: float) -> None:
         """Fit the rotations to the present iterate, where a solve with a tolerance begins."""
@@ -264,7 +266,7 @@ class Descent:
             self._linear.solve(B[q], X[q], self._team)
 
     def end_step(self, short: bool) -> bool:
-        return self._linear.end_step(short)
+        return self._linear.end_step(short and not self.constraints.early)
 
     def move(self, *, last: bool) -> None:
         before, accelerated = self._corrected + self._slack, self._advance(last)
@@ -303,10 +305,10 @@ class Descent:
         """
         return self.constraints.restore(self.u, exactly=exactly)
 
-    def aim_volume(self, goal: float, *, yields: bool = False) -> None:
-        """Set the goal of the volume alone, and whether exact constraints may yield."""
+    def aim_volume(self, goal: float, pressure: tuple[float, float] = (math.inf, math.inf)) -> None:
+        """Set the goal of the volume alone, and the largest pressures of exact constraints."""
         self.volume_goal = goal
-        self.constraints.aim(goal, yields=yields)
+        self.constraints.aim(goal, pressure)
 
     def project(self) -> None:
         """Project the iterate onto the exact constraints, along new directions."""

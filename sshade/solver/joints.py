@@ -33,7 +33,7 @@ from sshade.mesh.rotations import fit_rotations, quaternions
 from sshade.problem.handles import Handles
 from sshade.problem.options import Options
 from sshade.problem.stop import Stop
-from sshade.solver.aim import Aim
+from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.constraints import ConstraintReport, enclosed_volume
 from sshade.solver.local_global import solve
 from sshade.solver.solution import Solution
@@ -107,6 +107,7 @@ def with_round_joints(
     stiffness[handles.index] = 0.0
     own = np.flatnonzero(stiffness)
     solid = replace(options, stiffness=1.0, thickness=options.joints)
+    most_volume, most_area = largest_pressures(mesh, handles, options)
     # A volume that has yielded stays as it is; so does an area, as a weight keeps nearly.
     states = pose.constraints
     if states.volume_constraint == "yielding":
@@ -124,7 +125,12 @@ def with_round_joints(
     targets = np.concatenate([handles.target, pose.positions[own]])
     found = solve(
         system,
-        Aim(targets, handles.prescribed_rotations, volume_goal=volume_goal),
+        Aim(
+            targets,
+            handles.prescribed_rotations,
+            volume_goal=volume_goal,
+            pressure=(most_volume / options.stiffness, most_area / options.stiffness),
+        ),
         solid,
         start=pose.positions,
         turned=smooth_rotations(system, pose.rotations),

@@ -23,7 +23,7 @@ from sshade.problem.handle_checks import checked_target
 from sshade.problem.options import Elements, Options
 from sshade.problem.stop import Stop
 from sshade.problem.task import DeformationTask
-from sshade.solver.aim import Aim
+from sshade.solver.aim import Aim, largest_pressures
 from sshade.solver.attachment import Attachment
 from sshade.solver.descent import Descent
 from sshade.solver.quasi_newton import WINDOW
@@ -227,6 +227,6 @@ def bind_system(
         targets,
         task.handles.prescribed_rotations,
         volume_goal=volume_goal,
-        yields=options.yields,
+        pressure=largest_pressures(task.mesh, task.handles, options),
     )
     return BoundSystem(system, aim, perf_counter() - begin)
