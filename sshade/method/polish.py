@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from time import perf_counter
 
 import numpy as np
@@ -134,7 +135,12 @@ def _held_by(task: DeformationTask, proxy: DeformationResult, system: System, ai
         np.concatenate([handles.stiffness, stiffness[own]]),
     )
     targets = np.concatenate([handles.target, proxy.vertices[own]])
-    return system.with_handles(index, stiffness=stiffness), replace(aim, targets=targets)
+    # An exact constraint works against the pull, so that its pressure says nothing of the handles.
+    states = proxy.facts.volume_constraint, proxy.facts.area_constraint
+    yields = ["yielding" in (state or "") for state in states]
+    volume, area = (most if one else inf for most, one in zip(aim.pressure, yields, strict=True))
+    aim = replace(aim, targets=targets, pressure=(volume, area))
+    return system.with_handles(index, stiffness=stiffness), aim
 
 
 def _rotations_near_handles(task: DeformationTask, *, samples: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -23,7 +23,7 @@ PRESSURE = 0.012, 0.03
 #: Handle regions of posed bodies have up to 0.08.
 LOCAL, LEAST = (0.15, 0.35), 1e-3
 #: Distance from its place within which a handle is at rest in part, as a fraction of the diagonal.
-RESTING = 0.05
+RESTING = 0.005
 
 
 @dataclass(frozen=True)
