@@ -91,8 +91,8 @@ def flips(deformed: Deformed) -> float:
 
 @metric("count", "faces that intersect others in M' and not in M")
 def self_intersections(deformed: Deformed) -> float:
-    """Count faces that intersect other faces in M' but not in M; see :mod:`eval.metrics.shape`."""
-    return float(deformed.intersecting.sum())
+    """Count faces that intersect others in M' but not in M (:mod:`eval.metrics.shape`); NaN if scrambled."""
+    return np.nan if deformed.shape.is_scrambled else float(deformed.intersecting.sum())
 
 
 #: Smallest singular value of a face that does not count as collapsed.

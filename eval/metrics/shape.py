@@ -20,6 +20,9 @@ from sshade.mesh.incidence import sides_by_edge
 OPPOSED = -1e-9
 #: Largest ratio of twice the area to the squared longest side at which a face may be a segment or a point.
 THIN = 1e-10
+#: Largest number of pairs of faces with overlapping boxes for which intersections are searched, and number of
+#: faces that the estimate of this number looks at. Poses of bodies have about 10 pairs a face.
+PAIRS, LOOKED_AT = 1e7, 20
 #: Extent of a mesh when its intersections are searched, up to a factor of two.
 SIZE = 2.0**20
 
@@ -175,6 +178,18 @@ class MeasuredShape:
     def intersecting(self) -> np.ndarray:
         """(m,) bool: faces that intersect other faces; see :func:`intersecting_faces`."""
         return intersecting_faces(self.V, self.topology.F)
+
+    @property
+    def is_scrambled(self) -> bool:
+        """Whether so many faces may meet that their intersections would take hours, as of random vertices."""
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        low, high = (end[:, (low < high).any(axis=0)] for end in (low, high))
+        faces = np.linspace(0, low.shape[1] - 1, LOOKED_AT if low.size else 0).astype(int)
+        met = [
+            np.count_nonzero(((high[:, face] >= low.T) & (low[:, face] <= high.T)).all(axis=1))
+            for face in faces
+        ]
+        return sum(met) / LOOKED_AT * low.shape[1] / 2 > PAIRS
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

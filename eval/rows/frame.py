@@ -14,7 +14,7 @@ import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
@@ -46,8 +46,9 @@ def records(rows: pd.DataFrame) -> list[Row]:
 
 
 def numbers(rows: pd.DataFrame, column: str) -> pd.Series:
-    """Return a column as float64, with NaN for missing values and missing columns."""
-    return pd.to_numeric(rows.reindex(columns=[column])[column]).astype(float)
+    """Return a column as float64, with NaN for missing values, missing columns, and texts of methods."""
+    errors: Literal["coerce", "raise"] = "coerce" if column.startswith("extra.") else "raise"
+    return pd.to_numeric(rows.reindex(columns=[column])[column], errors=errors).astype(float)
 
 
 def distinct(rows: pd.DataFrame, column: str) -> list[Any]:

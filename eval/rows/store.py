@@ -139,7 +139,11 @@ def row_problem(row: Any) -> str:
     missing = [name for name in IDENTITY if row.get(name) is None]
     if missing:
         return f"it has no {missing[0]}"
-    return "" if row["status"] in STATUSES else f"its status is {row['status']!r}"
+    if row["status"] not in STATUSES:
+        return f"its status is {row['status']!r}"
+    named = (name for name in row if name.startswith(("metric.", "seconds.")) or name == "iterations")
+    text = next((name for name in named if isinstance(row[name], str)), None)
+    return f"its {text} is {row[text]!r}" if text else ""
 
 
 def require_vertices(folder: str | os.PathLike[str], *, n: int) -> np.ndarray:

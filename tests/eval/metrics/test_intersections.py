@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from eval.metrics import METRICS, Deformed
 from eval.metrics.shape import intersecting_faces
+from sshade import TransferTask
+from tests.shapes import icosphere
 
 TWO = np.array([[0, 1, 2], [3, 4, 5]])
 WALL = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
@@ -71,3 +74,14 @@ def test_intersections_do_not_depend_on_the_unit_of_length():
     assert 30 < found.sum() < 300
     for unit in (1e-9, 1e-6, 0.3, 1e6):
         np.testing.assert_array_equal(intersecting_faces(unit * V, F), found)
+
+
+def test_scrambled_vertices_have_no_count_of_crossings():
+    """Their faces meet 10 million others, more than memory holds on large meshes."""
+    mesh = icosphere(5)
+    scrambled = np.random.default_rng(0).random(mesh.V.shape)
+    found = [
+        METRICS["self_intersections"].function(Deformed(TransferTask("ball", mesh, mesh, mesh.V), V))
+        for V in (mesh.V, 0 * mesh.V, scrambled)
+    ]
+    assert found[:2] == [0, 0] and np.isnan(found[2])

@@ -36,6 +36,7 @@ def test_a_file_that_lost_its_end_is_noticed_wherever_it_was_cut(cut, tmp_path):
     [
         ({"status": "fine"}, "its status is 'fine'"),
         ({"date": ""}, "it has no date"),
+        ({"metric.edge": "small"}, "its metric.edge is 'small'"),
     ],
 )
 def test_rows_that_no_run_wrote_are_refused(tmp_path, changes, words):
