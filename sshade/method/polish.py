@@ -22,6 +22,10 @@ from sshade.solver.quasi_newton import WINDOW_OF_POLISH
 from sshade.solver.solution import Solution
 from sshade.solver.system import System, give_back
 
+#: Stiffness with which the vertices of a cell are pulled together. Below 4, walls wrinkle where they are
+#: compressed.
+PULL = 4.0
+
 
 def set_up(task: DeformationTask, options: Options) -> BoundSystem:
     """Set up the solver of a polish, beside the proxies."""
@@ -46,7 +50,7 @@ def polished(
     (:mod:`sshade.solver.multigrid`), so that time and memory grow like the mesh. A surface hardly resists
     bending, and would leave the pose: a head would sway around a nose that is fixed. Where joints are round,
     every vertex is therefore pulled softly to its place after the proxy. The pull is as strong as the surface
-    over the distance between samples, weaker below and stronger above.
+    over half the distance between samples, weaker below and stronger above.
 
     Parameters
     ----------
@@ -123,11 +127,11 @@ def polished(
 def _held_by(task: DeformationTask, proxy: DeformationResult, system: System, aim: Aim) -> tuple[System, Aim]:
     """Pull every vertex to its place after the proxy, in place of the attachment.
 
-    The vertices of a cell have the stiffness 1 together, so that the pull and the surface balance over the
+    The vertices of a cell have one stiffness together, so that the pull and the surface balance over half the
     distance between samples.
     """
     handles, mesh = task.handles, task.mesh
-    stiffness = proxy.facts.samples * mesh.vertex_areas / mesh.area
+    stiffness = PULL * proxy.facts.samples * mesh.vertex_areas / mesh.area
     stiffness[handles.index] = 0.0
     own = np.flatnonzero(stiffness)
     index, stiffness = (
