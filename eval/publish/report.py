@@ -21,13 +21,13 @@ import numpy as np
 import pandas as pd
 
 from eval.metrics import Task
-from eval.publish.columns import HEADLINE, TIME, TRUTH, begun
+from eval.publish.columns import HEADLINE, begun
 from eval.publish.comparison import compare, means
 from eval.publish.figures import camera_of, chart_of
 from eval.publish.notes import definitions, legend
 from eval.publish.panels import Case, error_label, error_of, picture_of, row_of, task_title, what_to_see
 from eval.publish.plotting import to_svg
-from eval.publish.summary import by_half, make_table
+from eval.publish.summary import Table, by_half, make_table, ranks
 from eval.publish.tables import TIE, printed
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, add_out, write_text
@@ -173,48 +173,48 @@ def svg_uri(figure: Any) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure).encode()).decode('ascii')}"
 
 
-@dataclass
-class Headline:
-    """A table for a first look, in HTML, with a sentence above it and a note below it."""
+def headline(table: Table, rows: pd.DataFrame) -> dict[str, Any] | None:
+    """Return a table for a first look, in HTML, with a sentence and a note; None without a result.
 
-    labels: list[str]
-    body: list[list[str]]
-    sentence: str
-    note: str
-
-
-def headline(rows: pd.DataFrame) -> Headline | None:
-    """Return the headline of an experiment: means over the common cases; None if no method has a result."""
+    Bold are the methods that share the first rank of the whole table.
+    """
     first = next(iter(by_half(rows).values()))
     comparison = compare(first, HEADLINE)
-    found = (
-        means(comparison.values, "method.name").reindex(comparison.ranked).dropna(axis="columns", how="all")
-    )
+    of_methods = means(comparison.values, "method.name").reindex(comparison.ranked)
+    found = of_methods.dropna(axis="columns", how="all")
     if found.empty:
         return None
-    columns = {column.source: column for column in HEADLINE if column.heading in found}
-    texts = pd.DataFrame({c.heading: found[c.heading].map(c.text) for c in columns.values()})
-    lowest = texts.eq({c.heading: c.text(found[c.heading].min()) for c in columns.values()})
-    lowest &= [column.ranked for column in columns.values()]
-    sentences = []
-    for words, source in (("Nearest to the true pose", TRUTH), ("Fastest", TIME)):
-        if source in columns and len(found) > 1:
-            column = columns[source]
-            best = texts[column.heading][lowest[column.heading]]
-            sentences.append(f"{words}: {' and '.join(best.index)} ({best.iloc[0]} {column.unit}).")
+    columns = {column.heading: column for column in HEADLINE if column.heading in found}
+    best = {name: [m for m, place in ranks(table, name).items() if place == 1] for name in table.places}
+
+    def cell(method: str, name: str) -> str:
+        mean = found.at[method, name]
+        text = "n/a" if np.isnan(mean) else columns[name].text(mean)
+        return f"<b>{text}</b>" if method in best.get(name, []) else text
+
+    sentence = ""
+    for words, name in (("Smallest mean distance to the true pose", "truth"), ("Shortest mean time", "time")):
+        if name in found and len(found) > 1:
+            least = found[name].idxmin()
+            sentence += (
+                f" {words}: {least} ({columns[name].text(found.at[least, name])} {columns[name].unit})"
+            )
+            if name == "truth" and best.get(name) != [least]:
+                others = [method for method in best.get(name, []) if method != least]
+                sentence += f"; the cases cannot tell it from {', '.join(others) or 'the other methods'}"
+            sentence += "."
     note = f"Means over {counted(len(comparison.common), 'case', 'cases')}."
-    note += " Bold: lowest of a column." if len(found) > 1 else ""
+    note += " Bold: the first rank of all measures below." if any(best.values()) else ""
     note += " crossings: new self-intersections." if "crossings" in found else ""
-    if "truth" in found:
-        note += " truth: distance to the true pose, % of the bounding-box diagonal."
+    note += " truth: distance to the true pose, % of the bounding-box diagonal." if "truth" in found else ""
     note += " EL: change of edge length, % of the longest edge. time: of these runs"
     at_once = max(distinct(first, "env.jobs"), default=1)
-    note += f", {at_once} at once." if at_once > 1 else "."
-    marked = texts.where(~lowest | (len(found) == 1), "<b>" + texts + "</b>")
-    body = [[html.escape(str(method)), *cells] for method, *cells in marked.itertuples()]
-    return Headline(
-        ["method", *(column.label for column in columns.values())], body, " ".join(sentences), note
-    )
+    return {
+        "labels": ["method", *(column.label for column in columns.values())],
+        "body": [[html.escape(method), *(cell(method, name) for name in columns)] for method in found.index],
+        "sentence": sentence.strip(),
+        "note": note + (f", {at_once} at once." if at_once > 1 else "."),
+    }
 
 
 def write_page(
@@ -305,7 +305,7 @@ def _section(
     progress(experiment.name, len(groups), len(groups))
     return {
         "name": experiment.name,
-        "headline": headline(rows),
+        "headline": headline(table, rows),
         "table": table,
         "slug": re.sub(r"[^a-z0-9]+", "-", experiment.name.lower()),
         "chart": svg_uri(figure) if (figure := chart_of(rows)) else "",

@@ -4,11 +4,13 @@ import json
 import re
 from html import unescape
 
+import numpy as np
 import pytest
 from eval_rows import frame, lost, row
 
 from eval.main import call
 from eval.publish.report import headline
+from eval.publish.summary import make_table
 from eval.rows.frame import read_csv
 
 
@@ -52,14 +54,27 @@ def test_tables_of_the_experiment_and_of_each_case(page, tiny):
     assert of_case[1][1] == f"{numbers['arap', 'bumpy_10']:.2f}"
 
 
-def test_the_headline_names_the_nearest_and_the_fastest_method(page):
-    def runs(method, truth, volume, seconds):
-        changes = {"metric__truth_distance": truth, "metric__volume": volume, "seconds__total": seconds}
-        return [row(method, f"t{i}", env__jobs=2, **changes) for i in range(2)]
+@pytest.mark.parametrize(
+    ("truths", "told", "bold"),
+    [
+        ([2.0] * 9, "", "<b>2.00</b>"),
+        ([2.0, 6.0] * 4, "; the cases cannot tell it from a", "<b>4.00</b>"),
+        ([2.0], "; the cases cannot tell it from the other methods", "2.00"),
+    ],
+)
+def test_the_headline_names_the_nearest_method_unless_the_cases_cannot_tell(page, truths, told, bold):
+    def runs(method, truths, seconds):
+        changes = {"env__jobs": 2, "metric__volume": 1.0, "seconds__total": seconds}
+        return [row(method, f"t/{i}", metric__truth_distance=x, **changes) for i, x in enumerate(truths)]
 
-    found = headline(frame(*runs("a", 3.0, 9.0, 20.0), *runs("b<", 2.0, 0.5, 0.25), lost("c", "t0")))
-    assert found.sentence == "Nearest to the true pose: b< (2.00 %). Fastest: b< (0.25 s)."
-    assert found.body[1][:3] == ["b&lt;", "<b>0.50</b>", "<b>2.00</b>"] and "2 at once" in found.note
+    others = [*runs("a", [4.2] * len(truths), 20.0), *runs("z", [99.0] * len(truths), 20.0), lost("c", "t/0")]
+    rows = frame(*runs("b<", truths, 0.25), *others)
+    found = headline(make_table(rows, title="t"), rows)
+    mean = np.mean(truths)
+    assert found["sentence"] == (
+        f"Smallest mean distance to the true pose: b< ({mean:.2f} %){told}. Shortest mean time: b< (0.25 s)."
+    )
+    assert found["body"][1][0] == "b&lt;" and found["body"][1][2] == bold and "2 at once" in found["note"]
     # Without a true pose, nothing is said of it.
     assert page.tables[0][0] == ["method", "volume (%)", "EL (%)", "crossings", "time (s)"]
 
