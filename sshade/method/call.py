@@ -107,9 +107,9 @@ def deform(
     bc : (k, 3) float64
         Their targets.
     method : {"fast", "fine", "paper", "interpolate"} or callable
-        "fast" solves one proxy. "fine" also polishes the result at full resolution, takes 5 to 35 times as
-        long, and changes edges and angles less, and least with ``volume=0, area=0``. "paper" is the published
-        method with an accelerated solver; ``accelerate=False`` takes the published iterations. "interpolate"
+        "fast" solves one proxy. "fine" also polishes the result at full resolution: it creases less, leaves
+        no dents of samples, and takes two to three times as long. "paper" is the published method with an
+        accelerated solver; ``accelerate=False`` takes the published iterations. "interpolate"
         is for dense handles: it solves for no elastic shape, and takes no options. Any other
         :class:`sshade.Method` is called with the task.
     weight : (k,) float64 or float, optional
