@@ -43,6 +43,12 @@ REBUILT_NOTE = (
 TRANSFERRED_NOTE = (
     "The paper shows pictures of pose transfers and gives their time, about 2 s a mesh, but no errors."
 )
+#: Settings of iterations that a table names, with their words.
+SETTINGS = {
+    "start": "Start of iterations",
+    "tolerance": "Tolerance",
+    "max_iterations": "Cutoff of iterations",
+}
 #: Value of ``task.meta.edit`` of a transfer without an edit.
 UNEDITED = "none"
 #: Largest number of names in a note, and of characters of a reason.
@@ -57,21 +63,28 @@ def shortened(names: Iterable[str]) -> str:
 
 
 def version_note(rows: pd.DataFrame) -> str:
-    """Return the note on the commits of rows, and on versions of methods other than the first.
-
-    The first commit is that of the most lines; the lines of other commits are named.
-    """
+    """Return the note on the commits of rows, and on versions of methods other than the first."""
     started = begun(rows)
-    lines = started["method.name"].groupby(started["env.commit"].map(lambda commit: str(commit)[:8])).unique()
-    first, *others = sorted(lines.items(), key=lambda pair: -len(pair[1])) or [("unknown", [])]
-    commits = [first[0], *(f"{commit} ({', '.join(names)})" for commit, names in others)]
+    commits = values_of_lines(started, "env.commit") or "unknown"
     modified = " (with changes)" if True in distinct(rows, "env.modified") else ""
     versions = of_methods(started).groupby("method.name")["method.version"].max()
     later = [f"{name} {version}" for name, version in versions.items() if version > 1]
     current = current_versions()
     old = [name for name, version in versions.items() if version < current.get(name, 0)]
-    text = f"Commit: {'; '.join(commits)}{modified}. Version of methods: {', '.join(['1', *later])}."
+    text = f"Commit: {commits}{modified}. Version of methods: {', '.join(['1', *later])}."
     return text + (f" Of an older version than today's code: {', '.join(old)}." if old else "")
+
+
+def values_of_lines(rows: pd.DataFrame, column: str) -> str:
+    """Return the value of a column that most lines have, and other values with the names of their lines.
+
+    A text has eight letters, as a commit.
+    """
+    values = rows.reindex(columns=[column])[column].dropna()
+    values = values.map(lambda value: value[:8] if isinstance(value, str) else f"{value:g}")
+    lines = rows["method.name"].groupby(values).unique()
+    first, *others = sorted(lines.items(), key=lambda pair: -len(pair[1])) or [("", [])]
+    return "; ".join([first[0], *(f"{value} ({', '.join(names)})" for value, names in others)])
 
 
 @cache
@@ -150,6 +163,9 @@ def common_notes(rows: pd.DataFrame, *, columns: Sequence[Column]) -> list[str]:
     libraries = [name for name in rows if name.startswith("env.version.")]
     several = {name: found for name in libraries if len(found := distinct(rows, name)) > 1}
     notes += [f"Versions of {name.split('.')[-1]}: {', '.join(found)}." for name, found in several.items()]
+    for name, words in SETTINGS.items():
+        if values := values_of_lines(begun(rows), f"method.{name}"):
+            notes.append(f"{words}: {values}.")
     posed_by = distinct(rows, "task.meta.posed_by")
     notes += [f"The poses come from {', '.join(posed_by)}."] if posed_by else []
     if edits := distinct(rows, "task.meta.edit"):

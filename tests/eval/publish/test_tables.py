@@ -108,11 +108,11 @@ def test_the_true_pose_is_a_line_at_the_foot_that_no_rank_and_no_note_on_runs_kn
     assert "true pose: its rows are not one for each case." in table_of(*rows, *true[1:]).notes
 
 
-def test_lines_of_other_commits_are_named():
-    rows = [
-        row(name, env__commit=commit) for name, commit in (("a", "1" * 9), ("b", "1" * 9), ("c", "2" * 9))
-    ]
-    assert any(note.startswith("Commit: 11111111; 22222222 (c). Version") for note in table_of(*rows).notes)
+def test_lines_of_other_commits_and_settings_are_named():
+    facts = (("a", "1" * 9, "rest"), ("b", "1" * 9, "rigid"), ("c", "2" * 9, "rest"))
+    notes = table_of(*(row(a, env__commit=b, method__start=c) for a, b, c in facts), row("d")).notes
+    assert "Start of iterations: rest; rigid (b)." in notes
+    assert any(note.startswith("Commit: 11111111; 22222222 (c)") for note in notes)
 
 
 def on(method, volumes, **changes):
