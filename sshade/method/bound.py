@@ -426,8 +426,8 @@ class Bound:
         """Deform a part by its proxies, and remember the first of them for :meth:`quality`."""
         piece = self._piece(part)
         result = piece.deform(part.task, stop=stop, out=out, progress=part.progress)
-        if piece.coarse is not None:
-            samples, faces = piece.coarse
+        if piece.first_proxy is not None:
+            samples, faces = piece.first_proxy
             origin = None if self._components is None else self._components.origin(part.component)
             self._proxies.append((samples if origin is None else origin[samples], faces))
         return result

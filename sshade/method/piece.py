@@ -130,7 +130,7 @@ class Piece:
         self._take(handles)
         self.kept: list[Proxy] = []
         #: Samples and faces of the first proxy of the last deformation.
-        self.coarse: tuple[np.ndarray, np.ndarray] | None = None
+        self.first_proxy: tuple[np.ndarray, np.ndarray] | None = None
         #: Threads of a drag stay, because to begin and end them takes some tenths of a millisecond.
         self._team = ThreadTeam(self._carriers if keep else 1)
         if keep and not self.regions.covered:
@@ -203,7 +203,7 @@ class Piece:
             team = self._team if self.kept else own_team
             if options.samplings == 1:
                 proxy = self.kept[0] if self.kept else Proxy(self, 0, guess=guess, progress=progress)
-                self.coarse = proxy.sampling.samples, proxy.mesh.F
+                self.first_proxy = proxy.sampling.samples, proxy.mesh.F
                 results = [proxy.deform(handles, stop=stop, settle=settle, team=team, out=out)]
                 V = results[0].vertices
             else:
@@ -212,7 +212,7 @@ class Piece:
                     kept = self.kept[number] if self.kept else None
                     proxy = kept or Proxy(self, number, guess=guess, progress=progress)
                     if number == 0:
-                        self.coarse = proxy.sampling.samples, proxy.mesh.F
+                        self.first_proxy = proxy.sampling.samples, proxy.mesh.F
                     return proxy.deform(handles, stop=stop, settle=settle, team=team)
 
                 with ThreadPoolExecutor(max_workers=threads_of(options)) as pool:
