@@ -7,6 +7,7 @@ unchanged. ``$...$`` and ``$$...$$`` become MathML, which browsers draw without 
 
 from __future__ import annotations
 
+import gzip
 import posixpath
 import re
 from pathlib import Path
@@ -25,7 +26,10 @@ INLINE = re.compile(r"(?<![\\$\w])\$((?:[^$\n]|\n(?!\n))+?)\$(?![\w$])")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the files that pages link to outside ``docs``, and every file that these link to."""
+    """Add turning views, and the files that pages link to outside ``docs``, with all that these link to."""
+    for path in (ROOT / "docs" / "figures").glob("turn_*.html.gz"):
+        page = gzip.decompress(path.read_bytes())
+        files.append(File.generated(config, f"figures/{path.stem}", content=page))
     todo = list(files.documentation_pages())
     while todo:
         file = todo.pop()
@@ -62,6 +66,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         if target is None:
             return found[0]
         there = target.removeprefix("docs/") if _is_in_docs(target) else f"files/{target}"
+        there = there.removesuffix(".gz")  # turning views
         return f"{start}{posixpath.relpath(there, posixpath.dirname(here) or '.')}{anchor or ''}{end}"
 
     parts = FENCE.split(markdown)

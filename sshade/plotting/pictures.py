@@ -258,8 +258,13 @@ def panel(
             scalar_bar_args=bar_style | bar_place,
         )
     if handles is not None:
-        _add_handles(plotter, V, handles, size=mesh.diagonal, targets=targets)
-    # Point the camera.
+        add_handles(plotter, V, handles, size=mesh.diagonal, targets=targets)
+    aim(plotter, view)
+    plotter.enable_anti_aliasing("ssaa")
+
+
+def aim(plotter: Any, view: View) -> None:
+    """Point the camera of the active panel at a view."""
     width, height = plotter.renderer.GetSize()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = view.centre
@@ -268,10 +273,9 @@ def panel(
     # Half the visible height, which is larger if the panel is narrower than the view.
     plotter.camera.parallel_scale = 0.5 * max(view.size[1], view.size[0] * height / width)
     plotter.reset_camera_clipping_range()
-    plotter.enable_anti_aliasing("ssaa")
 
 
-def _add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool) -> None:
+def add_handles(plotter: Any, V: np.ndarray, handles: Handles, *, size: float, targets: bool) -> None:
     """Add handles as spheres; the bounding-box diagonal `size` determines the size of the spheres."""
     import pyvista
 
