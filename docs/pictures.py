@@ -21,8 +21,6 @@ from PIL import Image
 
 from baselines.accelerated import accelerated_elastic
 from defaust.example import write_example
-from defaust.sources.generated.lattices import bar
-from defaust.sources.generated.motions import Twist
 from defaust.tasks import load_task
 from docs.gallery import Vector, save
 from eval.metrics import Deformed
@@ -33,8 +31,8 @@ from sshade.plotting.pictures import View
 FIGURES, DATA = Path(__file__).with_name("figures"), Path(__file__).parents[1] / "data"
 #: Width of a shape in pixels.
 WIDTH = 200
-#: In place of the largest bend of the scale of colours: no colours, and those of faces that intersect others.
-PLAIN, CROSSINGS = 0.0, -1.0
+#: In place of the largest bend of the scale of colours: no colours.
+PLAIN = 0.0
 #: Flags of Chromium on a machine without a graphics card.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 #: Motion of the hand in the picture of the editor, a quarter turn, and all handles.
@@ -62,7 +60,7 @@ class Row:
     hidden : (n,) bool, optional
         Vertices whose faces are left out.
     top : float
-        Bend in degrees at the end of the scale of colours, :data:`PLAIN` or :data:`CROSSINGS`.
+        Bend in degrees at the end of the scale of colours, or :data:`PLAIN`.
     """
 
     shapes: list[Deformed]
@@ -105,7 +103,7 @@ def artefacts_waist() -> Row:
     """A sitting body, of which the picture shows one half, with 7 groups and with 11."""
     few = body(9)
     more = body(9, (0, 0.95, -0.15), (0, 1.3, 0.2), (0.13, 0.5, 0.1), (-0.13, 0.5, 0.1))
-    shapes = solved(few, "rest; Elastic; fast; fine") + solved(more, "fast; fast thickness=1; truth")
+    shapes = solved(few, "rest; Elastic; fast; fine") + solved(more, "fast; truth")
     x, y, _ = few.mesh.V.T
     return Row(shapes, (1, 0.05, 0.15), (y > 0.4) & (abs(x + 0.12) < 0.12), hidden=x > 0, top=30)
 
@@ -113,35 +111,10 @@ def artefacts_waist() -> Row:
 def artefacts_face() -> Row:
     """A head whose nose is fixed at 1 vertex and at 30."""
     one = body(1, handles="points")
-    shapes = solved(one, "rest; Elastic; fast; fine; fine bending=0.003")
-    shapes += solved(body(1), "fine; fine attachment=0.1")
+    shapes = solved(one, "rest; Elastic; fast; fine; fast bending=0.01; fine proxy_bending=0.01")
+    shapes += solved(body(1), "fine")
     x, y, _ = one.mesh.V.T
     return Row(shapes, (0.6, 0.1, 1), (y > 1.45) & (abs(x) < 0.15), hidden=y < 0, top=25)
-
-
-def twisted(degrees: float) -> DeformationTask:
-    """Return a bar of side 1 along the y axis with its ends as handle regions; the upper end turns."""
-    V, F = bar(10000, length=4.0)
-    index = np.flatnonzero(abs(V[:, 2] - 2) >= 1.5)
-    V, truth = (W[:, [1, 2, 0]] for W in (V, Twist(0.5, 3.5, degrees)(V)))
-    moved = V[index, 1] > 2
-    handles = Handles(index, truth[index], dynamic=moved, group=moved.astype(int))
-    return DeformationTask(f"{degrees:g}°", Mesh(V, F), handles, truth=truth)
-
-
-def artefacts_twist() -> Row:
-    """A twisted bar."""
-    task = twisted(135)
-    methods = "rest; Elastic; fast; fine; fast thickness=1; fine thickness=1; truth"
-    return Row(solved(task, methods), (1, 0.5, 1), np.ones(task.mesh.n, bool), top=90)
-
-
-def artefacts_arms() -> Row:
-    """Hands that meet in front of the chest, with 7 groups and with 9."""
-    few, more = body(7), body(7, (0.36, 1.22, -0.02), (-0.36, 1.22, -0.02))
-    shapes = solved(few, "rest; Elastic; fast; fine; fast thickness=1") + solved(more, "fast; truth")
-    x, y, _ = few.mesh.V.T
-    return Row(shapes, (0.3, 0.4, 1), (y > 0.95) & (abs(x) < 0.3), top=CROSSINGS)
 
 
 def joints() -> Row:
@@ -174,13 +147,11 @@ def beyond_guide() -> Row:
 
 
 def colours(result: Deformed, top: float) -> np.ndarray | None:
-    """Return the largest bend at each vertex (n,), or 1 at faces that intersect others; None for plain."""
+    """Return the largest bend at each vertex (n,); None for plain."""
     if top == PLAIN:
         return None
-    crossings = top == CROSSINGS
-    corners = result.mesh.F.T if crossings else result.rest.topology.dihedral[:2]
-    values, found = result.intersecting if crossings else result.dihedral_changes, np.zeros(result.mesh.n)
-    np.maximum.at(found, corners, np.broadcast_to(values, corners.shape))
+    ends, found = result.rest.topology.dihedral[:2], np.zeros(result.mesh.n)
+    np.maximum.at(found, ends, np.broadcast_to(result.dihedral_changes, ends.shape))
     return found
 
 
@@ -201,7 +172,7 @@ def drawn(row: Row) -> Image.Image:
         seen = np.isin(handles.index, vertex)
         index = handles.index[seen]
         marks = Handles(np.searchsorted(vertex, index), V[index], dynamic=handles.dynamic[seen])
-        paint = {} if error is None else {"error": error[vertex], "top": row.top if row.top > 0 else 1.4}
+        paint = {} if error is None else {"error": error[vertex], "top": row.top}
         panels.append(picture(part, V[vertex], view=view, width=WIDTH, handles=marks, **paint))
     return Image.fromarray(np.hstack(panels))
 
@@ -227,8 +198,8 @@ def edit() -> Image.Image:
 
 
 FUNCTIONS = (
-    *(artefacts_waist, artefacts_face, artefacts_twist, artefacts_arms),
-    *(joints, beyond_volume, beyond_attachment, beyond_guide, edit),
+    *(artefacts_waist, artefacts_face, joints),
+    *(beyond_volume, beyond_attachment, beyond_guide, edit),
 )
 #: Functions that return a picture, by the names of their files.
 PICTURES = {made.__name__: made for made in FUNCTIONS}
