@@ -19,7 +19,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from functools import cached_property
 from math import inf
@@ -128,12 +128,17 @@ class GoldenFile:
         counts = self.rules["counts"]
         return max(counts["least"], counts["tolerance"] * golden) if golden else 0.0
 
-    def differences(self, found: Found) -> list[tuple[float, str]]:
-        """Return the values that differ: how many times the tolerance, and a text; the largest first."""
+    def differences(self, found: Found, *, unknown: bool = True) -> list[tuple[float, str]]:
+        """Return the values that differ: how many times the tolerance, and a text; the largest first.
+
+        `unknown` includes values of measures that the entry has in no case.
+        """
         different = []
+        entry = self.values.get(found.method, {})
+        known = {name for case in found.values for name in entry.get(case, {})}
         for case, values in found.values.items():
-            golden = self.values.get(found.method, {}).get(case, {})
-            for name in {**golden, **values}:
+            golden = entry.get(case, {})
+            for name in [name for name in {**golden, **values} if unknown or name in known]:
                 old, new = golden.get(name, inf), values.get(name, inf)  # no value is infinite
                 if new != old:
                     most = self.tolerance(found.method, name, old)
@@ -171,7 +176,7 @@ class GoldenFile:
         """
         entries = dict(self.values)
         for found in results:
-            old, changed = self.values.get(found.method), bool(self.differences(self._without_new(found)))
+            old, changed = self.values.get(found.method), bool(self.differences(found, unknown=False))
             rose = old is None or any(found.versions[name] > old[name] for name in found.versions)
             if changed and not rose:
                 raise InputError(
@@ -194,16 +199,6 @@ class GoldenFile:
         ]
         write_text(self.path, self.head + VALUES + parts[0] + TIMES + parts[1])
         self.values, self.times = entries, self.times | changed_times
-
-    def _without_new(self, found: Found) -> Found:
-        """Return what a method gave, without measures that its entry has in no case."""
-        entry = self.values.get(found.method, {})
-        known = {name for case in found.values for name in entry.get(case, {})}
-        values = {
-            case: {name: value for name, value in own.items() if name in known}
-            for case, own in found.values.items()
-        }
-        return replace(found, values=values)
 
 
 def run_method(method: str, golden: GoldenFile) -> Found:

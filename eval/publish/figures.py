@@ -20,14 +20,14 @@ import numpy as np
 import pandas as pd
 
 from eval.publish import panels
-from eval.publish.columns import TIME, TRUTH, reference_rows
-from eval.publish.comparison import RUN, means
+from eval.publish.columns import HEADLINE
+from eval.publish.comparison import compare, means
 from eval.publish.notes import require_one_version
 from eval.publish.panels import Camera, Case
 from eval.publish.plotting import FIGURES, new_figure, save, style
 from eval.rows.collect import Experiment, read_experiments
 from eval.rows.files import ROWS_HELP, has_runs, read_conf
-from eval.rows.frame import distinct, method_names, numbers, of_methods, records, valid
+from eval.rows.frame import distinct, of_methods, records
 from eval.rows.store import VALID, Row
 from eval.run.config import load_task
 from sshade.core.errors import InputError
@@ -49,13 +49,9 @@ def time_and_truth(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
 
     References are left out.
     """
-    rows = valid(rows)[lambda found: ~reference_rows(found) & numbers(found, TRUTH).notna()]
-    values = pd.DataFrame({name: numbers(rows, name) for name in (TIME, TRUTH)})
-    values = means(values.set_index(pd.MultiIndex.from_frame(rows[RUN])), RUN[:2])
-    common = values[TRUTH].unstack(RUN[0]).dropna().index
-    values = means(values[values.index.get_level_values(RUN[1]).isin(common)], RUN[0])
-    order = [name for name in method_names(rows) if name in values.index] if len(values) else []
-    return {name: tuple(values.loc[name]) for name in order}
+    comparison = compare(of_methods(rows), HEADLINE)
+    found = means(comparison.values, "method.name").reindex(comparison.ranked)[["time", "truth"]].dropna()
+    return {name: (time, truth) for name, time, truth in found.itertuples()}
 
 
 @style()

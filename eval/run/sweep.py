@@ -45,19 +45,15 @@ def _flags() -> CommandParser:
     parser = CommandParser("sshade-eval run", add_help=False)
     parser.add_argument("overrides", nargs="*", help="settings KEY=VALUE and choices GROUP=NAME")
     parser.add_argument("-h", "--help", action="store_true", help="print this text")
-    parser.add_argument("--hydra-help", action="store_true", help="print the help text of Hydra")
     text = "do one run for each combination of values, such as seed=0,1"
     parser.add_argument("-m", "--multirun", action="store_true", help=text)
     text = "folder with further files, such as method/mine.yaml"
     parser.add_argument("-cd", "--config-dir", metavar="DIR", help=text)
     text = "print settings instead of running: job, hydra or all"
     parser.add_argument("-c", "--cfg", choices=("job", "hydra", "all"), help=text)
-    parser.add_argument("--resolve", action="store_true", help="with --cfg, replace references by values")
-    parser.add_argument("-p", "--package", help="with --cfg, print this part of the settings")
-    text = "print facts about the composition of the settings, for example --info searchpath"
-    parser.add_argument("-i", "--info", const="all", nargs="?", help=text)
     # Hydra reads further flags, which have no use here.
     parser.set_defaults(run=False, shell_completion=False, config_path=None, config_name=None)
+    parser.set_defaults(hydra_help=False, resolve=False, package=None, info=None)
     return parser
 
 
@@ -77,7 +73,7 @@ def prepared(arguments: Sequence[str]) -> Namespace:
         is missing, or a sweep that names a value twice, an unknown method, or two methods with one label.
     """
     known = FLAGS.parse_intermixed_args(list(arguments))
-    if known.help or known.hydra_help or known.info is not None:
+    if known.help:
         return known
     parser = _parser(known.config_dir)
     try:
