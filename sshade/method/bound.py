@@ -230,7 +230,7 @@ class Bound:
         task = self._task.at(handles, guess=guess)
         for piece in self._pieces.values():
             piece.reset()
-        result = self._deformed(task, stop, progress=progress)
+        result = self._deformed(task, stop, anew=True, progress=progress)
         opening = max(result.facts.opening, opening_within(self.mesh, result.vertices) / self.mesh.diagonal)
         facts = replace(
             result.facts,
@@ -275,8 +275,7 @@ class Bound:
         )
         self._last = handles
         task = self._task.at(handles)
-        own_out = out if self._is_whole else None
-        return self._placed(self._deformed(task, stop, step=True, out=own_out), task, out=out)
+        return self._placed(self._deformed(task, stop, step=True, out=self._own(out)), task, out=out)
 
     def settle(self, *, out: np.ndarray | None = None, progress: Progress = silent) -> DeformationResult:
         """Converge to the minimum for the last call's targets, at the end of a drag.
@@ -304,8 +303,8 @@ class Bound:
         self._require_out(out)
         stop = replace(self._options.stop, tolerance=SETTLED * self._options.tolerance)
         task = self._task.at(handles)
-        own_out = out if self._is_whole else None
-        return self._placed(self._deformed(task, stop, out=own_out, progress=progress), task, out=out)
+        found = self._deformed(task, stop, out=self._own(out), progress=progress)
+        return self._placed(found, task, out=out)
 
     def quality(self, V: np.ndarray) -> Quality:
         """Measure a shape (n, 3) of `mesh`, such as the result of the last :meth:`solve`."""
@@ -325,7 +324,8 @@ class Bound:
         :meth:`sshade.Handles.from_positions`. A handle that was not bound from the beginning lags slightly
         during a drag; :meth:`settle` brings it to its target. Handles so near to each other that one proxy
         vertex stands for them reach their targets in the mean. Binding takes the time of a factorisation.
-        A component without a proxy is bound when a step first needs it.
+        A component without a proxy is bound when a step first needs it. Until other handles are taken,
+        :meth:`solve` deforms through these proxies as well.
 
         Parameters
         ----------
@@ -357,16 +357,16 @@ class Bound:
         assembly = self._assembly(self._task, progress, rigid=False)
         for part in assembly.parts():
             with part.named():
-                self._piece(part)
+                self._piece(part, anew=True)
             assembly.put(DeformationResult(part.task.mesh.V, 0, True))
 
-    def _piece(self, part: Part, *, step: bool = False) -> Piece:
+    def _piece(self, part: Part, *, anew: bool) -> Piece:
         """Return the piece of a part: a kept one that fits, or a new one.
 
-        A step of a drag also takes a piece with another number of samples.
+        A drag goes on with a piece that has another number of samples, or was bound without rotations.
         """
         handles, known = part.task.handles, self._pieces.get(part.component)
-        if known is not None and known.fits(handles, None if step else part.options.vertices):
+        if known is not None and known.fits(handles, part.options.vertices if anew else None):
             return known
         options = options_of(part).of_proxy()
         keep = self._keep and options.proxy_method is None and options.accelerate
@@ -382,22 +382,27 @@ class Bound:
         stop: Stop | None,
         *,
         step: bool = False,
+        anew: bool = False,
         out: np.ndarray | None = None,
         progress: Progress = silent,
     ) -> DeformationResult:
-        """Deform the mesh for a task at its targets, part by part; `fine` polishes, but not in a step."""
+        """Deform the mesh for a task at its targets, part by part; `fine` polishes, but not in a step.
+
+        A drag goes on where the last call ended. A deformation that begins `anew` needs pieces that fit
+        exactly. `out` is for a mesh of one part.
+        """
         if self._options.method == "interpolate":
             return interpolate_handles(task, progress=progress)
         assembly = self._assembly(task, progress)
         self._proxies = self._proxies if step else []
         for part in assembly.parts():
-            own, progress = part.task, part.progress
+            own, report = part.task, part.progress
             with part.named():
                 options = part.options if step else options_of(part)
                 if self._steps.part is not None:
-                    result = self._steps.part(own, progress)
+                    result = self._steps.part(own, report)
                 elif step:
-                    result = self._piece(part, step=True).deform(own, stop=stop, settle=False, out=out)
+                    result = self._piece(part, anew=False).deform(own, stop=stop, settle=False, out=out)
                 elif options.polish and own.handles.hard.sum() != own.mesh.n:
                     begin = perf_counter()
                     with beside(partial(set_up, own, options), size=own.mesh.n) as ready:
@@ -405,13 +410,13 @@ class Bound:
                             own,
                             options,
                             # Only `polished` has the result and can free its memory.
-                            self._through_proxies(part, stop),
+                            self._through_proxies(part, stop, anew=anew),
                             ready=ready,
                             begin=begin,
-                            progress=progress,
+                            progress=report,
                         )
                 else:
-                    result = self._through_proxies(part, stop, out=out)
+                    result = self._through_proxies(part, stop, anew=anew, out=out)
                 if self._steps.part is None and not step:
                     result = replace(result, facts=self._facts(part, options, result))
             assembly.put(result)
@@ -421,10 +426,10 @@ class Bound:
         return result
 
     def _through_proxies(
-        self, part: Part, stop: Stop | None, *, out: np.ndarray | None = None
+        self, part: Part, stop: Stop | None, *, anew: bool, out: np.ndarray | None = None
     ) -> DeformationResult:
         """Deform a part by its proxies, and remember the first of them for :meth:`quality`."""
-        piece = self._piece(part)
+        piece = self._piece(part, anew=anew)
         result = piece.deform(part.task, stop=stop, out=out, progress=part.progress)
         if piece.first_proxy is not None:
             samples, faces = piece.first_proxy
@@ -441,8 +446,8 @@ class Bound:
 
     def _facts(self, part: Part, options: Options, result: DeformationResult) -> Facts:
         """Return the facts of a part with its options, and the error of its volume goal."""
-        whole = self._options
-        totals = replace(options, vertices=whole.vertices, volume=whole.volume, volume_goal=whole.volume_goal)
+        given = self._options
+        totals = replace(options, vertices=given.vertices, volume=given.volume, volume_goal=given.volume_goal)
         facts = replace(result.facts, options=as_row(totals))
         if options.volume_goal is None:
             return facts
@@ -480,6 +485,10 @@ class Bound:
             targets = checked_target(targets, self._given)[first]
             rotations = None if rotations is None else np.asarray(rotations)[first]
         return rest.at(targets, rotations)
+
+    def _own(self, out: np.ndarray | None) -> np.ndarray | None:
+        """Return `out` if a piece can write all of it: no seam has copies, and the mesh is one part."""
+        return out if self._is_whole and self._components is None else None
 
     def _require_out(self, out: np.ndarray | None) -> None:
         if out is not None:

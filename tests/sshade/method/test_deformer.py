@@ -148,14 +148,26 @@ def test_rotations_may_come_and_go_in_a_drag():
     turned = moved_parts(mesh.V, *parts, rotations=[None, [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]])
     drag, rest = Deformer(mesh, turned.index, group=turned.group, vertices=400, joints=0), turned.target
     still = drag.step(rest, tolerance=1e-7).vertices
+    piece = drag._pieces[0]
     for _ in range(2):
         there = drag.step(rest, rotations=turned.rotation, tolerance=1e-7).vertices
+    assert np.abs(drag.settle().vertices - there).max() < 1e-3 * mesh.diagonal and drag._pieces[0] is piece
     once = fast(DeformationTask("turned", mesh, turned), vertices=400, joints=0, tolerance=1e-7).vertices
     assert np.linalg.norm(there - once, axis=1).max() < 1e-3 * mesh.diagonal
     for _ in range(2):
         back = drag.step(rest, tolerance=1e-7).vertices
     assert np.abs(there - still).max() > 0.02 * mesh.diagonal
     assert np.linalg.norm(back - still, axis=1).max() < 1e-3 * mesh.diagonal
+
+
+def test_an_array_takes_the_vertices_of_several_components(mesh, held):
+    pair = beside(mesh, shifted(mesh, np.array([3.0, 0, 0])))
+    b = np.concatenate([held, held + mesh.n])
+    target = np.concatenate([lifted(mesh, held, 0.4), lifted(mesh, held, 0.4) + [3.0, 0, 0]])
+    drag, out = Deformer(pair, b, vertices=300), np.empty_like(pair.V)
+    expected = Deformer(pair, b, vertices=300).step(target).vertices
+    assert drag.step(target, out=out).vertices is out and np.array_equal(out, expected)
+    assert drag.settle(out=out).vertices is out
 
 
 def rebound(mesh, held, index) -> Deformer:
