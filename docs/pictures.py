@@ -131,11 +131,6 @@ def without(subject: int, pose: int, options: dict[str, float], towards: Vector,
     return Row([Deformed(task, V) for V in (*found, task.truth)], towards, task.mesh.V[:, 1] > above)
 
 
-def beyond_volume() -> Row:
-    """Volume and area unconstrained, constrained, and the true pose."""
-    return without(7, 7, {"volume": 0.0, "area": 0.0}, (0.5, 0.25, 1), above=0.9)
-
-
 def beyond_attachment() -> Row:
     """A head fixed at its nose: without attachment, with attachment, and the true pose."""
     return without(7, 3, {"attachment": 0.0}, (1, 0.1, 0.8), above=1.15)
@@ -199,7 +194,7 @@ def edit() -> Image.Image:
 
 FUNCTIONS = (
     *(artefacts_waist, artefacts_face, joints),
-    *(beyond_volume, beyond_attachment, beyond_guide, edit),
+    *(beyond_attachment, beyond_guide, edit),
 )
 #: Functions that return a picture, by the names of their files.
 PICTURES = {made.__name__: made for made in FUNCTIONS}
