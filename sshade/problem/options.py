@@ -241,7 +241,7 @@ TRANSFER_SAMPLINGS = 10
 #: Options for where an iteration starts and when it stops.
 ITERATION = ("tolerance", "max_iterations", "start")
 #: Options of the solver (:mod:`sshade.solver.local_global`).
-SOLVER = (*ENERGY, "attachment", "bending", "thickness", *ITERATION)
+SOLVER = (*ENERGY, "attachment", *MATRIX, *ITERATION)
 
 _FAST = Options(
     vertices=12_000,

@@ -24,11 +24,18 @@ class Term(ABC):
 
     Arrays P, S, R and B are in the solver's order of vertices: P and B are (n, 3), S and R (n, 9) float64,
     row by row. Positions are relative to the mesh's origin. Threads work on several ranges of vertices at
-    once; the parameter `number` is the position of a range in ``ordered.ranges``. All ranges finish a method
-    before the next method begins. The first term of an energy overwrites S and B, and further terms add.
+    once; the parameter `number` is the position of a range in ``ordered.ranges``, which has the elements that
+    touch the range, its first vertex and its end. A method writes only rows of S and B in its range. All
+    ranges finish a method before the next method begins. The first term of an energy overwrites S and B, and
+    further terms add.
+
+    Beside the sum of the elements' energies, every term has the factor ``ordered.corners``, by which B and M
+    are divided.
 
     To add a term, write a file beside this one, add its class to :data:`sshade.solver.terms.TERMS`, and
-    its weight to :class:`sshade.problem.options.Options`. tests/sshade/solver/test_terms.py tests every term.
+    its weight to :mod:`sshade.problem.options` (a field of `Options` and `OptionValues`, a name in `MATRIX`)
+    and to ``conf/options/method.yaml``. tests/sshade/solver/test_terms.py tests every term, and needs the
+    definition of its energy.
 
     Attributes
     ----------
@@ -37,7 +44,7 @@ class Term(ABC):
     rigid : bool
         Whether a rigid motion of P, with R turned along, leaves the energy as it is.
     rest_energy : float
-        E of all vertices in one point; unit length^2.
+        The constant of E: the part of ``E + 2 tr(R S)`` that does not depend on P; unit length^2.
     """
 
     option: ClassVar[str]
