@@ -308,7 +308,12 @@ class Bound:
 
     def quality(self, V: np.ndarray) -> Quality:
         """Measure a shape (n, 3) of `mesh`, such as the result of the last :meth:`solve`."""
-        return quality(self.mesh, V, self._proxies)
+        mesh, volume = self.mesh, None
+        if mesh.is_closed and mesh.is_oriented:
+            F = mesh.F.astype(np.uint32)
+            before, after = (enclosed_volume(np.ascontiguousarray(W), F) for W in (mesh.V, V))
+            volume = after / before - 1 if before else None
+        return quality(mesh, V, self._proxies, volume=volume)
 
     def reset(self) -> None:
         """Forget the last shape: the next step starts as the method does."""

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from eval.metrics.shape import intersecting_faces
-from sshade import Mesh
+from sshade import Deformer, Mesh
+from sshade.mesh import quality as module
 from sshade.mesh.crossings import crossing_faces
 from sshade.mesh.quality import quality, worst
-from sshade.method import quality as module
 from tests.shapes import beside, bumpy, icosphere, shifted, tube
 
 BODY = bumpy(3)
@@ -15,14 +15,14 @@ TWO = beside(icosphere(3), shifted(icosphere(3), [3, 0, 0]))
 
 
 def test_stretch_and_volume_of_a_scaled_body_are_the_factor_and_its_cube():
-    found = quality(BODY, 1.1 * BODY.V + 5)
+    measure = Deformer(BODY, [0, 9], vertices=60).quality
+    found = measure(1.1 * BODY.V + 5)
     assert found.stretch == pytest.approx(1.1) and found.volume == pytest.approx(1.1**3 - 1)
-    assert str(found) == (
-        "largest stretch 1.1, no new self-intersections, no flipped faces; 33 % more volume"
-    )
-    assert str(quality(BODY, BODY.V)).endswith("volume kept")
-    assert quality(tube(), tube().V).volume is None
-    assert worst([found, quality(BODY, 0.5 * BODY.V)]) == found._replace(volume=pytest.approx(-0.875))
+    words = "largest stretch 1.1, no new self-intersections, no flipped faces; 33 % more volume"
+    assert str(found) == words
+    assert str(measure(BODY.V)).endswith("volume kept")
+    assert worst([found, measure(0.5 * BODY.V)]) == found._replace(volume=pytest.approx(-0.875))
+    assert Deformer(tube(), [0, 9]).quality(tube().V).volume is None
 
 
 def test_a_vertex_that_is_pushed_through_flips_the_faces_around_it():
@@ -49,4 +49,4 @@ def test_proxies_stand_for_a_large_mesh(monkeypatch):
     proxies = [(ends[0], TWO.F[:half]), (ends[1], TWO.F[half:] - TWO.n // 2)]
     assert quality(TWO, V, proxies).crossings == crossing_faces(V, TWO.F).sum() > 0
     assert quality(TWO, V, proxies[:1]).crossings == 0
-    assert quality(TWO, V).crossings is None and "intersection" not in str(quality(TWO, V))
+    assert quality(TWO, V).crossings > 0  # without proxies
